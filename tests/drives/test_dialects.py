@@ -89,7 +89,7 @@ def test_a_state_change_needs_two_reads_but_a_ramp_does_not_hide_that_it_turns()
     assert verdict is not None and verdict.state is DriveState.RUNNING
 
 
-def test_t05_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
+def test_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
     verdict = judged_320(sunfar.SunfarState.FAULT, sunfar.SunfarState.FAULT)
     assert verdict == DerivedState(DriveState.FAULT, None, 7)
     fault = fault_from_code(profiles.load("c320"), 7)
@@ -180,7 +180,7 @@ def test_an_undocumented_fault_code_is_not_believed() -> None:
     assert judged_dzb((0, 0), (0x0099, 0x0099)) is None
 
 
-def test_t17_df800_has_no_state_to_judge() -> None:
+def test_df800_has_no_state_to_judge() -> None:
     dialect = dialect_for("df800")
     assert not dialect.reports_run_state
     assert dialect.state_reads() == ()
@@ -202,7 +202,7 @@ def test_an_unpublished_scale_makes_a_reading_uncertain() -> None:
     assert facts["output_voltage"].quality is Quality.UNCERTAIN
 
 
-def test_t05_in_a_fault_nobody_repeats_which_monitor_this_is() -> None:
+def test_in_a_fault_nobody_repeats_which_monitor_this_is() -> None:
     dialect = dialect_for("c320")
     facts = dialect.decode_readings(
         sunfar.ReadMonitor(1, 0), c320_reply(sunfar.SunfarState.FAULT, data=500, fault=2), 1.0
@@ -260,7 +260,7 @@ def test_dzb100_parameters_have_a_coding_of_their_own(coding: str, raw: int, sec
 # --- the tenfold trap ---------------------------------------------------------------------------------------------
 
 
-def test_t08_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() -> None:
+def test_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() -> None:
     """Every word, every set of codings that may be left."""
     for count in range(1, 1 << len(CODINGS)):
         left = tuple(c for place, c in enumerate(CODINGS) if count >> place & 1)
@@ -270,7 +270,7 @@ def test_t08_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() ->
         assert not is_within_cap(highest_safe_word(left) + 1, left) or highest_safe_word(left) == 4000
 
 
-def test_t08_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
+def test_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
     assert highest_safe_word(CODINGS) == 5
     assert highest_safe_word(("hex-0.1", "hex-0.01", "decimal-0.1")) == 0x32
     assert highest_safe_word(("hex-0.1",)) == 50
@@ -305,7 +305,7 @@ def registers_of(polls: Any) -> set[int]:
     return {request.register + n for request, _ in polls for n in range(request.count)}
 
 
-def test_f22_vc660_reads_what_was_asked_for_and_never_more_than_four_at_once() -> None:
+def test_vc660_reads_what_was_asked_for_and_never_more_than_four_at_once() -> None:
     dialect = dialect_for("vc660")
     polls = dialect.polls(tuple(dialect.profile.signals))
     assert registers_of(polls) == {signal.locator[1] for signal in dialect.profile.signals.values()}
@@ -436,7 +436,7 @@ def test_an_answer_that_echoes_too_little_proves_nothing() -> None:
 
 
 @pytest.mark.parametrize(("model", "address"), [("c320", 31), ("dzb100", 0), ("vc660", 0)])
-def test_t10_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int) -> None:
+def test_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int) -> None:
     with pytest.raises(ConfigurationError) as caught:
         create_dialect(profiles.load(model), address)
     assert caught.value.key == "drives.address_broadcast"

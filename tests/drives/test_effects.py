@@ -46,7 +46,7 @@ STARTS = [v for v in PRINTED if v["fields"]["operation"] in (1, 2, 4, 5, 0x11, 0
 
 
 @pytest.mark.parametrize("entry", PRINTED, ids=lambda v: v["id"])
-def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
+def test_every_printed_example_that_starts_the_motor_counts_as_motion(entry: dict[str, Any]) -> None:
     """Only a control frame (class 4) that starts may be sent at all."""
     data, moves = bytes.fromhex(entry["hex"]), entry in STARTS
     dialect = create_dialect(profiles.load("c320"), 1, encoding=entry["encoding"])
@@ -55,13 +55,13 @@ def test_t01_every_printed_example_that_starts_the_motor_counts_as_motion(entry:
         assert not dialect.is_allowed(data)
 
 
-def test_t01_the_manual_starts_the_motor_in_every_example_of_its_chapter_4() -> None:
+def test_the_manual_starts_the_motor_in_every_example_of_its_chapter_4() -> None:
     assert {v["id"] for v in PRINTED if v["source"].startswith("manual §4")} <= {v["id"] for v in STARTS}
     assert len(STARTS) == 13
 
 
 @pytest.mark.parametrize("group", range(16))
-def test_t07_reads_and_writes_of_c320_never_carry_an_operation(group: int) -> None:
+def test_reads_and_writes_of_c320_never_carry_an_operation(group: int) -> None:
     for item in range(0, 256, 17):
         assert effect("c320", sunfar.SunfarReadParameter(1, group, item)) is Effect.NONE
         assert effect("c320", sunfar.SunfarWriteParameter(1, group, item, 0x1234)) is Effect.SETTING
@@ -87,7 +87,7 @@ def test_a_c320_stop_that_carries_data_is_not_exempt_from_permits() -> None:
     assert dialect.station_config.effect_of(bytes(spoiled)) in (Effect.SETTING, Effect.MOTION)
 
 
-def test_t11_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
+def test_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
     assert effect("dzb100", dzb100.Dzb100Control(1, dzb100.Dzb100Command.STOP, 0)) is Effect.STOP
     dialect = dialect_for("dzb100")
     for request in dialect.stop(StopMode.STOP):
@@ -97,7 +97,7 @@ def test_t11_a_dzb100_stop_with_a_frequency_counts_as_motion() -> None:
     assert dialect.station_config.effect_of(bytes(data)) is Effect.MOTION
 
 
-def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() -> None:
+def test_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() -> None:
     dialect = dialect_for("dzb100")
     plain = dialect.codec.encode_request(dialect.stop(StopMode.STOP)[0])
     for place in range(len(plain)):
@@ -114,7 +114,7 @@ def test_t11_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() ->
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
-def test_i7_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_with_a_permit(model: str) -> None:
+def test_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_with_a_permit(model: str) -> None:
     """Exempt and lawful is one whole request, and nothing else."""
     dialect = dialect_for(model)
     plain = dialect.codec.encode_request(dialect.stop(StopMode.STOP)[0])
@@ -124,7 +124,7 @@ def test_i7_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_wi
         assert not dialect.is_allowed(data)
 
 
-def test_t09_an_unlisted_dzb100_parameter_is_never_written() -> None:
+def test_an_unlisted_dzb100_parameter_is_never_written() -> None:
     assert effect("dzb100", dzb100.Dzb100WriteParameter(1, 80, 1)) is Effect.SETTING
     dialect = dialect_for("dzb100")
     data = dialect.codec.encode_request(dzb100.Dzb100WriteParameter(1, 80, 1)).replace(b"80", b"81", 1)
@@ -132,7 +132,7 @@ def test_t09_an_unlisted_dzb100_parameter_is_never_written() -> None:
     assert not dialect.is_allowed(data)
 
 
-def test_t12_register_200b_of_vc660_is_never_written() -> None:
+def test_register_200b_of_vc660_is_never_written() -> None:
     assert effect("vc660", modbus.WriteRegister(1, 0x200B, 1)) is Effect.MOTION
     assert not lawful("vc660", modbus.WriteRegister(1, 0x200B, 1))
 
@@ -146,7 +146,7 @@ def test_virtual_inputs_of_vc660_may_be_wired_to_run_and_count_as_motion() -> No
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])
 @pytest.mark.parametrize("register", [0x1000, 0x2010, 0x3000, 0x7FFF, 0xFFFF])
-def test_i7_an_unknown_register_is_never_written(model: str, register: int) -> None:
+def test_an_unknown_register_is_never_written(model: str, register: int) -> None:
     assert effect(model, modbus.WriteRegister(1, register, 0)) is Effect.MOTION
     assert not lawful(model, modbus.WriteRegister(1, register, 0))
 
@@ -168,7 +168,7 @@ def test_every_command_word_that_can_move_a_motor_is_motion(model: str) -> None:
             assert not dialect.command_word.is_mapped(word)
 
 
-def test_t16_the_toggle_of_df800_is_known_to_nobody() -> None:
+def test_the_toggle_of_df800_is_known_to_nobody() -> None:
     for field in ("b3b2", "b2b3"):
         dialect = dialect_for("df800", direction_field=field)
         assert isinstance(dialect, ModbusDialect) and dialect.command_word is not None
@@ -177,7 +177,7 @@ def test_t16_the_toggle_of_df800_is_known_to_nobody() -> None:
             assert dialect.command_word.effect(0x000C | run) is Effect.MOTION
 
 
-def test_delta_start_12h_is_motion_on_df800() -> None:
+def test_start_12h_is_motion_on_df800() -> None:
     assert effect("df800", modbus.WriteRegister(1, 0x2000, 0x12)) is Effect.MOTION
 
 

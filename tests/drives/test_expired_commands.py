@@ -52,7 +52,7 @@ COMMANDS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("model", COMMANDS)
-def test_i1_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
+def test_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
     """Not the frequency of a run either, nor a fault reset: each has its first frame within PREPARE_S of the wish."""
     bus = world_of(model)
     op = OperationContext(context_for(bus.dialect), 0, bus.now)
@@ -64,7 +64,7 @@ def test_i1_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: s
 
 
 @pytest.mark.parametrize("save", [False, True])
-def test_i1_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
+def test_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
     bus = PureBus(dialect_for("c320"), FakeC320())
     op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
     with pytest.raises(Expired):
@@ -72,7 +72,7 @@ def test_i1_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -
     assert not bus.sent(sunfar.SunfarWriteParameter)
 
 
-def test_i1_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
+def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
     bus = PureBus(dialect_for("c320"), FakeC320())
     asleep_over(bus, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
     outcome = bus.run(
@@ -113,7 +113,7 @@ def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> f
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_i1_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_limit(name: str) -> None:
+def test_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_limit(name: str) -> None:
     """Ruling 12: checks and command together, whatever the line's pace; without it they add up."""
     paces = [pace / 200 for pace in range(1, 120)]
     known = [last_motion_s(name, pace, 100.0) for pace in paces]
@@ -123,7 +123,7 @@ def test_i1_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_i
     assert max(age for age in apart if age is not None) > CHECKS_TIMEOUT_S
 
 
-def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
+def test_a_wish_of_another_clock_is_one_of_now() -> None:
     """A wall clock's seconds would never expire."""
 
     async def aged() -> float:
@@ -140,7 +140,7 @@ def test_i1_a_wish_of_another_clock_is_one_of_now() -> None:
     assert run_virtual(aged()) >= COMMAND_TTL_S[CommandKind.START]
 
 
-def test_t13_a_lease_runs_out_while_the_machine_is_suspended() -> None:
+def test_a_lease_runs_out_while_the_machine_is_suspended() -> None:
     """The loop's clock stands still then, the bus's goes on, as the motor does: the program may not just renew."""
 
     async def jogged() -> None:

@@ -59,9 +59,7 @@ async def jogging(drive: Any) -> None:
 
 @pytest.mark.parametrize("begun_s", [0.0, 0.3])
 @pytest.mark.parametrize("model", MODELS)
-def test_t13_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back(
-    model: str, begun_s: float
-) -> None:
+def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back(model: str, begun_s: float) -> None:
     """At once after the jog frame, and later: somebody must go on telling it to stop (matrix: forever)."""
 
     async def scenario() -> None:
@@ -156,7 +154,7 @@ def test_a_bus_stop_with_a_drive_that_left_the_bus_stops_the_others_and_says_so(
 
 
 @pytest.mark.parametrize(("model", "query"), [("c320", "baud=1200"), ("dzb100", "baud=1200"), ("vc660", "baud=1200")])
-def test_t13_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, query: str) -> None:
+def test_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, query: str) -> None:
     """Not from the drive's answer, which takes a quarter of a second at 1,200 baud."""
 
     async def scenario() -> None:
@@ -199,7 +197,7 @@ class Renumbered:
         self.identity = "usb:0403:6001:B"
 
 
-def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
+def test_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
     """A drive made before its bus is opened: the proofs and the wear are those of the adapter that is opened."""
 
     async def scenario() -> None:
@@ -221,7 +219,7 @@ def test_t08_what_was_proved_behind_a_device_name_is_not_believed_behind_another
     run_virtual(scenario())
 
 
-def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
+def test_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
     class SlowlyAnsweredJog(ScriptedJog):
         def _motion_age_s(self) -> float:
             return 0.7
@@ -239,7 +237,7 @@ def test_t13_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> No
     "state",
     [sunfar.SunfarState.JOGGING_FORWARD, sunfar.SunfarState.DC_BRAKING, sunfar.SunfarState.DECELERATING_FORWARD],
 )
-def test_ruling_1_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
+def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
     """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
     bus = PureBus(dialect_for("c320"), FakeC320(state))
     op = operation_for(bus.dialect)
@@ -282,7 +280,7 @@ def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blo
 
 
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])
-def test_i1_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
+def test_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
     """The command's own two seconds begin only after them."""
     bus = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(now=100.0 + age_s))
     op = OperationContext(operation_for(bus.dialect).drive, 0, 100.0)

@@ -295,7 +295,7 @@ def watch(bench: SimulatedDrives) -> list[float]:
 
 @pytest.mark.parametrize("seed", range(1, 7))
 @pytest.mark.parametrize("model", TELLING)
-def test_g05_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: str, seed: int) -> None:
+def test_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: str, seed: int) -> None:
     """10 % of all frames are lost each way."""
 
     async def scenario() -> None:
@@ -360,7 +360,7 @@ JOG_HZ = {"c320": 5.0, "vc660": None, "dzb100": 0.5}
 
 
 @pytest.mark.parametrize("model", TELLING)
-def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
+def test_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
@@ -377,7 +377,7 @@ def test_t13_a_jog_lasts_as_long_as_its_lease_is_renewed(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", TELLING)
-def test_t13_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
+def test_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
@@ -444,7 +444,7 @@ def test_parameters_are_written_where_they_were_meant_to_go(model: str, name: st
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
-def test_g16_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> None:
+def test_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
@@ -505,7 +505,7 @@ def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
 
 
 @pytest.mark.parametrize("model", TELLING)
-def test_g17_a_monitored_value_is_good_until_three_periods_and_then_never(model: str) -> None:
+def test_a_monitored_value_is_good_until_three_periods_and_then_never(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
@@ -585,7 +585,7 @@ def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
     run_virtual(scenario())
 
 
-def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
+def test_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
     """Else a value read once would stand there for ever, as old; and what was read before a poll is not the newest."""
 
     async def scenario() -> None:
@@ -608,7 +608,7 @@ def test_g17_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_curre
 
 @pytest.mark.parametrize("setpoint", ["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"])
 @pytest.mark.parametrize("query", ["hex-0.1", "hex-0.01", "decimal-0.1"])
-def test_t08_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, setpoint: str) -> None:
+def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, setpoint: str) -> None:
     async def scenario() -> None:
         store = MemoryStore()
         async with SimulatedDrives(

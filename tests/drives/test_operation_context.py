@@ -23,7 +23,7 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operatio
 
 
 @pytest.mark.parametrize("register", [0x200B, 0x2002, 0x3000, 0x0200])
-def test_t12_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
+def test_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
     bus = PureBus(dialect_for("vc660"), FakeModbus())
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.WRITE, bus.conditions)
@@ -76,7 +76,7 @@ def test_what_was_read_before_a_command_never_shows_its_effect() -> None:
     assert not op.reading_pairs.latest
 
 
-def test_i12_evidence_is_bounded_and_in_order() -> None:
+def test_evidence_is_bounded_and_in_order() -> None:
     bus = PureBus(dialect_for("c320"), FakeC320())
     op = operation_for(bus.dialect)
     for _ in range(100):

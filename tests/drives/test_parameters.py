@@ -62,7 +62,7 @@ def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
     assert back == sunfar.SunfarReadParameter(1, 0, 2)
 
 
-def test_t14_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
+def test_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
     desk = Desk("vc660", FakeModbus())
     desk.write({"F00.02": 30.0})
     desk.write({"F00.02": 31.0}, save=True)
@@ -70,7 +70,7 @@ def test_t14_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
 
 
 @pytest.mark.parametrize("model", ["dzb100", "df800"])
-def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
+def test_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
     desk = Desk(model, FakeModbus())
     with pytest.raises(CapabilityError) as caught:
         desk.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
@@ -78,14 +78,14 @@ def test_ruling_8_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) 
     assert not desk.bus.requests
 
 
-def test_ruling_8_a_save_of_what_is_there_already_is_skipped() -> None:
+def test_a_save_of_what_is_there_already_is_skipped() -> None:
     desk = Desk("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
     outcome = desk.write({"F0.2": 30.0}, save=True)
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
     assert not desk.writes()
 
 
-def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
+def test_a_save_is_not_skipped_after_a_ram_only_write() -> None:
     """RAM says 30 Hz already; what EEPROM says nobody knows, and reading back RAM does not tell."""
     desk = Desk("c320", FakeC320())
     desk.write({"F0.2": 30.0})
@@ -96,7 +96,7 @@ def test_ruling_8_a_save_is_not_skipped_after_a_ram_only_write() -> None:
 
 
 @pytest.mark.parametrize("lost", [None, NotPermitted("bus.start_inhibited", station=1)])
-def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
+def test_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
     """Nor is the next one skipped: the EEPROM may still hold the old value."""
     paper = FakeC320()
 
@@ -117,7 +117,7 @@ def test_ruling_8_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_b
     assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
 
-def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
+def test_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
     desk = Desk("c320", FakeC320(), budget=3)
     for number in range(3):
         desk.write({"F0.2": 10.0 + number}, save=True)
@@ -130,7 +130,7 @@ def test_g16_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
     assert desk.write({"F0.2": 40.0}, save=True).succeeded
 
 
-def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
+def test_a_clock_set_back_gives_no_new_budget() -> None:
     desk = Desk("c320", FakeC320(), budget=1)
     desk.write({"F0.2": 10.0}, save=True)
     desk.bus.conditions = replace(desk.bus.conditions, day="2025-12-31")
@@ -140,7 +140,7 @@ def test_f21_a_clock_set_back_gives_no_new_budget() -> None:
     assert "2026-01-02" in caught.value.text("en") and "2026-01-02" in caught.value.text("zh")
 
 
-def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
+def test_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
     desk = Desk("c320", FakeC320(), budget=2)
     for number, day in enumerate(("2026-01-02", "2025-12-31")):
         desk.bus.conditions = replace(desk.bus.conditions, day=day)
@@ -150,7 +150,7 @@ def test_f21_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
         desk.write({"F0.2": 40.0}, save=True)
 
 
-def test_g16_the_budget_outlives_the_program(tmp_path: Path) -> None:
+def test_the_budget_outlives_the_program(tmp_path: Path) -> None:
     for number in range(2):
         Desk("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
     with pytest.raises(EepromBudgetExceeded):
@@ -164,7 +164,7 @@ def test_a_budget_is_a_whole_number(found: Any) -> None:
     assert (caught.value.key, caught.value.params["found"]) == ("drives.eeprom_writes_per_day", found)
 
 
-def test_g16_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
+def test_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
     """Counted whatever the budget is: one that is raised goes on where the old one ended, 0 saves nothing."""
 
     async def saved(budget: int, value: float) -> bool:
@@ -215,7 +215,7 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
         ("c320", "nonsense", 1.0, ProfileError),
     ],
 )
-def test_i7_what_may_not_be_written_is_refused_before_sending(
+def test_what_may_not_be_written_is_refused_before_sending(
     model: str, name: str, value: float, error: type[Exception]
 ) -> None:
     desk = Desk(model, FakeModbus() if model == "vc660" else FakeC320())
@@ -294,7 +294,7 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
     assert found["F3.5"].raw == 0
 
 
-def test_t05_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
+def test_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
     """The reply names neither item nor whether it was carried out."""
     desk = Desk("c320", FakeC320(sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
     found = desk.read("F0.1", "F0.2")
@@ -408,9 +408,7 @@ print(counted)
 
 
 @pytest.mark.parametrize(("budget", "expected"), [(1000, 50), (30, 30)])
-def test_g16_two_programs_that_save_the_same_parameter_lose_no_count(
-    tmp_path: Path, budget: int, expected: int
-) -> None:
+def test_two_programs_that_save_the_same_parameter_lose_no_count(tmp_path: Path, budget: int, expected: int) -> None:
     """Nor do they, together, save more often than the budget allows."""
     path = tmp_path / "s.json"
     command = [sys.executable, "-c", CHARGE_MANY, str(path), str(budget)]
@@ -499,7 +497,7 @@ def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None
         (0, 2, (2, 3), False, "drives.host_dies_off"),
     ],
 )
-def test_f18_nothing_is_promised_that_the_manual_does_not_say(
+def test_nothing_is_promised_that_the_manual_does_not_say(
     time_raw: int, action: int, trips_values: tuple[int, ...], trips: bool | None, key: str
 ) -> None:
     desk = Desk("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
@@ -509,7 +507,7 @@ def test_f18_nothing_is_promised_that_the_manual_does_not_say(
     assert (found.stops_on_comm_loss, found.key) == (trips, key)
 
 
-def test_f18_a_timer_that_can_not_be_read_promises_nothing() -> None:
+def test_a_timer_that_can_not_be_read_promises_nothing() -> None:
     desk = Desk("c320", FakeC320(silent=True))
     assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.host_dies_unread"
 

@@ -66,7 +66,7 @@ def test_a_start_with_everything_in_order_gets_a_permit_for_its_station_and_gene
     assert permit.command_id == "start-1"
 
 
-def test_i1_a_start_is_dead_two_seconds_after_the_wish() -> None:
+def test_a_start_is_dead_two_seconds_after_the_wish() -> None:
     ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, state_at=11.9))
     refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, state_at=12.0))
 
@@ -87,11 +87,11 @@ def test_a_latched_drive_is_given_nothing() -> None:
     refused(StartInhibited, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, start_inhibited=True))
 
 
-def test_f14_a_foreign_master_blocks_everything_that_acts() -> None:
+def test_a_foreign_master_blocks_everything_that_acts() -> None:
     refused(StartInhibited, "drives.foreign_master", around=replace(AROUND, foreign_master=True))
 
 
-def test_f15_two_drives_at_one_address_are_not_commanded() -> None:
+def test_two_drives_at_one_address_are_not_commanded() -> None:
     refused(StartInhibited, "drives.duplicate", around=replace(AROUND, duplicate=True))
 
 
@@ -107,13 +107,13 @@ def test_one_lost_frame_is_no_error_rate() -> None:
     refused(StartInhibited, "drives.bad_link", around=replace(AROUND, error_rate=0.5, failures=3))
 
 
-def test_ruling_4_a_start_needs_a_fresh_status() -> None:
+def test_a_start_needs_a_fresh_status() -> None:
     refused(StartInhibited, "drives.status_stale", evidence=replace(STANDS, state_at=None))
     old = replace(STANDS, state_at=AROUND.now - MAX_STATUS_AGE_S - 0.01)
     refused(StartInhibited, "drives.status_stale", evidence=old)
 
 
-def test_ruling_4_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
+def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
     blind = DriveEvidence(
         derived=DerivedState(DriveState.UNKNOWN),
         state_at=None,
@@ -147,7 +147,7 @@ def test_unchecked_limits_stop_a_start() -> None:
 @pytest.mark.parametrize(
     ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
 )
-def test_ruling_12_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
+def test_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
     command = DriveCommand("x", CommandKind(kind), 10.0, 3)
     last = replace(AROUND, now=10.0 + seconds)
     assert COMMAND_TTL_S[command.kind] == seconds
@@ -185,9 +185,7 @@ def test_three_failures_are_an_error_rate() -> None:
 
 @pytest.mark.parametrize("kind", [CommandKind.START, CommandKind.JOG])
 @pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
-def test_g03_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(
-    kind: CommandKind, effect: Effect
-) -> None:
+def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: CommandKind, effect: Effect) -> None:
     """What the user meant counts, not only what these bytes do."""
     command = DriveCommand("x", kind, 10.0, 3)
     ask(command, effect)

@@ -143,7 +143,7 @@ def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_lef
     assert session.stops_sent == ends
 
 
-def test_t13_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
+def test_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
     """A frozen host: the renewal comes before the timer has had its turn."""
 
     async def scenario() -> bool:

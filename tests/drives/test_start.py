@@ -61,7 +61,7 @@ def test_a_start_is_one_frame_with_its_frequency_and_confirmed_by_later_reads() 
     assert outcome.exchanges[-1].sent_at is not None
 
 
-def test_ruling_1_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
+def test_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
     """The drive answers yes and stays where it is: failed, never confirmed."""
     bus, op = c320(FakeC320())
     outcome = start(bus, op)
@@ -69,7 +69,7 @@ def test_ruling_1_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_ruling_2_every_confirming_read_has_a_fence_of_its_own_before_it() -> None:
+def test_every_confirming_read_has_a_fence_of_its_own_before_it() -> None:
     bus, op = c320(FakeC320(on_command=starts))
     start(bus, op)
     place = next(i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl))
@@ -80,7 +80,7 @@ def test_ruling_2_every_confirming_read_has_a_fence_of_its_own_before_it() -> No
     assert fences[0] != fences[1]
 
 
-def test_ruling_6_an_unanswered_start_is_resent_after_two_fenced_reads_show_standstill() -> None:
+def test_an_unanswered_start_is_resent_after_two_fenced_reads_show_standstill() -> None:
     lost = [True]
 
     def first_is_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -95,7 +95,7 @@ def test_ruling_6_an_unanswered_start_is_resent_after_two_fenced_reads_show_stan
     assert between == [sunfar.SunfarReadParameter, sunfar.ReadMonitor] * 2
 
 
-def test_ruling_6_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
+def test_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
     """I2: executed, the reply lost: the reads show running and nothing is repeated."""
 
     def reply_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -107,7 +107,7 @@ def test_ruling_6_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_ruling_6_a_stop_at_the_keypad_is_never_undone() -> None:
+def test_a_stop_at_the_keypad_is_never_undone() -> None:
     """Running was seen once after the unanswered start; then a person stops the drive: no resend."""
     reads = []
 
@@ -129,7 +129,7 @@ def test_ruling_6_a_stop_at_the_keypad_is_never_undone() -> None:
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_i1_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> None:
+def test_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> None:
     bus, op = c320(FakeC320(on_command=lambda paper, request: None))
     bus.silence_s = 2.1
     outcome = start(bus, op)
@@ -252,7 +252,7 @@ def test_what_the_drive_makes_of_a_frequency_is_within_the_limits_too() -> None:
     assert caught.value.params["frequency_hz"] == 11.0
 
 
-def test_ruling_4_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
+def test_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
     bus, op = c320(FakeC320(parameters={(0, 1): 0}))
     with pytest.raises(PreflightError) as caught:
         start(bus, op)
@@ -370,7 +370,7 @@ def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None
     assert paper.written == [(0x2001, 1000), (0x2000, 0x0001)]
 
 
-def test_t13_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() -> None:
+def test_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() -> None:
     def obeys_silently(paper: FakeModbus, word: int) -> bool:
         if word & 1:
             paper.registers[0x3000] = 0x0009
@@ -383,7 +383,7 @@ def test_t13_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() 
     assert [value for register, value in paper.written if register == 0x2000] == [0x0001, 0x0000]
 
 
-def test_ruling_4_df800_is_started_on_its_preflight_and_only_acknowledged() -> None:
+def test_df800_is_started_on_its_preflight_and_only_acknowledged() -> None:
     paper = FakeModbus()
     bus, op = df800(paper)
     outcome = start(bus, op)

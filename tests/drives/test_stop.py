@@ -33,21 +33,21 @@ def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_re
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
 
-def test_i3_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
+def test_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
     bus = PureBus(dialect_for("vc660"), FakeModbus())
     bus.run(stop(operation_for(bus.dialect)))
     pulse, levels, *_ = (ask for ask in bus.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
     assert (pulse.priority, levels.priority) == (RequestPriority.STOP, RequestPriority.COMMAND)
 
 
-def test_ruling_1_a_stop_is_not_confirmed_by_its_own_reply() -> None:
+def test_a_stop_is_not_confirmed_by_its_own_reply() -> None:
     """The drive says yes and runs on."""
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
-def test_g07_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
+def test_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     bus.run(stop(operation_for(bus.dialect)))
     assert STOP_PROGRESS_TIMEOUT_S < bus.now < STOP_PROGRESS_TIMEOUT_S + 0.5
@@ -65,7 +65,7 @@ def test_a_lost_stop_is_sent_again_at_once() -> None:
     assert len(bus.sent(sunfar.SunfarControl)) == 3
 
 
-def test_ruling_5_no_state_of_the_host_withholds_a_stop() -> None:
+def test_no_state_of_the_host_withholds_a_stop() -> None:
     from dataclasses import replace
 
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
@@ -76,7 +76,7 @@ def test_ruling_5_no_state_of_the_host_withholds_a_stop() -> None:
 
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
-def test_ruling_5_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
+def test_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
     bus = c320(FakeC320(state, fault_code=4))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
@@ -147,7 +147,7 @@ def test_without_waiting_an_answered_stop_is_said_to_be_unconfirmed() -> None:
     assert len(bus.requests) == 1
 
 
-def test_t17_df800_is_told_three_times_and_never_confirmed() -> None:
+def test_df800_is_told_three_times_and_never_confirmed() -> None:
     paper = FakeModbus()
     bus = PureBus(dialect_for("df800"), paper)
     outcome = bus.run(stop(operation_for(bus.dialect)))
@@ -155,7 +155,7 @@ def test_t17_df800_is_told_three_times_and_never_confirmed() -> None:
     assert paper.written == [(0x2000, 1)] * 3
 
 
-def test_t17_a_silent_df800_is_unconfirmed() -> None:
+def test_a_silent_df800_is_unconfirmed() -> None:
     bus = PureBus(dialect_for("df800"), FakeModbus(silent=True))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
@@ -198,7 +198,7 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
         assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 
-def test_g07_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
+def test_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
     """A DZB100 that slows down from 30 Hz within 3 s and has no ramp to read, on a line with many other drives."""
 
     def slowing(request: Any) -> Any:

@@ -47,7 +47,7 @@ def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
 
 
 @pytest.mark.parametrize("fails", range(1, 6))
-def test_g12_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int) -> None:
+def test_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int) -> None:
     """And what was sent was counted."""
     store = Failing(fails)
     bus, end = saved(store, {"F0.2": 30.0})
@@ -58,7 +58,7 @@ def test_g12_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int
     assert context_for(bus.dialect, store=store).eeprom_budget.count("F0.2").total >= sent
 
 
-def test_g12_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome() -> None:
+def test_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome() -> None:
     uses = Failing(0)
     saved(uses, {"F0.2": 30.0})
     bus, end = saved(Failing(uses.uses + 1), {"F0.2": 30.0, "F1.10": 2.0})
@@ -66,7 +66,7 @@ def test_g12_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome(
     assert isinstance(end.params["why"], ConfigurationError) and len(bus.sent(sunfar.SunfarWriteParameter)) == 1
 
 
-def test_g12_a_drive_on_a_bus_tells_the_same() -> None:
+def test_a_drive_on_a_bus_tells_the_same() -> None:
     """The error of a step is the conversation's to judge, also in the shell."""
 
     class Full(MemoryStore):
@@ -86,9 +86,7 @@ def test_g12_a_drive_on_a_bus_tells_the_same() -> None:
 
 
 @pytest.mark.parametrize("call", ["os.mkdir", "io.open", "os.fsync", "os.replace", "fcntl.flock"])
-def test_g12_whatever_the_system_refuses_is_our_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
-) -> None:
+def test_whatever_the_system_refuses_is_our_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
     def refused(*_: Any, **__: Any) -> Any:
         raise OSError(30, "Read-only file system")
 

@@ -152,7 +152,7 @@ def test_a_frame_written_just_before_closing_still_reaches_the_drive() -> None:
     run_virtual(told())
 
 
-def test_f12_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> None:
+def test_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> None:
     async def told() -> None:
         desk = SimulatorClient("sim://vc660@1")
         await desk.port.open(desk)
@@ -184,7 +184,7 @@ def test_an_open_port_is_not_opened_twice() -> None:
     run_virtual(told())
 
 
-def test_f03_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
+def test_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             frame = desk.codec.encode_request(STATUS)
@@ -196,7 +196,7 @@ def test_f03_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
     run_virtual(told())
 
 
-def test_f03_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledgement() -> None:
+def test_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledgement() -> None:
     async def told() -> Any:
         async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
@@ -205,7 +205,7 @@ def test_f03_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledge
     assert isinstance(run_virtual(told()), modbus.WriteAck)
 
 
-def test_f01_a_late_reply_comes_where_the_next_one_is_expected() -> None:
+def test_a_late_reply_comes_where_the_next_one_is_expected() -> None:
     async def told() -> list[bytes]:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.station().faults.next_added_delays_s.append(0.3)
@@ -218,7 +218,7 @@ def test_f01_a_late_reply_comes_where_the_next_one_is_expected() -> None:
     assert len(second) == 7
 
 
-def test_f15_two_drives_at_one_address_garble_their_replies() -> None:
+def test_two_drives_at_one_address_garble_their_replies() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.simulated_bus.add(make_station("vc660", 1))
@@ -277,7 +277,7 @@ def test_a_stuck_drive_shows_what_it_showed() -> None:
     run_virtual(told())
 
 
-def test_g20_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
+def test_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1?line_quality=flip=1") as desk:
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))

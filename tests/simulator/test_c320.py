@@ -62,7 +62,7 @@ def test_the_reply_to_a_start_still_shows_stopped() -> None:
     ],
     ids=["4.1", "4.2", "4.3", "4.4", "4.5"],
 )
-def test_t01_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad: bytes) -> None:
+def test_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad: bytes) -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().setpoint_hz = 20.0
@@ -74,7 +74,7 @@ def test_t01_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad:
     run_virtual(told())
 
 
-def test_i11_reads_with_operation_00_have_no_effect() -> None:
+def test_reads_with_operation_00_have_no_effect() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
@@ -93,7 +93,7 @@ def reads() -> Iterator[Any]:
     yield from (sunfar.SunfarReadParameter(1, group, item) for group in range(16) for item in (0, 1, 4, 10, 12))
 
 
-def test_t02_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
+def test_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
     async def told() -> bytes:
         async with SimulatorClient("sim://c320@1") as desk:
             body = b"0150110:0010"
@@ -104,7 +104,7 @@ def test_t02_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
     assert reply[3:4] == b"7"
 
 
-def test_t03_packed_hex_frames_are_answered_in_packed_hex() -> None:
+def test_packed_hex_frames_are_answered_in_packed_hex() -> None:
     async def told() -> Any:
         async with SimulatorClient("sim://c320@1", sunfar.SunfarCodec("hex")) as desk:
             return await desk.request(sunfar.SunfarReadParameter(1, 0, 1))
@@ -112,7 +112,7 @@ def test_t03_packed_hex_frames_are_answered_in_packed_hex() -> None:
     assert run_virtual(told()).data == 2
 
 
-def test_t04_a_read_of_f0_1_and_of_d_1_have_replies_of_the_same_shape() -> None:
+def test_a_read_of_f0_1_and_of_d_1_have_replies_of_the_same_shape() -> None:
     async def told() -> tuple[bytes, bytes]:
         async with SimulatorClient("sim://c320@1") as desk:
             codec = desk.codec
@@ -124,7 +124,7 @@ def test_t04_a_read_of_f0_1_and_of_d_1_have_replies_of_the_same_shape() -> None:
     assert parameter[:9] == monitor[:9]
 
 
-def test_t05_a_fault_takes_the_place_of_the_item_and_of_nothing_else() -> None:
+def test_a_fault_takes_the_place_of_the_item_and_of_nothing_else() -> None:
     async def told() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().trip(Trip.OVERLOAD)
@@ -524,7 +524,7 @@ def test_its_identity_is_class_voltage_and_decimal_power() -> None:
     assert run_virtual(told()).info == "400022"
 
 
-def test_t21_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> None:
+def test_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> None:
     async def told() -> bytes:
         async with SimulatorClient("sim://c320@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
@@ -582,7 +582,7 @@ def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
 
 @pytest.mark.parametrize("model", ["e300", "e550"])
 @pytest.mark.parametrize(("action", "stops"), [(0x00, True), (0x01, True), (0x10, False), (0x11, False)])
-def test_f18_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action: int, stops: bool) -> None:
+def test_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action: int, stops: bool) -> None:
     """E300 manual, F4.3: 0 stop, 1 keep state. It stops at its time, and not as a fault."""
 
     async def told() -> None:

@@ -18,7 +18,7 @@ from drivebus.testing.virtual_time import run as story
 from fixtures.simulator import SimulatorClient
 
 
-def test_t02_the_spelling_is_the_one_that_the_manual_prints() -> None:
+def test_the_spelling_is_the_one_that_the_manual_prints() -> None:
     """4.5: the ten as 3AH, and the equals sign in the sum."""
     plain = sunfar.SunfarCodec().encode_reply(
         sunfar.SunfarReply(5, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 1, 0x0A, 0x0016)
@@ -91,9 +91,7 @@ async def identified(link: str, encoding: str) -> tuple[Identity, Identity, int 
 
 @pytest.mark.parametrize("encoding", ["ascii", "hex"])
 @pytest.mark.parametrize("reading", ["code", "information"])
-def test_t05_of_an_identity_in_a_fault_nothing_is_told_that_one_reading_makes_untrue(
-    reading: str, encoding: str
-) -> None:
+def test_of_an_identity_in_a_fault_nothing_is_told_that_one_reading_makes_untrue(reading: str, encoding: str) -> None:
     """Digits 7-8 are the fault's code or the voltage class: neither is believed of them, what stands behind them is."""
     faulty, whole, code, true_code = story(identified(f"sim://c320@1?class0_fault={reading}", encoding))
     assert code == true_code

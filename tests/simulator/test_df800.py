@@ -68,7 +68,7 @@ def test_it_runs_and_stops(encoding: str) -> None:
         (modbus.WriteRegister(1, 0x2001, 40001), "01 06 00 23 A0", b":010600F9\r\n"),
     ],
 )
-def test_t15_its_error_is_the_function_unchanged_and_one_byte_00(request_: Any, rtu: str, ascii_: bytes) -> None:
+def test_its_error_is_the_function_unchanged_and_one_byte_00(request_: Any, rtu: str, ascii_: bytes) -> None:
     async def told() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             assert await desk.raw(desk.codec.encode_request(request_)) == bytes.fromhex(rtu)
@@ -78,7 +78,7 @@ def test_t15_its_error_is_the_function_unchanged_and_one_byte_00(request_: Any, 
     run_virtual(told())
 
 
-def test_t15_a_locked_parameter_is_refused_in_the_same_form() -> None:
+def test_a_locked_parameter_is_refused_in_the_same_form() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             desk.station().memory.locked = True
@@ -123,7 +123,7 @@ def test_a_start_without_direction_keeps_the_last_one() -> None:
     run_virtual(told())
 
 
-def test_t16_a_toggle_is_executed_each_time_that_it_is_sent() -> None:
+def test_a_toggle_is_executed_each_time_that_it_is_sent() -> None:
     async def told() -> list[float]:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await running(desk)
@@ -172,7 +172,7 @@ def test_f1_01_and_f1_02_decide_whether_the_bus_is_heard(register: int, value: i
     run_virtual(told())
 
 
-def test_t17_nothing_that_can_be_read_tells_running_from_stopped_except_the_monitors() -> None:
+def test_nothing_that_can_be_read_tells_running_from_stopped_except_the_monitors() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             for register in (0x2000, 0x2100, 0x2101, 0x3000):

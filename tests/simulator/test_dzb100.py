@@ -22,7 +22,7 @@ def bits(frame: str) -> bytes:
     ("coding", "word", "hz"),
     [("hex-0.1", 0x007B, 12.3), ("hex-0.01", 0x04CE, 12.3), ("decimal-0.1", 0x0123, 12.3), ("hex-1", 0x000C, 12.0)],
 )
-def test_t08_each_setpoint_coding_runs_at_its_own_frequency(coding: str, word: int, hz: float) -> None:
+def test_each_setpoint_coding_runs_at_its_own_frequency(coding: str, word: int, hz: float) -> None:
     async def told() -> float:
         async with SimulatorClient(f"sim://dzb100@1?setpoint_coding={coding}&ramp=1") as desk:
             await desk.request(dzb100.Dzb100Control(1, Dzb100Command.FORWARD, word))
@@ -35,7 +35,7 @@ def test_t08_each_setpoint_coding_runs_at_its_own_frequency(coding: str, word: i
 @pytest.mark.parametrize(
     ("coding", "word"), [("hex-0.1", 0x007B), ("hex-0.01", 0x04CE), ("decimal-0.1", 0x0123), ("hex-1", 0x000C)]
 )
-def test_t08_keypad_frequency_12_3_hz_reads_differently_in_each_query_coding(coding: str, word: int) -> None:
+def test_keypad_frequency_12_3_hz_reads_differently_in_each_query_coding(coding: str, word: int) -> None:
     async def told() -> Any:
         async with SimulatorClient(f"sim://dzb100@1?query_coding={coding}") as desk:
             desk.station().setpoint_hz = 12.3
@@ -44,7 +44,7 @@ def test_t08_keypad_frequency_12_3_hz_reads_differently_in_each_query_coding(cod
     assert run_virtual(told()).data == word
 
 
-def test_t08_hex_01_sent_to_a_hex_1_drive_runs_ten_times_too_fast() -> None:
+def test_hex_01_sent_to_a_hex_1_drive_runs_ten_times_too_fast() -> None:
     async def told() -> float:
         async with SimulatorClient("sim://dzb100@1?setpoint_coding=hex-1&ramp=1") as desk:
             await desk.request(dzb100.Dzb100Control(1, Dzb100Command.FORWARD, 50))  # meant as 5.0 Hz
@@ -70,7 +70,7 @@ def test_spelling_and_counting_are_inverse(number: int) -> None:
         assert decode_steps(encode_steps(number, coding), coding) == number  # type: ignore[arg-type]
 
 
-def test_t09_an_eleven_byte_p_read_of_the_text_writes_0() -> None:
+def test_an_eleven_byte_p_read_of_the_text_writes_0() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://dzb100@3") as desk:
             desk.station(3).keypad_set(23, 100)
@@ -129,7 +129,7 @@ def test_the_source_parameters_are_locked_while_running() -> None:
     assert run_virtual(told()).accepted is False
 
 
-def test_t10_a_drive_at_address_0_obeys_broadcasts_and_answers_nothing() -> None:
+def test_a_drive_at_address_0_obeys_broadcasts_and_answers_nothing() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://dzb100@0") as desk:
             assert await desk.raw(bits("51 03 01 30 30 30 33 30 30 30 30")) == b""
@@ -162,7 +162,7 @@ def test_a_02_is_for_control_frames_only(head: str) -> None:
     assert run_virtual(told()) == b""
 
 
-def test_t11_a_stop_with_one_flipped_bit_runs_at_the_frequency_that_it_carries() -> None:
+def test_a_stop_with_one_flipped_bit_runs_at_the_frequency_that_it_carries() -> None:
     async def told(data: str) -> float:
         async with SimulatorClient("sim://dzb100@1?ramp=1") as desk:
             await desk.raw(bits(f"43 03 01 30 31 30 31 {data}"))  # 30H with bit 0 flipped
@@ -173,7 +173,7 @@ def test_t11_a_stop_with_one_flipped_bit_runs_at_the_frequency_that_it_carries()
     assert run_virtual(told("30 31 46 34")) == pytest.approx(50.0)
 
 
-def test_t20_b_is_06_or_the_state_digit_and_proves_nothing() -> None:
+def test_b_is_06_or_the_state_digit_and_proves_nothing() -> None:
     async def told(b_digit: str) -> Any:
         async with SimulatorClient(f"sim://dzb100@1?b_digit={b_digit}") as desk:
             desk.station().trip(Trip.EXTERNAL)

@@ -115,7 +115,7 @@ async def test_a_program_at_another_baud_rate_is_not_understood() -> None:
     assert (data, len(again)) == (b"", 13)
 
 
-async def test_f12_unplugging_hangs_the_pty_up_and_replugging_puts_another_one_under_the_link(tmp_path: Path) -> None:
+async def test_unplugging_hangs_the_pty_up_and_replugging_puts_another_one_under_the_link(tmp_path: Path) -> None:
     peers.need_module("serial", "pyserial")
     from drivebus.simulator.pty_server import serve_pty
 

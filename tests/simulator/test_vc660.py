@@ -113,7 +113,7 @@ def test_what_it_refuses_it_refuses_with_an_exception(sent: str, function: int, 
     assert run_virtual(told()) == rtu(f"01 {function | 0x80:02X} {code:02X}")
 
 
-def test_t12_the_200bh_of_the_examples_starts_nothing() -> None:
+def test_the_200bh_of_the_examples_starts_nothing() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             await desk.raw(rtu("01 06 20 0B 00 01"))
@@ -200,7 +200,7 @@ def test_it_runs_at_the_frequency_of_2001h() -> None:
     assert 20 <= current <= 30
 
 
-def test_t13_pulse_bits_that_need_an_edge_act_once_until_they_return_to_0() -> None:
+def test_pulse_bits_that_need_an_edge_act_once_until_they_return_to_0() -> None:
     async def told(pulses: str) -> list[bool]:
         async with SimulatorClient(f"sim://vc660@1?pulses={pulses}&ramp=1") as desk:
             seen = []
@@ -218,7 +218,7 @@ def test_t13_pulse_bits_that_need_an_edge_act_once_until_they_return_to_0() -> N
     assert run_virtual(told("edge"))[:4] == run_virtual(told("write"))[:4] == [True, False, True, False]
 
 
-def test_t13_every_write_sets_all_levels_so_a_plain_stop_also_says_forward() -> None:
+def test_every_write_sets_all_levels_so_a_plain_stop_also_says_forward() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1?ramp=1") as desk:
             await desk.request(write(0x2001, 3000))
@@ -346,7 +346,7 @@ def test_a_fault_shows_in_the_status_and_the_fault_words_and_is_reset() -> None:
     run_virtual(told())
 
 
-def test_t14_only_the_address_with_8000h_reaches_the_eeprom() -> None:
+def test_only_the_address_with_8000h_reaches_the_eeprom() -> None:
     async def told() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             await desk.request(write(KEYPAD_HZ, 3000))
