@@ -1,4 +1,4 @@
-"""Readings, states, polls and fences of each family (T05, T08, T17, T20, F22, rulings 2 and 14)."""
+"""Readings, states, polls and fences of each family."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
 
 
 def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
-    """Class 4: the data are those of the monitor that F6.12 selects; unknown, they are not published (T04)."""
+    """Class 4: the data are those of the monitor that F6.12 selects; unknown, they are not published."""
     plain = dialect_for("c320")
     stop = plain.stop(StopMode.STOP)
     assert stop[0].expected_item is None
@@ -345,7 +345,7 @@ def test_the_number_of_a_c320_monitor_goes_as_its_setting_says(index: str, item:
     assert facts["last_fault_temperature"].value == 60
 
 
-# --- fences (ruling 2) --------------------------------------------------------------------------------------------
+# --- fences --------------------------------------------------------------------------------------------
 
 
 def bus_fences(dialect: Dialect, count: int) -> list[Any]:

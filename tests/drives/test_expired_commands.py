@@ -114,7 +114,7 @@ def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> f
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_limit(name: str) -> None:
-    """Ruling 12: checks and command together, whatever the line's pace; without it they add up."""
+    """Checks and command together, whatever the line's pace; without it they add up."""
     paces = [pace / 200 for pace in range(1, 120)]
     known = [last_motion_s(name, pace, 100.0) for pace in paces]
     assert known[0] is not None and known[-1] is None

@@ -1,4 +1,4 @@
-"""Jog: begun once, stopped at once where nobody knows whether it turns (T13)."""
+"""Jog: begun once, stopped at once where nobody knows whether it turns."""
 
 from __future__ import annotations
 

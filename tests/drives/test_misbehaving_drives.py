@@ -289,7 +289,7 @@ def test_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool
 
 
 def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> None:
-    """6.5: it was wished for before the stop, whenever its turn came."""
+    """It was wished for before the stop, whenever its turn came."""
     bus = PureBus(dialect_for("c320"), FakeC320())
     memory = operation_for(bus.dialect).drive
     stopped = BusConditions(now=1.0, stop_epoch=4)

@@ -250,7 +250,7 @@ def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) 
 
 @pytest.mark.parametrize("model", TELLING)
 def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) -> None:
-    """I2: the reply is lost, the motor runs; the outcome is never "failed" and no second start leaves."""
+    """The reply is lost, the motor runs; the outcome is never "failed" and no second start leaves."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
@@ -565,7 +565,7 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
             await drive.run(SAFE_HZ[model])
             await asyncio.sleep(0)
             assert len(seen) == told, "a closed monitor hears nothing"
-            assert not drive._read_listeners, "and nobody holds it (I12)"
+            assert not drive._read_listeners, "and nobody holds it"
 
     run_virtual(scenario())
 

@@ -1,4 +1,4 @@
-"""Reading and writing parameters: RAM by default, EEPROM counted, everything read back (ruling 8, T14, F19, G16)."""
+"""Reading and writing parameters: RAM by default, EEPROM counted, everything read back."""
 
 from __future__ import annotations
 

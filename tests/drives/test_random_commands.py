@@ -1,4 +1,4 @@
-"""Random commands, trips and keypads on bad lines: what is said of a drive is never wrong (I2, G05, ruling 1)."""
+"""Random commands, trips and keypads on bad lines: what is said of a drive is never wrong."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
 
 @pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
 def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_left(may_turn: bool, ends: int) -> None:
-    """I1: the end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
+    """The end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
 
     class HangingJog(ScriptedJog):
         async def _begin(self) -> Outcome:

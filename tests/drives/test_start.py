@@ -96,7 +96,7 @@ def test_an_unanswered_start_is_resent_after_two_fenced_reads_show_standstill() 
 
 
 def test_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
-    """I2: executed, the reply lost: the reads show running and nothing is repeated."""
+    """Executed, the reply lost: the reads show running and nothing is repeated."""
 
     def reply_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.state = sunfar.SunfarState.RUNNING_FORWARD
@@ -146,7 +146,7 @@ def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
 
 
 def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None:
-    """6.5: the bus counts the stop; the start sees its generation gone and is not resent."""
+    """The bus counts the stop; the start sees its generation gone and is not resent."""
     bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def stop_comes(ask: Any) -> None:

@@ -1,4 +1,4 @@
-"""Stopping: asks nobody for leave, repeated until seen, never said to be done when it was not (ruling 5, F17, G07)."""
+"""Stopping: asks nobody for leave, repeated until seen, never said to be done when it was not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The store of counts fails: nothing is saved that is not counted, and every error is one of ours (G12)."""
+"""The store of counts fails: nothing is saved that is not counted, and every error is one of ours."""
 
 from __future__ import annotations
 

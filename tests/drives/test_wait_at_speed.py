@@ -1,4 +1,4 @@
-"""Waiting for the set frequency: what the drive reports counts, and its ramp sets the patience (RELIABILITY 4)."""
+"""Waiting for the set frequency: what the drive reports counts, and its ramp sets the patience."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def direction_from_bits(status: StatusMap, raw: int) -> Direction | None:
 
 
 SYNC_READ_COUNT = 2
-"""Without FC08 a fence is told by its count (ruling 2), so no other read ever has this count."""
+"""Without FC08 a fence is told by its count, so no other read ever has this count."""
 MAX_MERGE_PERIOD_RATIO = 4.0
 """Registers whose periods differ by more are read apart."""
 
