@@ -291,7 +291,7 @@ def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip
     assert result.exit_code == 0
     assert f"{out}: 3 frames, 2 sent and 1 received; 2 of them Modbus RTU." in result.stdout
     assert f"wireshark -o mbrtu.udp.port:50502 -o mbrtu.crc_verification:TRUE {out}" in result.stdout
-    assert "1 frames are no Modbus RTU" in result.stderr
+    assert "1 frames are not Modbus RTU" in result.stderr
     assert len(list(blocks(out.read_bytes()))) == 5
     assert b"trip.dbcap" in out.read_bytes(), "the file says what it is"
 
@@ -310,7 +310,7 @@ def test_the_document_has_the_same_numbers(trip: Path) -> None:
         "pcapng": str(out),
         "frames": 3,
         "sent": 2,
-        "heard": 1,
+        "received": 1,
         "modbus": 3,
         "other": 0,
         "started": STARTED,
@@ -362,7 +362,7 @@ def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> Non
     result = export(file, "--pcapng", tmp_path / "cut.pcapng")
     assert result.exit_code == 0
     assert "1 frames" in result.stdout
-    assert "last line was cut" in result.stderr and "1970-01-01" in result.stderr
+    assert "last line is incomplete" in result.stderr and "1970-01-01" in result.stderr
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
