@@ -62,7 +62,7 @@ def served(file: Path, *words: str, **environment: str) -> Iterator[subprocess.P
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert line.startswith("Plant hall runs"), (line, process.stderr and process.stderr.read())
+        assert line.startswith("Plant hall is running"), (line, process.stderr and process.stderr.read())
         yield process
     finally:
         process.kill()
@@ -142,7 +142,7 @@ def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(
     try:
         os.close(slave)
         said = b""
-        while b"Plant hall runs" not in said:
+        while b"Plant hall is running" not in said:
             said += os.read(master, 1000)
         os.close(master)
         assert process.wait(20) == 0
