@@ -1,4 +1,4 @@
-"""The host stood still over a command (SIGSTOP, suspend; RELIABILITY 6.6): what it still had to send is too old."""
+"""Commands after the host was suspended (SIGSTOP, standby): an expired command never moves a motor."""
 
 from __future__ import annotations
 
