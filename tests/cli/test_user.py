@@ -45,7 +45,7 @@ def records(plant: Path) -> list[tuple[str, str, str]]:
 
 def test_a_user_is_added_and_logs_in_and_both_is_recorded(plant: Path) -> None:
     done = user(plant, "add", "Ann", "--role", "administrator", typed=PASSWORD + "\n")
-    assert (done.exit_code, done.output) == (0, "ann is administrator now.\n")
+    assert (done.exit_code, done.output) == (0, "ann is added as administrator.\n")
     opened = run(access(plant).login("ann", PASSWORD, "local"))
     assert opened.session.user == "ann"
     assert records(plant) == [("user.add", "Ann", "requested"), ("user.add", "Ann", "done")]
