@@ -180,7 +180,8 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
 
 def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and fence a late reply is the answer to the next request of its shape."""
-    monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now, *more: None)
+    monkeypatch.setattr("drivebus.bus.core.BusCore._mark_suspect", lambda core, station, now: None)
+    monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now: None)
     monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
     here = stand(session, VC660, (1,), line_quality="late=0.2:0.3")
     here.monitor(1)
