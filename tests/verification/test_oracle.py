@@ -301,8 +301,8 @@ def _forgets_nothing(core: BusCore, error: Exception, now: float) -> list[Any]:
     flight, core.transaction = core.transaction, None
     if flight is not None:
         core.scheduler.enqueue(flight.prepared)
-    out, core.commands = core.commands, []
-    return out
+    commands, core._commands = core._commands, []
+    return commands
 
 
 def test_i11_a_read_that_acts(session: CampaignRun) -> None:
@@ -323,7 +323,7 @@ def test_i11_a_read_that_acts(session: CampaignRun) -> None:
 def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
     monkeypatch.setattr(
-        "drivebus.bus.core._remember_unanswered", lambda flight, now: kept.append((now, flight.prepared))
+        BusCore, "_remember_unanswered", lambda core, transaction, now: kept.append((now, transaction.prepared))
     )
     here = stand(session, line_quality="loss=0.1")
     here.bus.core.stations[1].unanswered_requests = kept

@@ -33,7 +33,7 @@ def burst_of_saves(at: CellRun) -> None:
     ]
     store = line.drives[1]._store
     line.restart_host()
-    line.drives[1]._store = store
+    line.drives[1]._store = line.drives[1]._runner._store = store
     line.drives[1]._context.eeprom_budget = line.drives[1]._eeprom_budget(line.drives[1]._context.limits)
     words += [
         line.command_to_end(1, "write", {notation: 30.0 + n}, True).result_word
