@@ -61,7 +61,7 @@ def bound_s(here: SystemBench, address: int, weather: str) -> float:
     """5.1: the rest of what is on the wire, its whole time to answer, the gap, the stop frame."""
     line, link = here.bus.settings, here.link(address)
     asks = [request(here.kind, address), here.drives[address].dialect.echo_test_read()]
-    fences = [link.fence(n) for n in range(8)]
+    fences = [link.sync_request(n) for n in range(8)]
     longest = max(
         line.seconds(len(link.codec.encode_request(ask))) + link.timing.timeout_s(line, link.codec.largest_reply(ask))
         for ask in asks + fences

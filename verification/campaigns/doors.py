@@ -96,8 +96,8 @@ class UnauthorizedClients:
         return StolenCredentials(good.secret, (old.secret, ended.secret), "dbt_old")
 
     async def _send(self, stranger: UnauthorizedRequest, before: tuple[Any, Any]) -> None:
-        from drivebus.web.app import declared_routes
         from drivebus.web.route import WEBSOCKET, AccessLevel, RouteTable
+        from verification.security.unauthorized_requests import ROUTES
 
         try:
             answer = await _send_to_app(self.app, stranger)
@@ -111,7 +111,7 @@ class UnauthorizedClients:
         if self.plant.calls and not _is_cross_origin_read(stranger):
             self.session.violation(f"{stranger} reached {self.plant.calls}")
         self.plant.calls.clear()
-        known = RouteTable(declared_routes()).match(stranger.path.partition("?")[0])
+        known = RouteTable(ROUTES).match(stranger.path.partition("?")[0])
         public = any(one.access is AccessLevel.PUBLIC and one.method == stranger.method for one in known)
         if answer in (101, 200, 204) and not public and not _is_cross_origin_read(stranger):
             self.session.violation(f"{stranger} was answered {answer}")
