@@ -65,7 +65,8 @@ def measure_host_stops(seconds: float, lines: int, baud: int, seed: int) -> Figu
             precedence = raise_priority(stations.process.pid)
             given = [",".join(stations.paths), STATIONS, round(seconds), baud, STATIONS, seed, calls]
             host = subprocess.Popen(
-                [sys.executable, str(BENCHMARK_FOLDER / "clients" / "stop_host.py"), *(str(one) for one in given)],
+                [sys.executable, "-m", "benchmarks.clients.stop_host", *(str(one) for one in given)],
+                cwd=BENCHMARK_FOLDER.parent,
                 stdout=subprocess.PIPE,
                 text=True,
             )

@@ -143,7 +143,7 @@ class PtyHost:
     def _readable(self) -> None:
         self.bench.transmit(self, self._os.read(self._fd, 4096))
 
-    def hear(self, data: bytes, marks: int) -> None:
+    def receive(self, data: bytes, marks: int) -> None:
         self._os.write(self._fd, data)
 
     def lost(self) -> None: ...

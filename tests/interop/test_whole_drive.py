@@ -218,9 +218,7 @@ evidence = "user"
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
-def foreign_server(
-    request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram
-) -> Iterator[tuple[str, str]]:
+def stranger(request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram) -> Iterator[tuple[str, str]]:
     """Our end of the wire to a server that nobody here wrote, and its encoding."""
     name, _, encoding = request.param.partition("-")
     ours, theirs = wire
@@ -266,6 +264,6 @@ async def test_a_server_that_answers_a_start_and_does_not_run_is_not_believed(
         with pytest.raises(DriveError) as caught:
             await drive.run(10.0)
         assert caught.value.outcome.status is OutcomeStatus.FAILED
-        starts = [frame for frame in caught.value.outcome.evidence if frame.sent[1:6] == bytes((6, 0, 0x40, 0, 1))]
+        starts = [frame for frame in caught.value.outcome.exchanges if frame.sent[1:6] == bytes((6, 0, 0x40, 0, 1))]
         assert len(starts) == 1, "an answered start is never sent again"
         assert starts[0].received == starts[0].sent

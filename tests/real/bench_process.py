@@ -1,6 +1,6 @@
 """Simulated drives in a process of their own, which writes down what was on their wire and what their motors did.
 
-    plant_process.py SPECIFICATION
+    bench_process.py SPECIFICATION
 
 The record is the witness of every story here: the hosts are in other processes, may be killed, and are never asked.
 Times are CLOCK_MONOTONIC, the same in every process. A motor is looked at in steps of 10 ms of its own time, so that
@@ -80,7 +80,7 @@ class RecordedBus:
 
     def _tap(self) -> None:
         wire: Any = self.bench.wire
-        say = wire.say
+        say = wire.transmit
 
         def heard(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
             said = say(talker, data, *more, **named)
@@ -89,7 +89,7 @@ class RecordedBus:
             self._write(what=what, t=said.start, end=said.end, data=bytes(data).hex(), host=host)
             return said
 
-        wire.say = heard
+        wire.transmit = heard
 
     def _watch(self, station: Any) -> None:
         advance, last = station.advance, [(False, None)]

@@ -64,7 +64,7 @@ class RecordedPlant:
         self._orders = 0
         specification = json.dumps({"record": str(self.record), "lines": self.lines})
         self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("plant_process.py")), specification],
+            [sys.executable, str(Path(__file__).with_name("bench_process.py")), specification],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

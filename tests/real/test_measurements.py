@@ -163,5 +163,5 @@ def test_time_counts_for_the_room_that_spends_it_and_a_built_in_function_for_its
     assert 99 < sum(rooms.values()) < 101 and any("decode_reply" in name for name in functions)
     assert (
         package_of("/x/lib/python3.12/asyncio/events.py") == "asyncio"
-        and package_of("/x/drivebus/line.py") == "drivebus.serial_settings"
+        and package_of("/x/drivebus/serial_settings.py") == "drivebus.serial_settings"
     )
