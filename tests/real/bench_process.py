@@ -143,7 +143,7 @@ async def main() -> None:
             return
         for each in text.decode().splitlines():
             order = json.loads(each)
-            lines[order.get("line", 0)].do(order)
+            lines[order.get("line", 0)].execute(order)
             for line in lines:
                 line.bench.advance()
             record.write(what="done", number=order["number"])
