@@ -61,7 +61,7 @@ async def test_a_marked_byte_voids_its_frame_wherever_it_stands(plants: Plants, 
     plant = plants({**given, "marks": True})
     events: list[TraceEvent] = []
     async with host(plant, given["model"], given["encoding"]) as bus:
-        bus.port._marks = ParityMarkDecoder()  # type: ignore[attr-defined]
+        bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
         clean = await bus.transact(BusRequest(1, request))
         assert clean.error is None
         bus.trace(events.append)
@@ -85,7 +85,7 @@ async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> Non
     given, request = CASES[name]
     plant = plants({**given, "marks": True})
     async with host(plant, given["model"], given["encoding"]) as bus:
-        bus.port._marks = ParityMarkDecoder()  # type: ignore[attr-defined]
+        bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
         answer = await bus.transact(BusRequest(1, request))
     assert value(answer.reply) == FF
     assert all("01ffff" in data for data, _ in delivered_replies(plant)), "the far end doubled it"
@@ -98,7 +98,7 @@ async def test_a_good_ff_survives_a_kernel_that_marks(plants: Plants, monkeypatc
     given, request = CASES["vc660"]
     plant = plants(given)
     async with host(plant, "vc660", "rtu") as bus:
-        assert isinstance(bus.port._marks, ParityMarkDecoder)  # type: ignore[attr-defined]
+        assert isinstance(bus.port._mark_decoder, ParityMarkDecoder)  # type: ignore[attr-defined]
         answer = await bus.transact(BusRequest(1, request))
     assert value(answer.reply) == FF
 
