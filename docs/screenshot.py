@@ -15,8 +15,7 @@ from pathlib import Path
 from rich.cells import cell_len
 
 from drivebus.cli import output
-from drivebus.cli.demo.plant import create_demo_plant
-from drivebus.cli.demo.stage import Stage
+from drivebus.cli.demo.terminal import DemoClient
 from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.threaded import ThreadedRowSource
 
@@ -31,9 +30,9 @@ CELL = 12.2
 async def draw(language: str) -> str:
     """One picture, as SVG."""
     output.parse_global_options(["--lang", language])
-    stage = Stage(create_demo_plant())
-    feed = ThreadedRowSource(stage, stage)
-    screen = MonitorApp(feed, feed)
+    client = DemoClient()
+    source = ThreadedRowSource(client, client)
+    screen = MonitorApp(source, source)
     async with screen.run_test(size=SIZE) as pilot:
         await asyncio.sleep(AT_S)
         await pilot.pause()

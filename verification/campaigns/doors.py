@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from drivebus.errors import ServiceUnavailable
 from drivebus.service.auth.actor import Actor
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -35,7 +36,7 @@ class CountingService:
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
         self.calls.append(operation)
-        return {"file": "x.csv", "text": "", "next": None} if operation == "history.export" else {}
+        raise ServiceUnavailable("plant.gone")
 
     async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
         self.calls.append(operation)

@@ -34,7 +34,7 @@ def _check_missing_last_byte(at: CellRun) -> None:
     """No end mark: a drive without a timeout takes the next frame's first byte for its last. Nothing may move."""
     line = at.bus(1)
     station = line.station(1)
-    station.rule = type(station.rule)(1e6, starts=station.rule.starts)
+    station.rule = type(station.rule)(1e6, start_bytes=station.rule.start_bytes)
     line.bench._group_stations()
     line.read(1)
     for _ in range(3):

@@ -134,6 +134,9 @@ class VirtualLoop(_EventLoop):
     def get_exception_handler(self) -> Callable[[Any, dict[str, Any]], object] | None:
         return self._exception_handler
 
+    def get_task_factory(self) -> None:
+        return None
+
     def get_debug(self) -> bool:
         return False
 
