@@ -82,7 +82,7 @@ def match_stops(calls: Iterable[StopCall], frames: Mapping[int, list[WireRequest
 
 
 def lateness_beyond_bound(seen: Iterable[MatchedStop], bound_s: float, lost: int) -> Figures:
-    """How late the stops were beside the bound to their first bit, and whether that is good enough (G06)."""
+    """How late the stops were beside the bound to their first bit, and whether that is good enough."""
     latencies = [stop.at - call.at for call, stop, _ in seen]
     over = quantiles((latency - bound_s) * 1e3 for latency in latencies)
     return {

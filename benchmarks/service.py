@@ -1,4 +1,4 @@
-"""The whole service on a busy machine (G06, S14), its size and its pace: ``python -m benchmarks.service --write``.
+"""The whole service on a busy machine, its size and its pace: ``python -m benchmarks.service --write``.
 
 A real ``drivebus serve``, plant and web process, on full lines whose far end (``station.c``) keeps the time of each
 byte; the last station of each line is silent. ``normal``: 200 questions a second over REST and 50 WebSockets that take
@@ -37,9 +37,9 @@ BAUD, DELAY_US = 19_200, 4000
 NORMAL = {"websockets": 50, "connections": 8, "requests_per_s": 200}
 FLOOD = {"websockets": 500, "connections": 64, "requests_per_s": 1000, "slow_heads": 100}
 CAP_MB = 256
-"""The web process may hold so much, whatever is done to it (S14)."""
+"""The web process may hold so much, whatever is done to it."""
 KEPT = 0.95
-"""So much of the polls of ``normal`` the plant must do in the flood as well (S14)."""
+"""So much of the polls of ``normal`` the plant must do in the flood as well."""
 ROUNDS = 4
 """Times that everything is stopped."""
 

@@ -1,4 +1,4 @@
-"""How late a stop leaves a busy process on a busy machine (G06, I3, 6.6): ``python -m benchmarks.stop --write``.
+"""How late a stop leaves a busy process on a busy machine (I3): ``python -m benchmarks.stop --write``.
 
 Every line is full: one bus polls its stations without a pause, the last of which is silent. The lines are ptys whose
 far end (``station.c``) keeps the time of each byte, before all other processes where it may: copper waits for nobody.

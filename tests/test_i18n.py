@@ -184,7 +184,7 @@ def test_one_thing_has_one_chinese_word() -> None:
 
 
 @pytest.mark.parametrize("text", [None, "{"])
-def test_g12_a_catalogue_that_can_not_be_read_hides_no_error(monkeypatch: pytest.MonkeyPatch, text: str | None) -> None:
+def test_a_catalogue_that_can_not_be_read_hides_no_error(monkeypatch: pytest.MonkeyPatch, text: str | None) -> None:
     """Whoever tells of an error must not fail at it; the next one has its sentence again."""
 
     def refused(*_: Any, **__: Any) -> Any:

@@ -26,10 +26,10 @@ class DriveVariant:
     min_timeout_characters: float = 8
     """… plus so many characters."""
     max_reply_lateness_s: float = 0.5
-    """The family's longest lateness (ruling 2)."""
+    """The family's longest lateness."""
     identical_probe_quarantine_s: float = 0.0
     """DF800: fences differ in nothing but their count; after an unanswered question of that count none is believed for
-    so long (G04, ruling 2)."""
+    so long."""
     reports_running: bool = True
     """The drive reports whether it runs."""
     broadcast: int | None = 0

@@ -1,4 +1,4 @@
-"""How long things may take, from the manuals' characters and milliseconds: the observer's own arithmetic (5.1, 5.2).
+"""How long things may take, from the manuals' characters and milliseconds: the observer's own arithmetic.
 
 Nothing of the bus is used here. Where a manual is silent (DZB100, DF800) the reply may begin within 100 ms; an adapter
 and its operating system may take 20 ms more.
@@ -14,7 +14,7 @@ from verification.drive_variants import DriveVariant
 
 ADAPTER_DELAY_MAX_S = 0.02
 TURNAROUND_S = 0.1
-"""After a broadcast, which nobody answers (F10)."""
+"""After a broadcast, which nobody answers."""
 FOREIGN_TRAFFIC_MAX_CHARACTERS = 64
 """A stop waits no longer than this for a line on which somebody else is heard, a late reply for instance."""
 
@@ -81,7 +81,7 @@ class TimingBounds:
 
     @property
     def stop_bound_s(self) -> float:
-        """5.1: the longest request has just begun and its drive is silent; gap, stop frame to its last bit."""
+        """The longest request has just begun and its drive is silent; gap, stop frame to its last bit."""
         frames = self.frames
         sent_s = (frames.request + frames.stop) * self.character_s
         return sent_s + self._timeout_for_reply_s(frames.reply) + self.gap_s

@@ -1,4 +1,4 @@
-"""Those who mean harm, all at once (S14): idle WebSockets, slow heads, huge bodies, bombs.
+"""Those who mean harm, all at once: idle WebSockets, slow heads, huge bodies, bombs.
 
     python -m benchmarks.clients.flood PORT WEBSOCKETS SLOW
 

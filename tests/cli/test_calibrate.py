@@ -144,7 +144,7 @@ def test_a_model_without_open_proofs_is_asked_nothing(
 
 
 def test_ctrl_c_in_a_proof_that_moves_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """F18: the end comes while the motor turns; the stop is confirmed before the verb returns."""
+    """The end comes while the motor turns; the stop is confirmed before the verb returns."""
     import asyncio
 
     from drivebus.cli import signals

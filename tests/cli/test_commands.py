@@ -42,7 +42,7 @@ STANDING = [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("
 
 @pytest.mark.parametrize(("model", "state"), STANDING)
 def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: str, state: str) -> None:
-    """DF800 publishes no run status: its state is unknown, never stopped (ruling 4)."""
+    """DF800 publishes no run status: its state is unknown, never stopped."""
     found = ask("status", f"sim://{model}@1", "--model", model, "--address", "1")
     assert found["state"] == state
     assert found["fault"] is None
@@ -83,7 +83,7 @@ def test_a_model_that_cannot_tell_ram_from_eeprom_needs_save_said() -> None:
     assert ask(*words, "--save")["outcome"] == "confirmed"
 
 
-def test_g16_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
+def test_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a serial port: a simulated drive's own count would end with the program."""
@@ -110,7 +110,7 @@ def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
 
 
 def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:
-    """Its answer mirrors the request: only a read in between shows that the adapter does not echo (F03, G19)."""
+    """Its answer mirrors the request: only a read in between shows that the adapter does not echo."""
     assert ask("stop", "sim://df800@1", "--model", "df800", "--address", "1")["outcome"] == "acknowledged"
 
 

@@ -165,6 +165,6 @@ def test_a_frequency_that_goes_only_with_a_run_command_is_shown_as_a_running_dri
 
 @pytest.mark.parametrize(("save", "frames_before"), [((), 0), (("--save",), 1)])
 def test_a_parameter_is_compared_only_before_it_is_saved(save: tuple[str, ...], frames_before: int) -> None:
-    """Ruling 8: the comparison spares the EEPROM; a write to RAM needs none."""
+    """The comparison spares the EEPROM; a write to RAM needs none."""
     found = dry("write", "F1.10=16", *C320, *save)["frames"]
     assert [frame["purpose"] for frame in found][frames_before] == "write a parameter"

@@ -112,7 +112,7 @@ def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service
     assert (stopped["outcome"], state(plant)) == ("confirmed", DriveState.STOPPED)
 
 
-def test_f18_ctrl_c_stops_the_drive_of_an_attached_run_and_gives_it_back(plant: RunningService, service: str) -> None:
+def test_ctrl_c_stops_the_drive_of_an_attached_run_and_gives_it_back(plant: RunningService, service: str) -> None:
     ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
     with running_command("run", "--service", service, *FAN, "--frequency", "20", "--json") as process:
         seen = lines_until(process, lambda line: '"event": "status"' in line)
@@ -134,7 +134,7 @@ def test_bus_stop_stops_the_whole_plant(plant: RunningService, service: str) -> 
 
 
 def test_a_limit_refuses_through_the_service_as_it_does_on_a_line(service: str) -> None:
-    """S09: the same error, the same exit code."""
+    """The same error, the same exit code."""
     own = CliRunner().invoke(
         cli, ["set-frequency", "sim://c320@1", "60", "--model", "c320", "--address", "1", "--json"]
     )
@@ -166,7 +166,7 @@ def test_who_owns_the_drive_is_not_disturbed(
     assert stopped["outcome"] == "confirmed"
 
 
-def test_s08_a_viewer_may_look_and_nothing_else(plant: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_viewer_may_look_and_nothing_else(plant: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.VIEWER))
     verb(plant.url, "status", *FAN)
     for words in (["stop", *FAN], ["set-frequency", *FAN, "10"], ["write", *FAN, "F1.10=1"], ["stop", "--all"]):

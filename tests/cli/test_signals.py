@@ -1,4 +1,4 @@
-"""Whatever ends an attached run stops the drive: Ctrl-C, a terminal that goes, a request to terminate (F18)."""
+"""Whatever ends an attached run stops the drive: Ctrl-C, a terminal that goes, a request to terminate."""
 
 from __future__ import annotations
 

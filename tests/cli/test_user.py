@@ -92,7 +92,7 @@ def test_a_token_is_shown_once_and_may_what_was_asked_for(plant: Path) -> None:
     assert beyond.exit_code == 1 and "write_parameters" in beyond.output
 
 
-def test_g14_nothing_is_changed_where_it_can_not_be_recorded(plant: Path) -> None:
+def test_nothing_is_changed_where_it_can_not_be_recorded(plant: Path) -> None:
     state = plant.parent / "state"
     (state / "audit.jsonl").mkdir(parents=True)
     done = user(plant, "add", "ann", "--role", "viewer", typed=PASSWORD + "\n")

@@ -343,7 +343,7 @@ def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_not
 
 
 def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_sent() -> None:
-    """Ruling 1: StartInhibited promises that nothing was sent. The drive stood twice, so it is known to have failed."""
+    """StartInhibited promises that nothing was sent. The drive stood twice, so it is known to have failed."""
     bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def seen(ask: Any) -> None:

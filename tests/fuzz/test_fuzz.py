@@ -1,4 +1,4 @@
-"""The fuzzing harnesses hold (I8, G01, G02): they keep to the codecs' promises, and notice whoever does not."""
+"""The fuzzing harnesses hold (I8): they keep to the codecs' promises, and notice whoever does not."""
 
 from __future__ import annotations
 

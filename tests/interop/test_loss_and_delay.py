@@ -1,4 +1,4 @@
-"""Loss and delay between us and peers: whatever both sides accepted, they agree on (F01, F16, G04, I5)."""
+"""Loss and delay between us and peers: whatever both sides accepted, they agree on (I5)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from peers import need_module, need_program
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
 
 BAD_LINK = LinkQuality(loss=0.1, delay=0.15, delay_s=0.15)
-"""Later than our time-out, earlier than the lateness that we are told of (ruling 2)."""
+"""Later than our time-out, earlier than the lateness that we are told of."""
 TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.06, max_reply_lateness_s=0.35)
 TRANSACTIONS, WRITES = 30, 20
 
@@ -155,7 +155,7 @@ class PtyHost:
 
 
 SLOW_LINK = LinkQuality(loss=0.1, delay=0.2, delay_s=0.1)
-"""Earlier than the peers' time-outs: a peer that is answered later believes the answer to its last question (F01)."""
+"""Earlier than the peers' time-outs: a peer that is answered later believes the answer to its last question."""
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])

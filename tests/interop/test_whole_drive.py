@@ -141,9 +141,7 @@ async def test_a_drive_of_every_family_is_read_run_and_stopped_over_a_pty(case: 
         with pytest.raises(LimitError):
             await drive.run(400.5)
         assert bus.statistics().bytes_sent == sent, "a frequency above the limit leaves nothing on the wire"
-        assert set(bus.statistics().errors) <= {
-            "UntrustedReply"
-        }  # the first loop-back of a port might be its echo (G19)
+        assert set(bus.statistics().errors) <= {"UntrustedReply"}  # the first loop-back of a port might be its echo
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
@@ -255,7 +253,7 @@ async def test_a_profile_of_the_users_own_reads_and_writes_a_strangers_server(
 async def test_a_server_that_answers_a_start_and_does_not_run_is_not_believed(
     stranger: tuple[str, str], tmp_path: Path
 ) -> None:
-    """Ruling 1: its reply to the start is no confirmation; its status word is read and shows standstill."""
+    """Its reply to the start is no confirmation; its status word is read and shows standstill."""
     url, encoding = stranger
     own = tmp_path / "stranger.toml"
     own.write_text(OWN_PROFILE, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""``kill -9`` of a whole plant at random points, and what its successor finds and does (G10, ruling 7).
+"""``kill -9`` of a whole plant at random points, and what its successor finds and does.
 
     PYTHONPATH=tests python -m real.kill_service --kills 1000 --write
 

@@ -1,4 +1,4 @@
-"""SIGSTOP, a frozen virtual machine: afterwards every command that waited has expired, and none is sent (6.6, I1)."""
+"""SIGSTOP, a frozen virtual machine: afterwards every command that waited has expired, and none is sent (I1)."""
 
 from __future__ import annotations
 

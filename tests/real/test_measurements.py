@@ -1,4 +1,4 @@
-"""Measured commands tell the truth of what they saw: ``benchmarks.stop`` and ``.service`` (G06, I3, S14, 6.6).
+"""Measured commands tell the truth of what they saw: ``benchmarks.stop`` and ``.service`` (I3).
 
 Its figures are for a quiet machine and a report; here only that every stop reached the far end, and the arithmetic.
 """
@@ -113,7 +113,7 @@ def test_the_longest_pause_between_two_polls_counts_the_window_s_ends_and_a_driv
     assert poll_intervals({0: seen}, [1, 2], (10.0, 12.0))["longest_pause_s"] == 2.0
 
 
-def test_s14_what_the_flood_takes_from_the_plant_or_lets_the_web_process_grow_to_is_a_goal_missed(
+def test_what_the_flood_takes_from_the_plant_or_lets_the_web_process_grow_to_is_a_goal_missed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.syspath_prepend(str(ROOT))

@@ -1,4 +1,4 @@
-"""A byte with bad parity voids its frame, wherever it stands; a good FF is a byte like any other (F07, G20, T10).
+"""A byte with bad parity voids its frame, wherever it stands; a good FF is a byte like any other (T10).
 
 The far end writes what a kernel with INPCK | PARMRK hands over (termios(3)): ``FF 00 xx`` for a bad byte, ``FF FF``
 for a good FF. The bad byte is always the right one, so that nothing but the mark can void the frame; for DZB100 there

@@ -1,4 +1,4 @@
-"""Who else is on the port or on the wire: refused with the owner's pid, or noticed as a foreign master (F14, G18)."""
+"""Who else is on the port or on the wire: refused with the owner's pid, or noticed as a foreign master."""
 
 from __future__ import annotations
 

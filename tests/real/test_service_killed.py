@@ -1,4 +1,4 @@
-"""``kill -9`` of a whole plant at random points (G10, ruling 7): a slice; ``real.kill_service`` does a thousand."""
+"""``kill -9`` of a whole plant at random points: a slice; ``real.kill_service`` does a thousand."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
 
 
 def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
-    """S16: what was recorded and is sent again starts nothing."""
+    """What was recorded and is sent again starts nothing."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -95,7 +95,7 @@ def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
     ],
 )
 def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role: Role, params: dict[str, Any]) -> None:
-    """S01, S08, S09: whatever door the request came through."""
+    """Whatever door the request came through."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -141,7 +141,7 @@ def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
 
 
 def test_to_save_parameters_takes_a_right_of_its_own() -> None:
-    """S08: EEPROM is not RAM."""
+    """EEPROM is not RAM."""
 
     async def story() -> None:
         async with running_service() as kit:

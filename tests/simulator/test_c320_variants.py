@@ -19,7 +19,7 @@ from fixtures.simulator import SimulatorClient
 
 
 def test_the_spelling_is_the_one_that_the_manual_prints() -> None:
-    """4.5: the ten as 3AH, and the equals sign in the sum."""
+    """The ten as 3AH, and the equals sign in the sum."""
     plain = sunfar.SunfarCodec().encode_reply(
         sunfar.SunfarReply(5, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 1, 0x0A, 0x0016)
     )

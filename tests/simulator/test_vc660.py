@@ -177,7 +177,7 @@ def test_a_request_too_soon_after_other_traffic_is_counted_and_answered() -> Non
 
 
 @pytest.mark.parametrize(("delay_ms", "expected"), [(4, 0.004), (0, 3.5 * 10 / 9600), (250, 0.25)])
-def test_f06_06_delays_the_reply_but_never_below_the_gap(delay_ms: int, expected: float) -> None:
+def test_06_delays_the_reply_but_never_below_the_gap(delay_ms: int, expected: float) -> None:
     async def told() -> float:
         async with SimulatorClient("sim://vc660@1?line_quality=bytes") as desk:
             await desk.request(write(REPLY_DELAY, delay_ms))

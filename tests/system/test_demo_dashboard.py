@@ -64,7 +64,7 @@ def test_the_address_logs_in_once(demo: Demo, browser: httpx.Client) -> None:
 
 
 def test_who_comes_back_has_a_password_and_the_configuration_is_a_file(demo: Demo, browser: httpx.Client) -> None:
-    """S07: after an idle while the page asks for it, and the address logs in only once."""
+    """After an idle while the page asks for it, and the address logs in only once."""
     base, printed = str(browser.base_url).rstrip("/"), demo[1]
     who = {"name": printed["user"], "password": printed["password"]}
     again = httpx.post(f"{base}/api/v1/login", json=who, headers={"Origin": base})

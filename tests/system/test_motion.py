@@ -1,4 +1,4 @@
-"""Every drive, every command: the outcome's word against what the motor really does (ruling 1, I1, I2)."""
+"""Every drive, every command: the outcome's word against what the motor really does (I1, I2)."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
 @pytest.mark.parametrize("after_s", [0.45, 0.6, 0.8, 1.2, 1.8])
 @every_drive
 def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: SystemVariant, after_s: float) -> None:
-    """Ruling 6: the start was executed and its reply lost; once running was seen nobody sends it again."""
+    """The start was executed and its reply lost; once running was seen nobody sends it again."""
 
     async def told() -> None:
         async with system_bench(kind, ramp=6) as here:
@@ -326,7 +326,7 @@ def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_ag
 
 @every_reporting_drive
 def test_a_drive_that_takes_no_command_from_the_bus_is_never_called_started(kind: SystemVariant) -> None:
-    """Ruling 4: the pre-flight names it where the parameter can be read; else the motor that stands tells."""
+    """The pre-flight names it where the parameter can be read; else the motor that stands tells."""
 
     async def told() -> None:
         async with system_bench(kind) as here:

@@ -1,4 +1,4 @@
-"""Polling a full line in virtual time: exact durations, fairness to the living (G08), values that grow old (G17)."""
+"""Polling a full line in virtual time: exact durations, fairness to the living, values that grow old."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVari
 @pytest.mark.parametrize("dead", [1, 5, 15, 30])
 @pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
 def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(kind: SystemVariant, dead: int) -> None:
-    """G08: the cycle of the living stretches by 11.2 % at most for any number of dead drives."""
+    """The cycle of the living stretches by 11.2 % at most for any number of dead drives."""
 
     async def told() -> None:
         async with system_bench(kind, ADDRESSES[kind.model]) as here:
@@ -182,7 +182,7 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVa
 def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_values_good_as_long(
     kind: SystemVariant,
 ) -> None:
-    """For lines with more drives than the profile's own periods allow; good for three periods (ruling 12)."""
+    """For lines with more drives than the profile's own periods allow; good for three periods."""
 
     async def told() -> None:
         async with system_bench(kind) as here:

@@ -1,5 +1,5 @@
-"""The life of a port and of a host: unplugged adapters (G09, I10), dead hosts (F18), reads that move nothing (I11),
-and EEPROMs that are not worn (G16)."""
+"""The life of a port and of a host: unplugged adapters (I10), dead hosts, reads that move nothing (I11),
+and EEPROMs that are not worn."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_repla
 @on_four_lines
 @every_family
 def test_polling_is_back_within_two_seconds_of_the_replug_every_time(kind: SystemVariant, weather: str) -> None:
-    """G09: at random instants; every value then comes from after the replug."""
+    """At random instants; every value then comes from after the replug."""
 
     async def told() -> None:
         chance = random.Random(5)
@@ -143,7 +143,7 @@ def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(ki
 
 
 def test_a_c320_without_the_timer_runs_on_and_the_host_says_so() -> None:
-    """F18: what the drive will do is told before anybody leaves."""
+    """What the drive will do is told before anybody leaves."""
 
     async def told() -> None:
         async with system_bench(C320) as here:
@@ -195,7 +195,7 @@ def moves_nothing(kind: SystemVariant, frame: bytes) -> bool:
 
 @every_drive
 def test_a_thousand_new_frequencies_wear_no_eeprom(kind: SystemVariant) -> None:
-    """G16: setpoints go where nothing is saved."""
+    """Setpoints go where nothing is saved."""
 
     async def told() -> None:
         async with system_bench(kind) as here:
@@ -212,7 +212,7 @@ def test_a_thousand_new_frequencies_wear_no_eeprom(kind: SystemVariant) -> None:
     "kind", [k for k in SYSTEM_VARIANTS if k.model in ("c320", "vc660", "df800", "dzb100")], ids=lambda k: k.name
 )
 def test_the_budget_of_saved_writes_ends_at_twenty_a_day(kind: SystemVariant) -> None:
-    """G16, ruling 8: the twenty-first different value is refused before it is sent."""
+    """The twenty-first different value is refused before it is sent."""
 
     async def told() -> None:
         async with system_bench(kind) as here:

@@ -1,4 +1,4 @@
-"""What must never be believed: late answers (G04, I5), echoes (G19), second drives at one address (F15), other masters.
+"""What must never be believed: late answers (I5), echoes, second drives at one address, other masters.
 
 The truth is kept at the stations: each read shows a number that no other read shows, and it is written down for which
 request it was made.
@@ -80,7 +80,7 @@ def value_of(reply: Any) -> int:
 )
 @every_family
 def test_of_2000_transactions_none_is_answered_by_another_ones_reply(kind: SystemVariant, weather: str) -> None:
-    """G04: lateness up to 5 s; a station answers in order (ruling 2)."""
+    """Lateness up to 5 s; a station answers in order."""
 
     async def told() -> None:
         async with system_bench(kind, "1-4", weather, seed=7) as here:
@@ -130,7 +130,7 @@ def permitted_write(here: SystemBench, address: int, request: Any) -> BusRequest
 def test_an_echo_adapter_mis_set_either_way_forges_no_acknowledgement(
     kind: SystemVariant, echoes: bool, setting: str
 ) -> None:
-    """G19: writes to a drive that is not there, beside one that is."""
+    """Writes to a drive that is not there, beside one that is."""
 
     async def told() -> None:
         async with system_bench(kind, "1-2", "echo,bytes" if echoes else "bytes", echo=setting) as here:
@@ -178,7 +178,7 @@ def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVaria
 
 @every_drive
 def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: SystemVariant) -> None:
-    """F14, G18: flagged within two of its frames; a stop goes out all the same."""
+    """Flagged within two of its frames; a stop goes out all the same."""
 
     async def told() -> None:
         clear_simulated_buses()
@@ -223,7 +223,7 @@ async def duplicate_drive(kind: SystemVariant, here: SystemBench, skew_s: float)
 
 @every_drive
 def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind: SystemVariant) -> None:
-    """F15: two answers to one question; the command is blocked, the stop is not."""
+    """Two answers to one question; the command is blocked, the stop is not."""
 
     async def told() -> None:
         async with system_bench(kind) as here:
@@ -264,7 +264,7 @@ def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, s
 
 @pytest.mark.parametrize("kind", [C320, VC660, DF800], ids=lambda kind: kind.name)
 def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None:
-    """F02: it is dropped, and waiting goes on to the deadline."""
+    """It is dropped, and waiting goes on to the deadline."""
 
     async def told() -> None:
         async with system_bench(kind, "1-2") as here:

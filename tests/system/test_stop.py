@@ -1,4 +1,4 @@
-"""Stops against everything else: next on the wire (I3), never later than the bound (5.1, G06), never lost."""
+"""Stops against everything else: next on the wire (I3), never later than the bound, never lost."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def full_load(here: SystemBench) -> list[asyncio.Task[object]]:
 
 
 def bound_s(here: SystemBench, address: int, weather: str) -> float:
-    """5.1: the rest of what is on the wire, its whole time to answer, the gap, the stop frame."""
+    """The rest of what is on the wire, its whole time to answer, the gap, the stop frame."""
     line, link = here.bus.settings, here.link(address)
     asks = [request(here.kind, address), here.drives[address].dialect.echo_test_read()]
     fences = [link.sync_request(n) for n in range(8)]
@@ -168,7 +168,7 @@ def start_of(here: SystemBench, address: int, word: int) -> BusRequest:
 
 @every_drive
 def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
-    """6.5: whatever the start was waiting for, after the stop the motor stands and nothing starts it again."""
+    """Whatever the start was waiting for, after the stop the motor stands and nothing starts it again."""
 
     async def told(after_s: float) -> None:
         async with system_bench(kind) as here:
@@ -197,7 +197,7 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
 
 @every_drive
 def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: SystemVariant) -> None:
-    """6.5: commands of one drive wait for each other, and each was wished for before the stop."""
+    """Commands of one drive wait for each other, and each was wished for before the stop."""
 
     async def told(after_s: float) -> None:
         async with system_bench(kind) as here:
@@ -278,7 +278,7 @@ async def confirmed_or_alarmed(here: SystemBench, address: int) -> None:
 
 
 @every_family
-def test_g07_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kind: SystemVariant) -> None:
+def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kind: SystemVariant) -> None:
     """T_stop + 2 s, whatever waits in front of the reads that would confirm it; then it is repeated."""
 
     async def told() -> None:
@@ -371,7 +371,7 @@ def test_i3_the_levels_after_a_broadcast_pulse_let_stops_go_first() -> None:
 
 
 def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
-    """G07: unconfirmed and said so in bounded time; the others are stopped and confirmed."""
+    """Unconfirmed and said so in bounded time; the others are stopped and confirmed."""
 
     async def told() -> None:
         async with system_bench(C320, "1-4") as here:

@@ -57,7 +57,7 @@ def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> Non
 @pytest.mark.parametrize(
     ("pages", "since_first", "since_noon"), [((100, 120, 125, 126), 26.0, 5.0), ((100,), 0.0, 0.0)]
 )
-def test_g13_memory_is_told_since_the_first_hour_and_since_noon(
+def test_memory_is_told_since_the_first_hour_and_since_noon(
     pages: tuple[int, ...], since_first: float, since_noon: float
 ) -> None:
     found = soak._memory_growth([*pages])

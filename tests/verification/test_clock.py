@@ -1,4 +1,4 @@
-"""The campaign ``clock`` runs clean, repeats itself, and finds planted ways to live by the wall clock (G15, F21)."""
+"""The campaign ``clock`` runs clean, repeats itself, and finds planted ways to live by the wall clock."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_no_jump_changes_anything_and_the_same_seed_is_the_same_run() -> None:
     assert first.counts["samples"] > 100 and first.counts["frames"] > 100
 
 
-def test_f21_one_door_leads_to_the_wall_clock() -> None:
+def test_one_door_leads_to_the_wall_clock() -> None:
     assert clock_readers(PACKAGE_FOLDER) == clock.CLOCK_READER
 
 
@@ -60,7 +60,7 @@ def test_f21_one_door_leads_to_the_wall_clock() -> None:
         "import time\nt = time.clock_gettime(time.CLOCK_REALTIME)",
     ],
 )
-def test_f21_another_door_would_be_seen(tmp_path: Path, line: str) -> None:
+def test_another_door_would_be_seen(tmp_path: Path, line: str) -> None:
     (tmp_path / "bus").mkdir()
     (tmp_path / "bus" / "x.py").write_text(line)
     assert {file for file, _ in clock_readers(tmp_path)} == {"bus/x.py"}
@@ -120,14 +120,14 @@ def _somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_g16_the_budget_holds_under_every_jump_and_is_given_again_on_a_later_day() -> None:
+def test_the_budget_holds_under_every_jump_and_is_given_again_on_a_later_day() -> None:
     session = budget()
     assert session.violations == []
     assert session.counts["write: confirmed"] > clock.EEPROM_WRITES_PER_DAY
     assert session.counts["write: EepromBudgetExceeded"] > 0
 
 
-def test_g16_a_budget_that_a_clock_set_back_renews_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_budget_that_a_clock_set_back_renews_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def forgetful(wear: EepromBudget, notation: str, day: str) -> Any:
         def one_more(old: SaveCount) -> SaveCount:
             today = old.today if day == old.day else 0
@@ -147,7 +147,7 @@ def clock_error() -> Exception:
     return EepromBudgetExceeded("drives.wear_budget", notation="", count=0, budget=0)
 
 
-def test_g16_a_budget_that_is_never_given_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_budget_that_is_never_given_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     real = runner.bus_conditions
     monkeypatch.setattr(runner, "bus_conditions", lambda *given: replace(real(*given), day="2026-01-01"))
     assert reported(budget(), "G16")

@@ -71,7 +71,7 @@ def test_an_episode_of_seed_1_that_was_violated_once_is_clean(episode: str) -> N
 
 
 def test_a_wrong_echo_acknowledges_nothing_that_an_absent_drive_was_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """G19: both ways round."""
+    """Both ways round."""
     monkeypatch.setattr(commands, "ECHO_SETTINGS", WRONG_ECHO)
     session = campaign(480)
     assert session.violations == []
@@ -80,7 +80,7 @@ def test_a_wrong_echo_acknowledges_nothing_that_an_absent_drive_was_told(monkeyp
 
 
 def test_a_believed_mirror_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """G19: FC06's answer equals its request. Only at first: then the absent drive owes a fence."""
+    """FC06's answer equals its request. Only at first: then the absent drive owes a fence."""
     only(monkeypatch, "df800-rtu", "df800-ascii")
     monkeypatch.setattr(commands, "ECHO_SETTINGS", WRONG_ECHO[:1])
     monkeypatch.setattr(commands, "UNPACED_SHARE", 1.0)
@@ -89,7 +89,7 @@ def test_a_believed_mirror_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """F17: unconfirmed, and given up."""
+    """Unconfirmed, and given up."""
     monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
     assert found(campaign(240), "given up")
 

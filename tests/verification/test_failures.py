@@ -1,4 +1,4 @@
-"""The campaign ``failures`` runs clean, repeats itself, and finds planted ways to fall over a failing call (G12)."""
+"""The campaign ``failures`` runs clean, repeats itself, and finds planted ways to fall over a failing call."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The campaign of dead stations: clean on the product, the same twice, and it finds what it is there to find (G08)."""
+"""The campaign of dead stations: clean on the product, the same twice, and it finds what it is there to find."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def run_cell_once(name: str) -> CampaignRun:
 
 
 def test_every_cell_has_a_case_and_words_in_both_languages() -> None:
-    """6.4: 27 faults, four protocols, C320 and DF800 in both encodings; C320 has no wrong scale."""
+    """27 faults, four protocols, C320 and DF800 in both encodings; C320 has no wrong scale."""
     assert len(TABLE) == 27
     assert len(CELLS_BY_NAME) == 27 * len(DRIVE_VARIANTS) - 2
     for row in TABLE.values():

@@ -1,4 +1,4 @@
-"""G03: the damaged frames that are taken are those that were enumerated; none where a CRC-16 stands."""
+"""The damaged frames that are taken are those that were enumerated; none where a CRC-16 stands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_every_vector_is_recorded_with_everybody_who_may_take_it() -> None:
     assert set(bit_flips.vector_cases(VECTORS)) == set(bit_flips.recorded_cases())
 
 
-def test_g03_no_flip_of_three_bits_passes_a_crc() -> None:
+def test_no_flip_of_three_bits_passes_a_crc() -> None:
     """Of every vector that is valid as printed; the misprinted one is three bits from its right form."""
     for case, sets in bit_flips.recorded_cases().items():
         if case.codec.endswith("rtu") and reference_crc(case.frame) == 0:
@@ -45,7 +45,7 @@ def test_g03_no_flip_of_three_bits_passes_a_crc() -> None:
     assert "3.4 3.6 3.7" in bit_flips.recorded_cases()[misprint]["3"]["flips"]
 
 
-def test_g03_no_single_flip_passes_a_sum_read_strictly() -> None:
+def test_no_single_flip_passes_a_sum_read_strictly() -> None:
     strict = ("c320-ascii", "c320-hex", "df800-ascii")
     found = {
         case.name for case, sets in bit_flips.recorded_cases().items() if case.codec in strict and sets["1"]["accepted"]

@@ -42,7 +42,7 @@ def _no_figures_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decode_cost, "decode_costs", lambda rng: {})
 
 
-def test_g01_g02_garbage_finds_nothing_and_the_same_seed_finds_it_again() -> None:
+def test_garbage_finds_nothing_and_the_same_seed_finds_it_again() -> None:
     first, second, other = campaign(3_000), campaign(3_000), campaign(3_000, seed=2)
     assert not first.violations
     assert (first.digest, first.trials) == (second.digest, second.trials)
@@ -188,7 +188,7 @@ def test_more_hits_than_chance_allows_are_a_violation(monkeypatch: pytest.Monkey
 # -- feeding -------------------------------------------------------------------------------------------------------
 
 
-def test_g01_bytes_after_a_frame_may_not_change_it() -> None:
+def test_bytes_after_a_frame_may_not_change_it() -> None:
     def decode(data: bytes) -> DecodeResult:
         return Incomplete(2) if len(data) < 2 else Complete(len(data) > 3, 2)
 
@@ -196,7 +196,7 @@ def test_g01_bytes_after_a_frame_may_not_change_it() -> None:
     assert "4 bytes" in feed_incrementally(decode, b"abcd", 0, 9)[1]
 
 
-def test_ruling_11_a_message_that_silence_ends_may_still_become_another() -> None:
+def test_a_message_that_silence_ends_may_still_become_another() -> None:
     def decode(data: bytes) -> DecodeResult:
         if len(data) < 2:
             return Incomplete(2)
@@ -305,7 +305,7 @@ def steps(decode: Callable[[bytes], object], data: bytes) -> int:
 
 
 @every_entry
-def test_g02_the_steps_that_garbage_costs_grow_with_its_length_and_no_faster(entry: FuzzedCodec) -> None:
+def test_the_steps_that_garbage_costs_grow_with_its_length_and_no_faster(entry: FuzzedCodec) -> None:
     rng = Random(3)
     for decode in decode_cost.decoders(rng, entry):
         for data in decode_cost.garbage(rng, entry):

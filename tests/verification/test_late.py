@@ -1,4 +1,4 @@
-"""The campaign ``late`` runs clean, repeats itself, and finds each planted way to believe a late reply (G04, I5)."""
+"""The campaign ``late`` runs clean, repeats itself, and finds each planted way to believe a late reply (I5)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
 def test_late_replies_meet_other_questions_and_none_is_believed(
     kind: DriveVariant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """G04: what came later than the family's longest lateness was believed by nobody, though it met questions."""
+    """What came later than the family's longest lateness was believed by nobody, though it met questions."""
     many_late_replies(monkeypatch)
     session, found = run_bus(kind, 500)
     assert session.violations == []
@@ -71,7 +71,7 @@ def test_late_replies_meet_other_questions_and_none_is_believed(
 
 @pytest.mark.parametrize("kind", ALL)
 def test_a_naive_host_misattributes_on_the_same_line(kind: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
-    """F01: the campaign can fail."""
+    """The campaign can fail."""
     many_late_replies(monkeypatch)
     session = CampaignRun("late", 1, 1)
     counts = late.LateReplyBus(session, kind, kind.name, session.rng(kind.name)).run_baseline(1500)
@@ -94,7 +94,7 @@ def test_a_bus_without_quarantine_and_fence_is_found(kind: DriveVariant, monkeyp
 
 @pytest.mark.parametrize("name", ["c320-ascii", "c320-hex", "dzb100"])
 def test_the_same_item_is_no_excuse(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ruling 3: where the reply repeats the item, an older sample of the same item is still another answer."""
+    """Where the reply repeats the item, an older sample of the same item is still another answer."""
     many_late_replies(monkeypatch)
     monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
     kind = VARIANTS_BY_NAME[name]
@@ -111,7 +111,7 @@ def one_question(kind: DriveVariant, address: int) -> Any:
 
 
 def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ruling 2: the late answer passes for the fence's. Many come just after the quarantine of 0.2 s."""
+    """The late answer passes for the fence's. Many come just after the quarantine of 0.2 s."""
     many_late_replies(monkeypatch)
     monkeypatch.setattr(bus_core, "_matches_older_request", lambda flight: False)
     monkeypatch.setattr(late, "LATENESS_STEPS_S", (0.4,))
@@ -124,7 +124,7 @@ def test_a_fence_that_looks_like_a_question_is_found(monkeypatch: pytest.MonkeyP
 
 
 def test_a_fence_that_believes_an_older_answer_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """DF800's fences differ in nothing but their number of registers: only the 5 s between them help (ruling 2)."""
+    """DF800's fences differ in nothing but their number of registers: only the 5 s between them help."""
     many_late_replies(monkeypatch)
     monkeypatch.setattr(bus_core, "_matches_older_request", lambda flight: False)
     session, _ = run_bus(VARIANTS_BY_NAME["df800-rtu"], 2000)

@@ -246,7 +246,7 @@ def test_a_bus_without_one_of_its_checks_is_found(
 
 
 def test_a_resend_that_is_not_checked_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A setpoint lost its answer, a stop came meanwhile, and it is sent again (F16)."""
+    """A setpoint lost its answer, a stop came meanwhile, and it is sent again."""
     refusal = PreparedRequest.permit_error
     monkeypatch.setattr(PreparedRequest, "permit_error", lambda job, now: None if job.attempts else refusal(job, now))
     only = {"stop", "reply", "garble"}

@@ -57,7 +57,7 @@ def test_an_honest_run_has_no_violation_and_a_story(session: CampaignRun, kind: 
     assert stop.result_word in (("confirmed", "unknown") if kind.reports_running else ("acknowledged", "unknown"))
 
 
-def test_g13_a_remembered_wish_keeps_nothing_of_the_way_to_its_end(session: CampaignRun) -> None:
+def test_a_remembered_wish_keeps_nothing_of_the_way_to_its_end(session: CampaignRun) -> None:
     """The frames of its error hold the whole conversation: a day of these was a quarter of the memory."""
     here = stand(session)
     here.station(1).faults.silent = True

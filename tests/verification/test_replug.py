@@ -1,4 +1,4 @@
-"""The campaign of pulled adapters: clean, the same twice; and it finds what it is there to find (G09)."""
+"""The campaign of pulled adapters: clean, the same twice; and it finds what it is there to find."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_first_unplugs_are_clean_and_the_same_twice() -> None:
 
 
 def test_a_drive_whose_fences_are_alike_is_found_again_as_soon_as_none_can_be_late() -> None:
-    """Seed 1, line 10: a DF800 was asked a question of two registers when the adapter was pulled (G04, G09)."""
+    """Seed 1, line 10: a DF800 was asked a question of two registers when the adapter was pulled."""
     session = CampaignRun("replug", 1, 1000)
     line = replug.ReplugBus(session, DF800, 10)
     for _ in range(16):

@@ -1,4 +1,4 @@
-"""The campaign of stops: clean on the product, the same twice, and it finds what it is there to find (G06, G07, I3)."""
+"""The campaign of stops: clean on the product, the same twice, and it finds what it is there to find (I3)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_stops_of_others_that_go_first_again_and_again_are_found(monkeypatch: py
 
 
 def test_a_frame_that_waits_longer_than_it_may_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """G06: the timeout is the stop's latency."""
+    """The timeout is the stop's latency."""
     begin = Transaction.__init__
 
     def patient(self: Transaction, *given: Any, **named: Any) -> None:
@@ -82,7 +82,7 @@ def test_an_unconfirmed_stop_of_which_nobody_is_told_is_found(monkeypatch: pytes
 
 
 def test_a_stop_that_is_taken_back_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """F17: dropped from the queue with whoever asked for it."""
+    """Dropped from the queue with whoever asked for it."""
 
     def drop(self: BusCore, token: Any) -> None:
         self.scheduler.remove_if(lambda job: job.token is token)

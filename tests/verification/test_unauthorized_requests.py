@@ -1,4 +1,4 @@
-"""The campaign of strangers sees a door that is open (G21)."""
+"""The campaign of strangers sees a door that is open."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OPENED_CHECKS: dict[str, tuple[type, str, Callable[..., Any]]] = {
 
 
 @pytest.mark.parametrize("door", OPENED_CHECKS)
-def test_g21_strangers_come_in_where_the_door_is_open(door: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_strangers_come_in_where_the_door_is_open(door: str, monkeypatch: pytest.MonkeyPatch) -> None:
     owner, name, instead = OPENED_CHECKS[door]
     monkeypatch.setattr(owner, name, instead)
     session = run_campaign(load_campaign("doors"), CampaignRun("doors", 3, 2000))

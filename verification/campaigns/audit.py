@@ -1,4 +1,4 @@
-"""``audit`` (S12): audit trails that the real writer made, changed afterwards in every way that we can think of.
+"""``audit``: audit trails that the real writer made, changed afterwards in every way that we can think of.
 
 Each change must be found by ``verify``. Beside it, what it can't find is tried too and only counted: what is cut off
 behind the last checkpoint, and the newest checkpoint itself.

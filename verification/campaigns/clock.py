@@ -1,9 +1,9 @@
-"""``clock`` (G15, F21): the wall clock jumps by ±1 s, ±1 h, ±10 years and summer time, at random instants.
+"""``clock``: the wall clock jumps by ±1 s, ±1 h, ±10 years and summer time, at random instants.
 
 Each story is lived twice with the same seed, once under an honest wall clock and once under one that jumps. Every
 byte on the wire with its time, every outcome, every reading with its time, and a capture but for its label must be
-the same. Beside it the EEPROM budget is drawn upon under a clock that jumps around midnight (G16), and a host falls
-asleep with commands queued (6.6).
+the same. Beside it the EEPROM budget is drawn upon under a clock that jumps around midnight, and a host falls
+asleep with commands queued.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def compare_clocks(session: CampaignRun, kind: DriveVariant, number: int, jumps:
 
 
 class EepromBudgetTrial:
-    """Saves under a clock that jumps: each day later than all before has its budget once (G16)."""
+    """Saves under a clock that jumps: each day later than all before has its budget once."""
 
     def __init__(self, session: CampaignRun, kind: DriveVariant, name: str, chance: Random) -> None:
         self.session, self.kind, self.chance = session, kind, chance

@@ -1,9 +1,9 @@
-"""``commands`` (G05, G19): users command drives over a line that loses 10 % of the frames each way.
+"""``commands``: users command drives over a line that loses 10 % of the frames each way.
 
 Two users at once run, stop, jog, set, reset and write at random, at times on a line that doubles and delays replies or
 with an echo set wrong, while drives fall silent, reboot, trip, and are started and stopped at their keypads. An
 episode ends with the line made good: then every stop must have been heard. The witness holds each outcome against the
-motor (``outcomes``), counts executions (I2) and knows that an absent drive can say nothing (G19).
+motor (``outcomes``), counts executions (I2) and knows that an absent drive can say nothing.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class CommandEpisode:
         return lease.start_outcome
 
     def _on_command_ended(self, wish: UserCommand) -> None:
-        """A stop that is not known to have worked goes on (F17); a written value is there."""
+        """A stop that is not known to have worked goes on; a written value is there."""
         drive = self.scenario.drives[wish.address]
         newer = any(one.is_motion and one.at >= wish.at for one in self._commands_of(wish.address))
         if wish.is_stop and wish.result_word == "unknown" and not drive.stop_pending and not newer:
@@ -235,7 +235,7 @@ class CommandEpisode:
         return not pending and all(wish.is_ended for wish in self.commands if wish.address != ABSENT)
 
     def _check_final_state(self) -> None:
-        """G05: no stop is lost."""
+        """No stop is lost."""
         for address in sorted({*self.addresses}):
             stops = [wish for wish in self._commands_of(address) if wish.is_stop]
             if stops:

@@ -1,4 +1,4 @@
-"""``doors`` (G21): strangers at every address of the service; nothing of what they send may do anything.
+"""``doors``: strangers at every address of the service; nothing of what they send may do anything.
 
 The app is the real one with its door; behind it stands a plant that only counts. A trial is one request, or one
 WebSocket handshake with a message after it.

@@ -1,4 +1,4 @@
-"""``failures`` (G12, G14): the n-th call fails, for n = 1, 2, … until a run comes through clean, seam by seam.
+"""``failures``: the n-th call fails, for n = 1, 2, … until a run comes through clean, seam by seam.
 
 Seams: the port (open, write, delivery, close; all families), the store of counts (each call of the system to its
 files; the program killed there; the power cut there), a capture, profiles, the catalogues of sentences, kernel timers,

@@ -1,4 +1,4 @@
-"""Dead stations on a full line: the living keep their cycle, and whoever comes back is found (G08, ruling 12)."""
+"""Dead stations on a full line: the living keep their cycle, and whoever comes back is found."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from verification.timing_bounds import TimingBounds
 
 STATION_COUNT = 31
 CYCLE_STRETCH_MAX = 1.112
-"""Ruling 12: the most that any number of dead stations may cost the living."""
+"""The most that any number of dead stations may cost the living."""
 PROBE_SHARE_MAX = 0.1
 REDISCOVERY_MAX_S = 60.0
 ON_DEMAND_REPLY_MAX_S = 2.0

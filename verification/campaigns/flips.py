@@ -1,4 +1,4 @@
-"""Every 1, 2 and 3 bit flip of every vector (G03).
+"""Every 1, 2 and 3 bit flip of every vector.
 
 For each frame of the manuals and each codec that may take it, the set of damaged frames that are taken must be the
 one that was recorded, and the one that an independent judge enumerates. Where a CRC-16 stands it is empty, for every

@@ -1,4 +1,4 @@
-"""Garbage into every codec, both sides (G01, G02, I8).
+"""Garbage into every codec, both sides (I8).
 
 For every codec and variant, random, damaged and glued frames are read as the reply to random lawful requests, and as
 requests. Each is fed whole, byte by byte, as the codec asks, and in random pieces: one answer, ``need`` honest and

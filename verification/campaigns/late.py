@@ -1,4 +1,4 @@
-"""``late`` (G04, I5): shares of 0 to 20 % of all replies come late, by up to 5 s; none may answer another question.
+"""``late`` (I5): shares of 0 to 20 % of all replies come late, by up to 5 s; none may answer another question.
 
 Stations answer in the order in which they were asked, however late (the wire holds a reply back behind an earlier
 one): no fence could tell anything of a drive that does not. So what is shown is ruling 2's: lateness up to the

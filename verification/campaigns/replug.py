@@ -16,7 +16,7 @@ UNPLUGS_PER_BUS = 20
 """Unplugs on one line, before another one is built."""
 LOSS_DETECTED_MAX_S = 1.0
 FIRST_POLL_MAX_S = 2.0
-"""G09: somebody is polled again; every drive within twice that. DF800 (``alike_s``): one that was asked a question of
+"""Somebody is polled again; every drive within twice that. DF800 (``alike_s``): one that was asked a question of
 the fences' count just then comes so much later."""
 STEP_S = 0.005
 REJECTED_MAX_S = 0.5

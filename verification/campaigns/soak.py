@@ -1,4 +1,4 @@
-"""``soak`` (G13): 24 h of virtual time, 31 drives on one line, users who start and stop, and everything going wrong.
+"""``soak``: 24 h of virtual time, 31 drives on one line, users who start and stop, and everything going wrong.
 
 One seed is one day with one family, the families in turn; every seed runs in a process of its own. The line is made
 good again every hour: then every drive must be found as it is.

@@ -20,7 +20,7 @@ INSTANTS_PER_BUS = 50
 STOP_SETTLING_S = 20.0
 """After the last instant every drive is heard again; so much later each one that was told to must stand."""
 UNCONFIRMED_ALARM_MAX_S = 2.0
-"""G07: confirmed or alarmed by T_stop + this + the ramp …"""
+"""Confirmed or alarmed by T_stop + this + the ramp …"""
 TRANSACTIONS_AT_LIMIT = 16
 """… but where a drive answers at its limit, two looks and two stops may take so many transactions, and longer."""
 

@@ -1,4 +1,4 @@
-"""The damaged frames that no check can tell from good ones: enumerated once, recorded, and held to ever since (G03).
+"""The damaged frames that no check can tell from good ones: enumerated once, recorded, and held to ever since.
 
 A case is a frame of ``vectors/`` with who may take it: the station that hears it, the host whose request it answers, or
 the host that hears its own request back from an echoing adapter. ``data/flips.json`` has all cases with their bytes, so

@@ -1,4 +1,4 @@
-"""How many flipped bits the check of each family lets through, with and without what the host expects besides (G03).
+"""How many flipped bits the check of each family lets through, with and without what the host expects besides.
 
 "check": end mark, digits and check sum are right, whatever the fields say. "echo": besides, it is the reply to the one
 request outstanding: address, function or class, item, register or count, known codes. "parity": a ninth bit of each

@@ -1,4 +1,4 @@
-"""How often chance alone must hit a lawful frame: the lambda that false accepts are compared with (G02).
+"""How often chance alone must hit a lawful frame: the lambda that false accepts are compared with.
 
 For a frame of which some bytes were drawn by chance, the probability is, summed over the lawful forms that the other
 bytes allow, the share of values that may stand at each drawn place, times that of the check:
@@ -124,5 +124,5 @@ def _basis(from_end: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def false_accept_limit(expected: float) -> float:
-    """No more false accepts than this (G02)."""
+    """No more false accepts than this."""
     return expected + 4 * sqrt(expected) + 3

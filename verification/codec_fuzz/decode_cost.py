@@ -1,4 +1,4 @@
-"""What decoding garbage costs on this machine, beside a bare loop over the same bytes (G02)."""
+"""What decoding garbage costs on this machine, beside a bare loop over the same bytes."""
 
 from __future__ import annotations
 

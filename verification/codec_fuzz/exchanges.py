@@ -121,7 +121,7 @@ def df800_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     request = rng.choice(
         (m.ReadRegisters(address, register, rng.randint(1, 4)), m.WriteRegister(address, register, word))
     )
-    if rng.random() < 0.05:  # ruling 11: the one write whose echo begins like its error
+    if rng.random() < 0.05:  # The one write whose echo begins like its error
         request = m.WriteRegister(1, 0x0023, 0xA000 + rng.randrange(256))
     return _modbus_reply(rng, codec, request, rng.choice((0, 0, 0, None, 2)))
 

@@ -1,4 +1,4 @@
-"""Kernel timers that can't be had, and a bus's own clock that says the same for long (G12)."""
+"""Kernel timers that can't be had, and a bus's own clock that says the same for long."""
 
 from __future__ import annotations
 

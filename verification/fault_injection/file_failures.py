@@ -1,4 +1,4 @@
-"""Programs whose files fail at the n-th call: the store of counts, a capture, profiles, sentences (G12, G14)."""
+"""Programs whose files fail at the n-th call: the store of counts, a capture, profiles, sentences."""
 
 from __future__ import annotations
 

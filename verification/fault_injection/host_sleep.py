@@ -55,7 +55,7 @@ def is_bus_timer(timer: VirtualTimer) -> bool:
 
 
 class HostSleepScenario:
-    """One line whose host falls asleep over a run, a setpoint, a write, a jog or a stop (RELIABILITY 6.6)."""
+    """One line whose host falls asleep over a run, a setpoint, a write, a jog or a stop."""
 
     def __init__(self, session: CampaignRun, kind: DriveVariant, name: str, chance: Random) -> None:
         self.session, self.kind, self.rng = session, kind, chance
@@ -153,7 +153,7 @@ class HostSleepScenario:
             self.scenario.oracle.violation(f"T13 a jog goes on {JOG_STOP_MAX_S} s after the sleep")
 
     def _check_ended(self, wish: UserCommand) -> None:
-        """Stops are heard, and confirmed or alarmed (G07); what was not sent before is told to be too old."""
+        """Stops are heard, and confirmed or alarmed; what was not sent before is told to be too old."""
         queued = not any(frame.user_command is wish for frame in self.frames)
         if not wish.is_stop and wish.method != "jog" and wish.at < self.woke_at and queued:
             self.session.count(f"asleep over an unsent {wish.method}: {wish.result_word}")

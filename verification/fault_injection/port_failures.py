@@ -1,4 +1,4 @@
-"""One line whose port fails at the n-th call, and what becomes of a user's commands on it (G12)."""
+"""One line whose port fails at the n-th call, and what becomes of a user's commands on it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from verification.scenario.user_command import UserCommand
 
 BAUD, RAMP_S, PORT_POLL_PERIOD_S = 38400, 1, 0.5
 CALL_TIMEOUT_S = 5.0
-"""Nothing takes so much longer than without the failure (G12)."""
+"""Nothing takes so much longer than without the failure."""
 CALL_MAX_S = {"open": 0.0, "close": 0.0, "run": 2.5, "set_frequency": 1.5, "stop": 3.0, "write": 2.0}
 """What each call takes at most where nothing fails."""
 REPEATED_CALL_MAX_S = 1.0

@@ -1,4 +1,4 @@
-"""A USB adapter that is pulled and comes back under another name, in front of a simulated bench (F12).
+"""A USB adapter that is pulled and comes back under another name, in front of a simulated bench.
 
 The machine's list of devices is the laboratory's; what the product makes of it (``ports.listing``, ``ports.device``) is
 real: which identity a device has, and where the device with an identity is now.

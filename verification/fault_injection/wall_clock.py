@@ -1,4 +1,4 @@
-"""A wall clock that jumps, in the place of the system's; and who in the product reads any wall clock at all (F21)."""
+"""A wall clock that jumps, in the place of the system's; and who in the product reads any wall clock at all."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from verification.reference.request_effects import RequestEffect
 from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
-"""G16: a day and parameter."""
+"""A day and parameter."""
 CELL_PARAMETERS = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}
 COMMAND_DONE_WORDS = ("confirmed", "acknowledged")
 

@@ -36,7 +36,7 @@ def adapter_echo(at: CellRun) -> None:
 
 
 def _check_absent_drive(at: CellRun, setting: str, weather: str, paced: bool) -> None:
-    """G19: a write to a drive that is not there is acknowledged by nobody, be the setting right or wrong.
+    """A write to a drive that is not there is acknowledged by nobody, be the setting right or wrong.
 
     Where the port can't tell when its last bit is out (TCP), an echo comes where a reply is waited for.
     """

@@ -11,7 +11,7 @@ COMM_LOSS_TIMEOUT_S = 5.0
 
 @cell("host_restart")
 def host_restarted_while_running(at: CellRun) -> None:
-    """The new host sends reads alone, and says what it finds (ruling 7). C320 stops by itself when nobody speaks."""
+    """The new host sends reads alone, and says what it finds. C320 stops by itself when nobody speaks."""
     line, hz = at.bus(1, 2), at.random_hz()
     if at.kind.model == "c320":
         line.station(1).keypad_set(0x9_04, round(COMM_LOSS_TIMEOUT_S * 10))

@@ -19,7 +19,7 @@ PROBE_INTERVAL_S = 8.0
 
 @cell("late_same_item")
 def late_reply_to_the_same_request(at: CellRun) -> None:
-    """Ruling 3: counted as late, believed for nothing, not even for the same question asked again."""
+    """Counted as late, believed for nothing, not even for the same question asked again."""
     line = at.bus()
     late_s = at.rng.uniform(*REPLY_LATENESS_S[at.kind.model])
     late = line.unsolicited_count("late")

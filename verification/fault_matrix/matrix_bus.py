@@ -78,7 +78,7 @@ class MatrixBus(Scenario):
         self.events: list[TraceEvent] = []
         self.when_sent: Callable[[MatrixRequest], None] = lambda sent: None
         self.cuts_last_byte = False
-        """Our adapter's driver goes off before the last byte is out (F09)."""
+        """Our adapter's driver goes off before the last byte is out."""
         self._manipulations: list[ReplyManipulation] = []
         self._current_request = b""
         self._open = True

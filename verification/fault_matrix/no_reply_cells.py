@@ -11,7 +11,7 @@ from verification.fault_matrix.void_checks import check_persistent_failure, chec
 from verification.reference.request_effects import RequestEffect
 
 READING_MAX_AGE_S = 2.0
-"""Ruling 12: no frame of a start is older."""
+"""No frame of a start is older."""
 SETPOINT_MAX_AGE_S = 5.0
 IMMEDIATE_MAX_S = 0.3
 RECOVERY_MAX_S = 4.0

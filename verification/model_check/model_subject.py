@@ -50,7 +50,7 @@ class ModelSubject:
         return f"{self.model}/{self.kind.value}"
 
     def limit_s(self, act: RequestEffect) -> float:
-        """Rulings 12: how long the wish lives for a frame that does this."""
+        """How long the wish lives for a frame that does this."""
         life_s = COMMAND_LIFETIMES_S[self.kind.value]
         return min(life_s, COMMAND_LIFETIMES_S["start"]) if act is RequestEffect.MOTION else life_s
 

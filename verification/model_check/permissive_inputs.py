@@ -92,7 +92,7 @@ def missing_permissives(subject: ModelSubject, act: RequestEffect, shown: Permis
             and shown.damaged >= DAMAGE_COUNT_MIN
         )
         found += [("good link", bad), ("preflight passed", shown.preflight != "passed")]
-        if subject.model != "df800":  # it reports no status: its preflight is all that it can tell (ruling 4)
+        if subject.model != "df800":  # it reports no status: its preflight is all that it can tell
             old = shown.age in ("stale", "absent")
             found += [
                 ("fresh status", old),

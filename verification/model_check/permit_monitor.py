@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from verification.reference.request_effects import RequestEffect, command_word, worst_effect
 
 COMMAND_LIFETIMES_S = {"start": 2.0, "jog": 2.0, "reset": 2.0, "setpoint": 5.0}
-"""Ruling 12: what a person wished for longer ago is another wish. What moves lives 2 s, whatever it was meant as."""
+"""What a person wished for longer ago is another wish. What moves lives 2 s, whatever it was meant as."""
 EVIDENCE_MAX_AGE_S = 2.0
 FAMILY_DAMAGE_RATE_MAX = {"dzb100": 0.001}
 DAMAGE_RATE_MAX, DAMAGE_COUNT_MIN = 0.01, 3

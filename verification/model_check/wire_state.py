@@ -15,7 +15,7 @@ from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject, no
 from verification.model_check.permissive_inputs import PermissiveInputs, all_permissives_met
 
 FOREIGN_MASTER_LATCH_S, DUPLICATE_LATCH_S = 60.0, 600.0
-"""A second master is over after a minute of peace (G18), two drives at one address after ten (F15)."""
+"""A second master is over after a minute of peace, two drives at one address after ten."""
 DETECTIONS_TO_BLOCK = 2
 """Once may be a slip; two make a second master, or a second drive."""
 

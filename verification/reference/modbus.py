@@ -84,7 +84,7 @@ class ModbusReference:
             size = octets + 2
             if len(got) >= size and got[octets:size] == reference_crc(got[:octets]).to_bytes(2, "little"):
                 if size == 5 and asked[1] == got[1] in (5, 6, 8, 15, 16) and self._echo_begins(asked, got):
-                    continue  # ruling 11: with more after them they are the echo's first five, or nothing
+                    continue  # With more after them they are the echo's first five, or nothing
                 return size
         return None
 

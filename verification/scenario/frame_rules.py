@@ -14,10 +14,10 @@ TIME_EPSILON_S = 1e-9
 PREPARATION_MAX_S = 5.0
 """From the wish to the command object: the checks before a start may take so long (operation's own promise)."""
 COMMAND_EXPIRY_S = 2.0
-"""From the command object to the first bit of a frame that moves (ruling 12)."""
+"""From the command object to the first bit of a frame that moves."""
 MIN_TIMEOUT_TOLERANCE_S = 0.1
 STATUS_READS_BETWEEN_STARTS = 4
-"""Ruling 6: two reads, each behind a fence of its own, before a start is sent again."""
+"""Two reads, each behind a fence of its own, before a start is sent again."""
 
 
 class ClassifiedFrame:

@@ -35,7 +35,7 @@ def check_invariants(stand: Scenario) -> None:
 
 
 def check_ages(stand: Scenario, address: int, monitor: Any) -> None:
-    """I4: nothing is called good that is older than max(3 x period, 1 s) + timeout (ruling 12).
+    """I4: nothing is called good that is older than max(3 x period, 1 s) + timeout.
 
     Its age is the reading's own time's, and never less than the time since the drive was last heard on the copper.
     """

@@ -1,4 +1,4 @@
-"""What users were told of their commands, word by word, against the motor and what the drive heard (ruling 1)."""
+"""What users were told of their commands, word by word, against the motor and what the drive heard."""
 
 from __future__ import annotations
 

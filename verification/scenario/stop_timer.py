@@ -1,4 +1,4 @@
-"""Measures every stop of a stand on the copper: what went before it, and whether it came in time (I3, G06).
+"""Measures every stop of a stand on the copper: what went before it, and whether it came in time (I3).
 
 A stop must follow the frame on the wire, whatever that is: after the time that its drive may take to reply (by
 ``bounds``), the gap and nothing else. Where several drives are to be stopped, their stops take turns.
@@ -39,7 +39,7 @@ class PendingStop:
     due: float
     """By this second its first bit must be out."""
     after_broadcast: bool
-    """A stop of all is on the wire, and nobody answers it (F10): its turnaround is no part of 5.1."""
+    """A stop of all is on the wire, and nobody answers it: its turnaround is no part of 5.1."""
     earlier_stops: list[int] = field(default_factory=list)
     """Addresses that were stopped first: each other drive may be, once, and all of them by broadcasts."""
     foreign_traffic: bool = False

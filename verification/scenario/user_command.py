@@ -27,7 +27,7 @@ class UserCommand:
     arguments: tuple[Any, ...]
     at: float
     day: date
-    """On the wall clock: saves are counted by days (G16)."""
+    """On the wall clock: saves are counted by days."""
     ended_at: float | None = None
     frames_sent: int = 0
     """Frames of this wish that left, but for stops."""

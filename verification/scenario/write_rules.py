@@ -14,7 +14,7 @@ from verification.drive_variants import DriveVariant
 from verification.scenario.frame_rules import ClassifiedFrame
 
 EEPROM_WRITES_PER_DAY = 20
-"""G16: saves of one parameter a day."""
+"""Saves of one parameter a day."""
 C320_WITH_HZ = frozenset({0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16})
 """C320 2.4.4: operations that bring a frequency."""
 DZB100_LAST_PARAMETER, VC660_LAST_INDEX = 80, 450

@@ -1,5 +1,5 @@
 """Requests as strangers send them: every address of the service and many that are none, every method, with credentials
-that are missing, forged, spent, or good but sent by another page. None of them may do anything (G21).
+that are missing, forged, spent, or good but sent by another page. None of them may do anything.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ async def asked(kit: ServiceKit, operation: str) -> None:
 def test_a_follower_that_one_does_not_own_keeps_its_leader_at_its_frequency_too(
     operation: str, owner: Actor | None
 ) -> None:
-    """6.5: refused before any frame; whoever owns both may."""
+    """Refused before any frame; whoever owns both may."""
 
     async def story() -> None:
         async with running_service(LED) as kit:
@@ -119,7 +119,7 @@ async def between(kit: ServiceKit) -> asyncio.Task[Json]:
 
 
 def test_a_follower_stopped_while_its_leader_gets_the_groups_frequency_is_left_alone() -> None:
-    """6.5: its share was wished before its stop."""
+    """Its share was wished before its stop."""
 
     async def story() -> None:
         async with running_service(LED) as kit:
@@ -146,7 +146,7 @@ def test_a_follower_taken_by_another_while_its_leader_gets_the_groups_frequency_
 
 
 def test_a_refused_run_of_a_leader_leaves_its_arm_for_the_next_try() -> None:
-    """S16: nothing was started with it."""
+    """Nothing was started with it."""
 
     async def story() -> None:
         async with running_service(LED) as kit:
@@ -189,7 +189,7 @@ def test_a_follower_whose_lease_ends_while_its_leader_is_commanded_is_left_alone
 
 
 def test_a_stop_of_a_follower_while_its_leaders_new_frequency_is_recorded_takes_that_away() -> None:
-    """6.5: the follower's share was wished before its stop."""
+    """The follower's share was wished before its stop."""
 
     async def story() -> None:
         async with running_service(LED) as kit:

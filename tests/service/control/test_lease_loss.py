@@ -20,7 +20,7 @@ ANN = remote_actor()
 
 @pytest.mark.parametrize("lost", [True, False])
 def test_the_end_of_a_jog_voids_what_was_armed_before_it(lost: bool) -> None:
-    """6.5: letting go, or being too late, is a stop."""
+    """Letting go, or being too late, is a stop."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -50,7 +50,7 @@ def raised(kit: ServiceKit) -> set[str]:
 def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stands(
     policy: OnClientLost, silent: bool
 ) -> None:
-    """6.6: nobody here started it, and it may be running all the same; one that is seen to stand needs nothing."""
+    """Nobody here started it, and it may be running all the same; one that is seen to stand needs nothing."""
 
     async def story() -> None:
         drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
@@ -70,7 +70,7 @@ def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stan
 
 
 def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
-    """F12: whoever acknowledged an alarm is not who ended it."""
+    """Whoever acknowledged an alarm is not who ended it."""
     events: list[Json] = []
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""Leases and arms, by themselves: time is an argument (S16, S20)."""
+"""Leases and arms, by themselves: time is an argument."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_lease_shows_who_has_it_and_for_how_long() -> None:
 
 
 def test_only_who_has_lost_a_lease_is_told_as_gone() -> None:
-    """6.6: not an owner who took it again in time, and not one from whom an engineer took it."""
+    """Not an owner who took it again in time, and not one from whom an engineer took it."""
     leases = ControlLeases()
     leases.take("a", ANN, 0.0)
     leases.take("a", ANN, LEASE_TTL_S)
@@ -57,7 +57,7 @@ def test_only_who_has_lost_a_lease_is_told_as_gone() -> None:
 
 
 def test_a_lease_that_ran_out_is_told_even_when_somebody_was_quicker() -> None:
-    """6.6: another's release or taking before the next look must not swallow the lost owner's policy."""
+    """Another's release or taking before the next look must not swallow the lost owner's policy."""
     leases = ControlLeases()
     leases.take("a", ANN, 0.0)
     leases.release("a", BOB, LEASE_TTL_S)

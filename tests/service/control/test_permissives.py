@@ -102,7 +102,7 @@ def test_all_that_forbids_a_start_is_said_at_once_and_an_ending_plant_says_only_
 
 
 @pytest.mark.parametrize(("kind", "may"), [("trips", True), ("runs_on", False), ("unknown", False)])
-def test_f18_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -> None:
+def test_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -> None:
     async def story() -> None:
         async with running_service() as kit:
             unit = kit.service.plant.drives["fan-1"]
@@ -112,7 +112,7 @@ def test_f18_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: boo
     run(story())
 
 
-def test_f18_a_waiver_of_another_drive_is_named() -> None:
+def test_a_waiver_of_another_drive_is_named() -> None:
     async def story() -> None:
         async with running_service() as kit:
             kit.service.plant.drives["fan-1"].waiver_of_another = CommLossWaiver(

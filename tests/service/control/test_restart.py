@@ -1,4 +1,4 @@
-"""A plant that begins sends nothing but reads (I10, ruling 7); what it finds running is told, or stopped by policy."""
+"""A plant that begins sends nothing but reads (I10); what it finds running is told, or stopped by policy."""
 
 from __future__ import annotations
 

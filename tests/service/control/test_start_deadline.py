@@ -1,4 +1,4 @@
-"""One clock from the wish to the first bit: record, turn and checks of a start share five seconds (ruling 12, I1)."""
+"""One clock from the wish to the first bit: record, turn and checks of a start share five seconds (I1)."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_each_further_drive_of_a_group_has_a_clock_of_its_own(
 
 
 def test_a_frequency_is_as_old_as_its_wish_too() -> None:
-    """Ruling 12: five seconds, or two where the frame moves."""
+    """Five seconds, or two where the frame moves."""
 
     async def story() -> None:
         async with running_service() as kit:

@@ -1,4 +1,4 @@
-"""A stop beats everything: leases, arms, queued starts, a trail that can't be written; and ends are told (6.5, 6.6)."""
+"""A stop beats everything: leases, arms, queued starts, a trail that can't be written; and ends are told."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ async def commanded_hz(kit: ServiceKit, *drives: str) -> list[float | None]:
 
 
 def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
-    """G14: the trail can't be written; somebody else owns the drive."""
+    """The trail can't be written; somebody else owns the drive."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -105,7 +105,7 @@ async def blocked(kit: ServiceKit, drive: str) -> list[dict[str, object]]:
 
 
 def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
-    """G14: nobody knew before."""
+    """Nobody knew before."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -122,7 +122,7 @@ def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
 
 
 def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
-    """G14: a setpoint and a reset are no start."""
+    """A setpoint and a reset are no start."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -140,7 +140,7 @@ def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
 
 
 def test_a_stop_while_a_start_is_being_recorded_takes_the_start_away() -> None:
-    """6.5: the wish is older than the stop, whatever the disk does meanwhile."""
+    """The wish is older than the stop, whatever the disk does meanwhile."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -189,7 +189,7 @@ def test_a_stop_of_anyone_voids_what_was_armed() -> None:
 
 
 def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_session() -> None:
-    """S16, S20: monotonic time of the plant only."""
+    """Monotonic time of the plant only."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -272,7 +272,7 @@ def kinds(kit: ServiceKit) -> set[str]:
 
 @pytest.mark.parametrize("policy", list(OnClientLost))
 def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> None:
-    """6.6: hold with an alarm, or stop."""
+    """Hold with an alarm, or stop."""
 
     async def story() -> None:
         drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
@@ -536,7 +536,7 @@ def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> N
 
 
 def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_can_be() -> None:
-    """F12: said once, tried for ever; a stop of everything names its drives."""
+    """Said once, tried for ever; a stop of everything names its drives."""
 
     async def story() -> None:
         buses = (BusConfig("a", "sim://c320@1,2?name=later"), BUSES[1])
@@ -616,7 +616,7 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
 
 
 def test_an_ending_service_does_not_wait_for_a_long_ramp() -> None:
-    """6.6: confirmed or told within three seconds; the drive goes on slowing down by itself."""
+    """Confirmed or told within three seconds; the drive goes on slowing down by itself."""
 
     async def story() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=30"), BUSES[1])

@@ -1,4 +1,4 @@
-"""A waiver is for one drive: of one model, on one link, at one address (F18)."""
+"""A waiver is for one drive: of one model, on one link, at one address."""
 
 from __future__ import annotations
 

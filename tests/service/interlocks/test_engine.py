@@ -95,7 +95,7 @@ def test_one_that_blocks_starts_stops_nothing() -> None:
     assert (forbidding(found, "fan"), found.tripped_stops("fan")) == (["flow"], [])
 
 
-def test_g17_a_value_that_is_not_good_does_not_hold() -> None:
+def test_a_value_that_is_not_good_does_not_hold() -> None:
     found = interlocks("pump.output_frequency > 5 Hz")
     found.evaluate(views(), 0.0)
     for quality in (Quality.UNCERTAIN, Quality.BAD):
@@ -107,7 +107,7 @@ def test_g17_a_value_that_is_not_good_does_not_hold() -> None:
     assert found.evaluate({}, 5.0) == [("flow", False)], "a drive that is no longer there"
 
 
-def test_g17_an_unknown_state_does_not_hold_either_way() -> None:
+def test_an_unknown_state_does_not_hold_either_way() -> None:
     found = interlocks("not pump.state == running")
     found.evaluate(views("stopped"), 0.0)
     assert found.evaluate(views("unknown"), 1.0) == [("flow", False)]
@@ -121,7 +121,7 @@ def test_before_the_first_look_nothing_may_start() -> None:
 
 
 def test_a_restart_does_not_stop_a_drive_because_nothing_has_been_read_yet() -> None:
-    """Ruling 7: but it forbids starts, and it does not wait for ever."""
+    """But it forbids starts, and it does not wait for ever."""
     found = interlocks()
     assert found.evaluate(views("unknown"), 100.0) == []
     assert (forbidding(found, "fan"), found.tripped_stops("fan")) == (["flow"], [])

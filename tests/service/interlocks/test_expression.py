@@ -255,7 +255,7 @@ def test_it_agrees_with_a_naive_evaluator(tree: Any, values: dict[tuple[str, str
 
 @settings(deadline=None)
 @given(trees, contents, st.sampled_from([(drive, name) for drive in DRIVES for name in ("current", "state")]))
-def test_g17_losing_a_value_never_makes_an_expression_hold(
+def test_losing_a_value_never_makes_an_expression_hold(
     tree: Any, values: dict[tuple[str, str], Any], lost: tuple[str, str]
 ) -> None:
     """Fail safe: neither ``not`` nor ``or`` turns silence into permission."""

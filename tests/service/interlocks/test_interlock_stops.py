@@ -51,7 +51,7 @@ def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_
     run(story())
 
 
-def test_g17_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
+def test_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
     """Stale after max(3 × 0.5 s, 1 s) and the timeout, then the delay of 1 s, then the stop."""
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""What only asks waits for its turn; what does something comes in as it was sent: a stop voids all before it (6.5)."""
+"""What only asks waits for its turn; what does something comes in as it was sent: a stop voids all before it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ async def asked(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
     ("command", "params"),
     [("drive.run", {"frequency_hz": 20.0}), ("drive.jog", {}), ("group.start", {"group": "fans"})],
 )
-def test_s14_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(command: str, params: Json) -> None:
+def test_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(command: str, params: Json) -> None:
     """By somebody whose starts need no second step, behind questions that wait."""
     place = {"frequency_hz": 20.0} | params if "group" in params else {"drive": "fan-1"} | params
 
@@ -70,7 +70,7 @@ def test_s14_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(comman
     run(story())
 
 
-def test_s14_a_stop_of_everything_holds_whatever_release_came_before_it() -> None:
+def test_a_stop_of_everything_holds_whatever_release_came_before_it() -> None:
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
@@ -101,12 +101,12 @@ def test_t13_a_hand_on_a_key_waits_for_nobodys_questions() -> None:
     run(story())
 
 
-def test_s14_what_waits_is_what_nothing_comes_of() -> None:
+def test_what_waits_is_what_nothing_comes_of() -> None:
     told = {name for name, operation in OPERATIONS.items() if not operation.yields}
     assert told == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
 
 
-def test_g17_a_live_message_overtakes_long_answers() -> None:
+def test_a_live_message_overtakes_long_answers() -> None:
     """Each is encoded in pieces; only those of the answers wait behind each other."""
 
     async def story() -> None:

@@ -1,4 +1,4 @@
-"""The plant's sockets: the same answers as in process, nobody in front of a stop, mode 0600 (S09)."""
+"""The plant's sockets: the same answers as in process, nobody in front of a stop, mode 0600."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_call_comes_with_its_actor_and_its_error_comes_back_whole(tmp_path: Pa
 
 
 def test_nothing_stands_in_front_of_a_stop(tmp_path: Path) -> None:
-    """A thousand requests hang; a further one is refused, a stop comes in at once (G06, S14)."""
+    """A thousand requests hang; a further one is refused, a stop comes in at once."""
 
     async def story() -> None:
         paper = Paper()
@@ -221,7 +221,7 @@ def test_the_stop_socket_takes_nothing_but_stop_all(tmp_path: Path) -> None:
 
 
 def test_the_same_refusals_through_the_socket_as_in_process(tmp_path: Path) -> None:
-    """S09: one gate, whatever the door."""
+    """One gate, whatever the door."""
 
     async def story() -> None:
         async with running_service() as kit:
@@ -257,7 +257,7 @@ def test_an_error_told_and_raised_again_says_the_same() -> None:
     assert error_to_json(error_from_json(strange))["code"] == "drives.above_maximum"
 
 
-def test_s14_a_stop_goes_before_the_questions_that_came_with_it(tmp_path: Path) -> None:
+def test_a_stop_goes_before_the_questions_that_came_with_it(tmp_path: Path) -> None:
     async def story() -> None:
         paper = Paper()
         server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")

@@ -223,7 +223,7 @@ def test_a_lease_is_published_with_its_end_and_not_again_until_it_is_renewed() -
 
 
 def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
-    """G17: hub, request and history; within max(3 periods, 1 s) and the timeout."""
+    """Hub, request and history; within max(3 periods, 1 s) and the timeout."""
 
     async def story() -> None:
         async with running_service() as kit:

@@ -1,4 +1,4 @@
-"""The plant as a process: once, told to systemd, ended in order; its web part may be killed (6.6, F12)."""
+"""The plant as a process: once, told to systemd, ended in order; its web part may be killed."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def test_every_line_of_a_plant_that_was_asked_for_json_is_json(tmp_path: Path) -
 
 
 def test_a_killed_web_part_leaves_the_plant_going_and_comes_back(tmp_path: Path) -> None:
-    """6.6: kill -9 of the web process."""
+    """Kill -9 of the web process."""
     file, state = write(tmp_path), tmp_path / "state"
     with served(file) as process:
         assert process.stdout is not None
@@ -206,7 +206,7 @@ def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
 def test_a_mistake_in_the_file_keeps_nobody_from_stopping_everything(
     wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ruling 5: whoever is in the middle of editing it needs the stop as well."""
+    """Whoever is in the middle of editing it needs the stop as well."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     file = write(tmp_path, wrong)
     assert stop._state_folder(str(file), None) == tmp_path / "state"

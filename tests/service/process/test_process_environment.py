@@ -50,7 +50,7 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
 
 
 def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    """6.6: in the form that was asked for, like every other line."""
+    """In the form that was asked for, like every other line."""
 
     async def ended(setting: Any, *, web: bool, announce: str, on_ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"status": "confirmed"}}
@@ -65,7 +65,7 @@ def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.M
 
 
 def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """G14: lines are dropped, control goes on."""
+    """Lines are dropped, control goes on."""
     ending: list[Any] = []
     monkeypatch.setattr(logging_setup.atexit, "register", lambda *what: ending.append(partial(*what)))
     monkeypatch.setattr(logging_setup, "FLUSH_TIMEOUT_S", 0.05)
@@ -200,7 +200,7 @@ def test_a_state_directory_serves_one_plant_and_is_its_users_own(
             raise AssertionError
     with monkeypatch.context() as context:
         context.setattr(os, "write", full)
-        with single_instance(folder):  # G14: a plant that crashed on a full disk comes back
+        with single_instance(folder):  # A plant that crashed on a full disk comes back
             pass
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="can't be used"), single_instance(tmp_path / "file"):
@@ -208,7 +208,7 @@ def test_a_state_directory_serves_one_plant_and_is_its_users_own(
 
 
 def test_the_plant_process_imports_nothing_of_web_or_gateways() -> None:
-    """6.6: a small process without web code."""
+    """A small process without web code."""
     code = "import sys, drivebus.service.process.main; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name.split(".")[0] for name in done.stdout.split()} | {*done.stdout.split()}

@@ -34,7 +34,7 @@ def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_m
 
 
 def test_the_plant_comes_before_other_work_of_the_machine_and_of_its_web_process() -> None:
-    """G06: a stop does not wait for somebody's compiler."""
+    """A stop does not wait for somebody's compiler."""
     precedence = int(service()["Nice"])
     assert precedence < precedence + NICE_WEB < 0  # the page, too, before a compiler: it stops drives
 

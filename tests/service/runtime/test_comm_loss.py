@@ -1,4 +1,4 @@
-"""What a drive does when its host dies, as its badge says: believed until something is written to it (F18)."""
+"""What a drive does when its host dies, as its badge says: believed until something is written to it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_what_was_read_before_or_while_something_was_written_is_not_believed(dur
 
 
 @pytest.mark.parametrize(("action", "time", "kind"), [(0x00, 50, "trips"), (0x10, 50, "runs_on"), (0x00, 0, "runs_on")])
-def test_f18_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_it_stops_itself(
+def test_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_it_stops_itself(
     action: int, time: int, kind: str
 ) -> None:
     """The E300's F4.3 and F4.4: no test's own word here. And it does what its badge says."""

@@ -1,4 +1,4 @@
-"""What can wait is done in turns, long answers in pieces, so that nothing stands in front of a stop (G06, S14)."""
+"""What can wait is done in turns, long answers in pieces, so that nothing stands in front of a stop."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ async def _turns_during(work: Any) -> int:
 
 
 @pytest.mark.parametrize("kind", ["list", "topics"])
-def test_g06_others_have_their_turn_within_a_long_message(kind: str) -> None:
+def test_others_have_their_turn_within_a_long_message(kind: str) -> None:
     drive = {"id": "x" * 1000}
     many: Any = [drive] * 300 if kind == "list" else {f"drives/{n}": drive for n in range(300)}
     message = {"id": 7, "result": {"drives": many}}
@@ -63,7 +63,7 @@ def test_g06_others_have_their_turn_within_a_long_message(kind: str) -> None:
     assert virtual_time.run(_turns_during(encode_json_cooperatively({"id": 7, "result": drive}))) <= 2
 
 
-def test_g06_so_many_at_once_as_was_said() -> None:
+def test_so_many_at_once_as_was_said() -> None:
     async def all_of(many: list[int], at_once: int) -> list[int]:
         return [one async for one in iter_cooperatively(many, at_once)]
 
@@ -73,7 +73,7 @@ def test_g06_so_many_at_once_as_was_said() -> None:
     assert 5 <= virtual_time.run(_turns_during(all_of(many, fairness.ITEMS_PER_TURN))) < 15
 
 
-def test_s14_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
+def test_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
     async def story() -> list[list[int]]:
         rounds: list[list[int]] = [[]]
 
@@ -94,7 +94,7 @@ def test_s14_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
     assert virtual_time.run(story()) == [[0], [2], [3], [4]]
 
 
-def test_g17_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
+def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
     """A hundred questions wait, and more come all the time; none of both kinds starves."""
 
     async def story() -> tuple[int, int]:

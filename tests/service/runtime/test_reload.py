@@ -193,7 +193,7 @@ def test_a_drive_that_leaves_the_plant_while_everything_is_stopped_is_in_the_ans
 def test_a_start_that_was_wished_before_its_drive_was_replaced_is_not_sent(
     tmp_path: Path, operation: str, stopped: bool
 ) -> None:
-    """6.5: a stop counts for the name, whatever drive has it by now; and a wish was for the drive of then."""
+    """A stop counts for the name, whatever drive has it by now; and a wish was for the drive of then."""
     group = '[group.fans]\ndrives = ["fan-1", "fan-2"]\n'
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP, group)
 

@@ -125,7 +125,7 @@ def test_values_come_at_the_clients_interval_and_the_last_one_wins() -> None:
     ],
     ids=["trust", "state", "alarm", "port", "event"],
 )
-def test_g17_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) -> None:
+def test_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear = FakeSubscriber()
         feed.join(ear, ("*",), 10.0)
@@ -142,7 +142,7 @@ def test_g17_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) 
     told(story)
 
 
-def test_g17_an_age_goes_on_while_a_message_waits() -> None:
+def test_an_age_goes_on_while_a_message_waits() -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear, later = FakeSubscriber(), FakeSubscriber()
         lease = {"owner": "li", "session": "s", "expires_ms": 9000}
@@ -159,7 +159,7 @@ def test_g17_an_age_goes_on_while_a_message_waits() -> None:
     told(story)
 
 
-def test_g17_a_plant_that_falls_silent_has_no_heartbeat() -> None:
+def test_a_plant_that_falls_silent_has_no_heartbeat() -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear = FakeSubscriber()
         feed.join(ear, DRIVES, 0.25)
@@ -173,7 +173,7 @@ def test_g17_a_plant_that_falls_silent_has_no_heartbeat() -> None:
     told(story)
 
 
-def test_g17_a_plant_that_is_gone_closes_everybody_and_nothing_old_is_shown_to_the_next() -> None:
+def test_a_plant_that_is_gone_closes_everybody_and_nothing_old_is_shown_to_the_next() -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear, next_one = FakeSubscriber(), FakeSubscriber()
         feed.join(ear, DRIVES, 0.25)
@@ -375,7 +375,7 @@ def test_a_lease_is_renewed_once_for_each_ask_in_the_name_of_the_session() -> No
     ],
     ids=lambda text: text[:30],
 )
-def test_s14_a_message_that_nobody_understands_ends_the_connection(text: str) -> None:
+def test_a_message_that_nobody_understands_ends_the_connection(text: str) -> None:
     with pytest.raises(ValueError):
         parse_message(text)
 
@@ -389,7 +389,7 @@ def test_s14_a_message_that_nobody_understands_ends_the_connection(text: str) ->
     served(story)
 
 
-def test_s14_too_many_messages_end_the_connection() -> None:
+def test_too_many_messages_end_the_connection() -> None:
     async def story(plant: FakeService, live: LiveEndpoint) -> None:
         socket, patient = FakeWebSocket(), FakeWebSocket()
         tasks = [begin(live, socket), begin(live, patient)]
@@ -405,7 +405,7 @@ def test_s14_too_many_messages_end_the_connection() -> None:
     served(story)
 
 
-def test_s14_so_many_websockets_and_no_more() -> None:
+def test_so_many_websockets_and_no_more() -> None:
     async def story(plant: FakeService, live: LiveEndpoint) -> None:
         sockets = [FakeWebSocket() for _ in range(MAX_WEBSOCKETS + 1)]
         tasks = [begin(live, socket) for socket in sockets]

@@ -69,7 +69,7 @@ async def test_frames_come_while_somebody_watches_them(plant: RunningService) ->
         assert {"n", "kind", "hex", "text", "station"} <= frames[0].keys()
 
 
-async def test_s04_a_logout_ends_the_connection_at_once(plant: RunningService) -> None:
+async def test_a_logout_ends_the_connection_at_once(plant: RunningService) -> None:
     async with httpx.AsyncClient(base_url=plant.url) as browser:
         given = {"name": "operator", "password": PASSWORD}
         answer = (await browser.post(f"{API_PREFIX}/login", json=given)).raise_for_status()
@@ -82,7 +82,7 @@ async def test_s04_a_logout_ends_the_connection_at_once(plant: RunningService) -
 
 
 @pytest.mark.parametrize("origin", [None, "null", "http://evil.example", "http://127.0.0.1.evil.example"])
-async def test_s04_a_foreign_page_can_not_listen(plant: RunningService, origin: str | None) -> None:
+async def test_a_foreign_page_can_not_listen(plant: RunningService, origin: str | None) -> None:
     async with httpx.AsyncClient(base_url=plant.url) as browser:
         answer = await browser.post(f"{API_PREFIX}/login", json={"name": "viewer", "password": PASSWORD})
     headers = {"Cookie": f"drivebus_session={answer.cookies['drivebus_session']}"}
@@ -95,14 +95,14 @@ async def test_s04_a_foreign_page_can_not_listen(plant: RunningService, origin: 
 
 
 @pytest.mark.parametrize("text", ["{}", '{"run": ["fan-1"]}', b"\x00"])
-async def test_s14_nonsense_ends_the_connection_with_the_reason(plant: RunningService, text: str | bytes) -> None:
+async def test_nonsense_ends_the_connection_with_the_reason(plant: RunningService, text: str | bytes) -> None:
     async with by_token(plant) as socket:
         await socket.send(text)
         last, code = await ended(socket)
     assert (last["reason"], code) == ("bad_message", 4400)
 
 
-async def test_s14_a_message_larger_than_the_service_takes_ends_the_connection(plant: RunningService) -> None:
+async def test_a_message_larger_than_the_service_takes_ends_the_connection(plant: RunningService) -> None:
     async with by_token(plant) as socket:
         await socket.send('{"subscribe": ["' + "a" * 200_000 + '"]}')
         _, code = await ended(socket)

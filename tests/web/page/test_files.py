@@ -140,7 +140,7 @@ def test_no_chinese_stands_in_a_script_but_the_name_of_the_language(script: Path
 
 @pytest.mark.parametrize("path", [*SCRIPTS, *(HERE / "static").rglob("*.css")], ids=lambda path: path.name)
 def test_a_script_keeps_the_policy(path: Path) -> None:
-    """The browser is told to run nothing inline (S17): no handler in text, no HTML from text."""
+    """The browser is told to run nothing inline: no handler in text, no HTML from text."""
     text = path.read_text("utf-8")
     if path.suffix == ".js":
         assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|dangerouslySet|document\.write|\beval\(", text)

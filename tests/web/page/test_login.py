@@ -22,7 +22,7 @@ def nobody(stage: Stage) -> Iterator[Stage]:
 
 
 def test_the_first_start_takes_the_printed_secret_and_makes_the_administrator(nobody: Stage, visit: Any) -> None:
-    """S06: there is no password that anybody could know."""
+    """There is no password that anybody could know."""
     page = visit("#/fleet", role=None)
     page.fill("input[name=secret]", nobody.access.setup_secret.issue())
     page.fill("input[name=name]", "ada")
@@ -55,7 +55,7 @@ def test_a_wrong_password_is_told_and_nothing_is_shown(stage: Stage, visit: Any)
 
 
 def test_an_idle_hand_only_stops_until_it_gives_its_password_again(stage: Stage, visit: Any) -> None:
-    """S07: the rights to control sleep, the right to stop never does."""
+    """The rights to control sleep, the right to stop never does."""
     page = visit("#/drive/fan-1", role="operator")
     page.locator("[data-do=take]:enabled").wait_for()
     for session in stage.access.sessions.of_user("operator"):

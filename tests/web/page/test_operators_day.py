@@ -80,7 +80,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
 
 def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_back(stage: Stage, visit: Any) -> None:
-    """Stale data and a lost line hinder no stop; what became of it is told (6.5, G17)."""
+    """Stale data and a lost line hinder no stop; what became of it is told."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
@@ -113,7 +113,7 @@ def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is
 
 
 def test_a_stop_needs_no_hand_and_takes_it_from_nobody(stage: Stage, visit: Any) -> None:
-    """6.5: no lease, no second step; the one who has the drive in hand keeps it."""
+    """No lease, no second step; the one who has the drive in hand keeps it."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     hers, his = visit("#/drive/fan-1"), visit("#/drive/fan-1", role="operator")
     take(hers)
@@ -137,7 +137,7 @@ def test_a_group_is_stopped_from_its_filter(stage: Stage, visit: Any) -> None:
 
 
 def test_a_viewer_is_offered_nothing_that_moves(stage: Stage, visit: Any) -> None:
-    """S08: the server refuses it anyway; the page does not pretend."""
+    """The server refuses it anyway; the page does not pretend."""
     page = visit("#/drive/fan-1", role="viewer")
     page.locator(".control").wait_for()
     for offered in ("[data-do=take]", "[data-step=first]", "[data-jog]", ".stop", "[data-do=stop]"):
@@ -163,7 +163,7 @@ def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, 
 
 
 def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, visit: Any) -> None:
-    """S16: the first step alone moves nothing, and Escape takes it back."""
+    """The first step alone moves nothing, and Escape takes it back."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)

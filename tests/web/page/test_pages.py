@@ -66,7 +66,7 @@ def test_frames_are_filtered_by_direction_station_and_content(visit: Any, expect
     expect(page.locator(".frames-box .help")).to_have_text(word("no_frames"))
 
 
-def test_f12_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
+def test_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
     page = visit("#/buses/pumps")
     card = page.locator(".buscard[aria-current]")
     expect(card).to_contain_text(word("bus_open"))
@@ -141,7 +141,7 @@ def test_what_was_wrong_before_is_listed_by_drive(stage: Stage, visit: Any, expe
     expect(rows.filter(has_text="Feed pump")).to_have_count(0)
 
 
-def test_s08_a_viewer_may_neither_acknowledge_nor_shelve(stage: Stage, visit: Any, expect: Any) -> None:
+def test_a_viewer_may_neither_acknowledge_nor_shelve(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/alarms", role="viewer")
     expect(page.locator(".alarmrow").first).to_be_visible()
@@ -167,13 +167,13 @@ def test_the_trail_tells_who_did_what_with_which_frames(stage: Stage, visit: Any
     expect(page.locator(".entry")).to_have_count(0)
 
 
-def test_s12_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:
+def test_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:
     page = visit("#/audit")
     page.click("[data-audit=verify]")
     expect(page.locator(".notice.good")).to_contain_text(word("audit_whole", n="").split(":")[0])
 
 
-def test_s08_an_operator_is_not_shown_the_trail(visit: Any, expect: Any) -> None:
+def test_an_operator_is_not_shown_the_trail(visit: Any, expect: Any) -> None:
     page = visit("#/audit", role="operator")
     expect(page.locator("main .notice")).to_have_text(word("no_right"))
 

@@ -18,7 +18,7 @@ TAKE = (
 
 
 @pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
-def test_s20_after_sleep_the_page_tells_how_long_it_heard_nothing(
+def test_after_sleep_the_page_tells_how_long_it_heard_nothing(
     stage: Stage, visit: Any, language: str, told: str
 ) -> None:
     page = visit(language=language)
@@ -30,7 +30,7 @@ def test_s20_after_sleep_the_page_tells_how_long_it_heard_nothing(
     page.wait_for_selector(".line.live")
 
 
-def test_s20_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
+def test_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
     """Not even for the two seconds in which a silent line still counts as live."""
     page = visit()
     page.evaluate(
@@ -69,7 +69,7 @@ def test_what_was_opened_while_the_plant_was_away_comes_when_it_is_back(
 
 
 def test_a_stop_without_an_answer_is_not_told_as_one_that_the_drives_are_at(stage: Stage, visit: Any) -> None:
-    """G07: the service hangs; the page must not say that it waits for the drives."""
+    """The service hangs; the page must not say that it waits for the drives."""
     page = visit()
     page.route("**/api/v1/stop", lambda route: None)
     stage.lose_server()

@@ -63,7 +63,7 @@ STOPS = (
 
 
 def test_only_a_confirmed_stop_is_told_as_one(page: Any) -> None:
-    """G07: what is not confirmed is said so, drive by drive."""
+    """What is not confirmed is said so, drive by drive."""
     told = {answer: ask(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
     assert told == dict(STOPS)
 
@@ -91,7 +91,7 @@ def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown
 
 
 def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) -> None:
-    """G17: the socket stays open and says nothing, as behind a frozen proxy; twice the heartbeat, and all is stale."""
+    """The socket stays open and says nothing, as behind a frozen proxy; twice the heartbeat, and all is stale."""
     script = """
       const real = window.WebSocket;
       window.sockets = [];
@@ -161,7 +161,7 @@ def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: An
 
 
 def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any) -> None:
-    """S07: what the server no longer believes, the page does not show as if."""
+    """What the server no longer believes, the page does not show as if."""
     page = visit("#/drive/fan-1")
     page.context.clear_cookies()
     page.keyboard.press("Shift")
@@ -172,7 +172,7 @@ def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_why_a_value_is_doubtful_or_absent_stands_beside_it(visit: Any, language: str) -> None:
-    """No mouse is needed to ask; a good value says nothing (G17)."""
+    """No mouse is needed to ask; a good value says nothing."""
     page = visit("#/drive/fan-1", language=language)
     for signal, reason in (("output_voltage", "profiles.scale_unpublished"), ("output_current", "drives.not_reported")):
         row = page.locator(".values th", has_text=i18n.text(f"signal.{signal}", language))

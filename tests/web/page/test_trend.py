@@ -41,7 +41,7 @@ SERIES = {
 }
 
 
-def test_g17_nothing_is_drawn_where_nothing_is_known(page: Any) -> None:
+def test_nothing_is_drawn_where_nothing_is_known(page: Any) -> None:
     """A gap is null in every column, and so is a value that is bad though it came."""
     found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
     assert [value is None for value in found["high"]] == [False, False, True, False, False, True]
@@ -183,7 +183,7 @@ COLOURED = """([x0, x1]) => {
 """The share of a stretch's columns of pixels in which the line is, without the strips at the foot."""
 
 
-def test_g17_on_the_screen_a_bad_stretch_is_empty_and_an_uncertain_one_dashed(visit: Any) -> None:
+def test_on_the_screen_a_bad_stretch_is_empty_and_an_uncertain_one_dashed(visit: Any) -> None:
     page = visit("#/fleet")
     page.route("**/api/v1/history/trend?*", answer)
     begin = 1_700_000_000_000
@@ -279,7 +279,7 @@ def test_signals_are_chosen_kept_in_the_address_and_saved_as_a_file(stage: Stage
     assert "pump-2.output_current" in saved.value.path().read_text()
 
 
-def test_g17_a_value_of_a_lost_line_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
+def test_a_value_of_a_lost_line_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
     page = visit("#/history?tags=pump-1.output_frequency")
     page.locator(".trend-readout td .value.good").wait_for()
     with unplugged(stage, "pumps"):

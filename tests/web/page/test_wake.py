@@ -18,7 +18,7 @@ def fall_idle(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_s07_an_idle_page_stops_and_its_password_wakes_it(stage: Stage, visit: Any, language: str) -> None:
+def test_an_idle_page_stops_and_its_password_wakes_it(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", language=language, role="operator")
     page.click("[data-do=take]")
     page.wait_for_selector(".lease.mine")

@@ -1,4 +1,4 @@
-// Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages (S20);
+// Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages;
 // times of day are labels only.
 import { signal } from "./lib.js";
 import { localized, hasKey, language, t } from "./i18n.js";

@@ -32,7 +32,7 @@ export const drive = (id) => topic(`drives/${id}`);
 export const bus = (id) => topic(`buses/${id}`);
 export const group = (id) => topic(`groups/${id}`);
 
-/** Milliseconds of this page's own clock, never of the server's (S20). */
+/** Milliseconds of this page's own clock, never of the server's. */
 export const nowMs = () => performance.now() + slept_ms;
 
 /** More than a clock is corrected by while nobody looks. */

@@ -1,7 +1,7 @@
 // The historian's answer made into columns that a chart draws. Pure.
 //
 // A tag becomes four columns: highest, lowest, mean where it is good, mean where it is uncertain. A bad value or a
-// gap is null in all of them: nothing is drawn where nothing is known (6.6, G17).
+// gap is null in all of them: nothing is drawn where nothing is known.
 
 import uPlot from "../../../vendor/uplot.js";
 
