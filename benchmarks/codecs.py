@@ -44,10 +44,10 @@ def drivebus_rates() -> Figures:
     """Each way, in frames a second; ``pair_us`` is a request plus its reply on the master's side."""
     found: Figures = {}
     for name, (codec, request, reply) in cases().items():
-        sent, heard = codec.encode_request(request), codec.encode_reply(reply)
+        sent, received = codec.encode_request(request), codec.encode_reply(reply)
         times = {
             "encode_request": seconds_each(lambda c=codec, r=request: c.encode_request(r)),
-            "decode_reply": seconds_each(lambda c=codec, r=request, h=heard: c.decode_reply(r, h)),
+            "decode_reply": seconds_each(lambda c=codec, r=request, h=received: c.decode_reply(r, h)),
             "decode_request": seconds_each(lambda c=codec, s=sent: c.decode_request(s)),
             "encode_reply": seconds_each(lambda c=codec, r=reply: c.encode_reply(r)),
         }
@@ -64,11 +64,11 @@ def pymodbus_pair_us() -> float:
 
     framer = FramerRTU(DecodePDU(False))
     codec, _, reply = cases()["modbus rtu"]
-    heard = codec.encode_reply(reply)
+    received = codec.encode_reply(reply)
 
     def pair() -> None:
         framer.buildFrame(ReadHoldingRegistersRequest(address=0x3001, count=4, dev_id=1))
-        _used, message = framer.handleFrame(heard, 1, 0)
+        _used, message = framer.handleFrame(received, 1, 0)
         assert message is not None
 
     return seconds_each(pair) * 1e6

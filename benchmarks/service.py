@@ -145,8 +145,8 @@ def measure_stops(lines: int, seconds: float, seed: int, burners: int) -> Figure
             precedence = raise_priority(stations.process.pid)
             with running_service(folder, stations.paths, STATIONS, BAUD) as hall:
                 nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in hall.processes.items()}
-                told = run_phases(folder, hall, lines, seconds, seed, burners)
-        found = with_wire_figures(told, folder, record)
+                message = run_phases(folder, hall, lines, seconds, seed, burners)
+        found = with_wire_figures(message, folder, record)
     return {"far_end_runs": precedence, "nice": nice, "verdicts": check_goals(found)} | found
 
 

@@ -53,28 +53,28 @@ def bare_core(transactions: int) -> float:
 
 
 async def _line(seconds: float) -> int:
-    heard = 0
+    received = 0
 
     def sink(answer: BusResult) -> None:
-        nonlocal heard
-        heard += answer.error is None
+        nonlocal received
+        received += answer.error is None
 
     async with Bus(open_port(f"sim://vc660@1-{STATIONS}?baud=9600")) as bus:
         for address in range(1, STATIONS + 1):
             bus.add_station(link(address, ModbusRtuCodec(), 0.03))
             bus.start_polling(address, [Poll(ReadRegisters(address, 0x3000, 4), 0.05)], sink)
         await asyncio.sleep(seconds)
-    return heard
+    return received
 
 
 def run_virtual_time(transactions: int = 30_000, seconds: float = 120.0) -> Figures:
     """``bare``: the pure core. ``real_time_factor``: 31 simulated VC660 with motors on one 9,600-baud line."""
     began = time.perf_counter()
-    heard = virtual_time.run(_line(seconds))
+    received = virtual_time.run(_line(seconds))
     wall = time.perf_counter() - began
     return {
         "bare_transactions_per_s": round(bare_core(transactions)),
-        "line_transactions_per_s": round(heard / wall),
+        "line_transactions_per_s": round(received / wall),
         "real_time_factor": round(seconds / wall, 1),
         "bus_seconds": seconds,
     }

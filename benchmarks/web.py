@@ -217,8 +217,8 @@ def measure_web(drives: int, clients: int, seconds: float) -> Json:
         words = ["--pages", port, "--clients", str(clients), "--seconds", str(seconds)]
         for name, more in (("quiet", []), ("with_rest", ["--asking"])):
             before = cpu_s(hub), cpu_s(server)
-            with child(*words, *more) as (_, told):
-                found[name] = json.loads(told)
+            with child(*words, *more) as (_, message):
+                found[name] = json.loads(message)
             used = cpu_s(hub) - before[0], cpu_s(server) - before[1]
             shares = [round(100 * one / seconds, 1) for one in used]
             found[name] |= {"cpu_percent": {"hub": shares[0], "web": shares[1]}}

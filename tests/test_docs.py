@@ -79,10 +79,10 @@ def test_every_verb_and_every_error_has_its_paragraph(suffix: str) -> None:
     verbs = (reference / f"command-line{suffix}.md").read_text(encoding="utf-8")
     context = click.Context(cli)
     assert [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in verbs] == []
-    told = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
+    message = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
     classes = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
     assert len(classes) > 30
-    assert [name for name in classes if f"## {name}\n" not in told] == []
+    assert [name for name in classes if f"## {name}\n" not in message] == []
 
 
 HOMES = ["drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles"]
@@ -108,7 +108,7 @@ def own_members(one: type) -> set[str]:
 @pytest.mark.parametrize("suffix", ["", ".zh"])
 def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
     """Once, in the first of its homes; methods and properties stand in the section of their class."""
-    told = sections(ROOT / "docs" / "reference" / f"python{suffix}.md")
+    message = sections(ROOT / "docs" / "reference" / f"python{suffix}.md")
     seen: list[object] = []
     missing = []
     for home in HOMES:
@@ -117,7 +117,7 @@ def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
             if any(one is other for other in seen):
                 continue
             seen.append(one)
-            section = told.get(f"{home}.{name}", "")
+            section = message.get(f"{home}.{name}", "")
             paragraph = re.search(r"```\n\n(\S.*)", section)
             missing += [f"{home}.{name}"] if paragraph is None else []
             members = own_members(one) if isinstance(one, type) else set()
@@ -127,8 +127,8 @@ def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
                 if not re.search(rf"^- `(await )?{m}[(:].*`(: |：)\S", section, re.M)
             ]
     assert missing == []
-    assert len(seen) == len(told) > 40
-    assert (suffix == "") == all(ord(letter) < 0x2E80 for section in told.values() for letter in section)
+    assert len(seen) == len(message) > 40
+    assert (suffix == "") == all(ord(letter) < 0x2E80 for section in message.values() for letter in section)
 
 
 def test_every_name_that_an_example_imports_is_public() -> None:

@@ -195,6 +195,6 @@ def test_a_catalogue_that_can_not_be_read_hides_no_error(monkeypatch: pytest.Mon
     i18n.catalogue.cache_clear()
     with monkeypatch.context() as context:
         context.setattr("builtins.open", refused)
-        told = i18n.text("bus.no_reply", "zh", station=3)
-        assert "bus.no_reply" in told and "3" in told and not i18n.known("bus.no_reply")
+        message = i18n.text("bus.no_reply", "zh", station=3)
+        assert "bus.no_reply" in message and "3" in message and not i18n.known("bus.no_reply")
     assert "bus.no_reply" not in i18n.text("bus.no_reply", "zh", station=3) and i18n.known("bus.no_reply")

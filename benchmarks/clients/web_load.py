@@ -96,10 +96,10 @@ async def main() -> None:
         for place in range(connections)
     ]
     await over.wait()
-    told = found.figures(time.monotonic() - begun)
+    message = found.figures(time.monotonic() - begun)
     for task in (*listening, *asking):
         task.cancel()
-    print(json.dumps(told), flush=True)
+    print(json.dumps(message), flush=True)
 
 
 if __name__ == "__main__":

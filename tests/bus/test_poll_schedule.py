@@ -187,9 +187,9 @@ def test_the_arithmetic_foretells_what_the_bus_then_does() -> None:
         script.start_polling(one.address, many, one.address)
     script.run_until(20)
     cycle = 20 / stations[0].read_count
-    told = estimate_bus_load(plan, SETTINGS)
+    message = estimate_bus_load(plan, SETTINGS)
     adapter = 4 * 0.02
-    assert cycle == pytest.approx(told.cycle_s - adapter, rel=0.02)
+    assert cycle == pytest.approx(message.cycle_s - adapter, rel=0.02)
     statistics = script.core.statistics(script.now)
     assert statistics.load_percent == pytest.approx(100 * 4 * 21 * CHARACTER_S / cycle, rel=0.01)
 

@@ -107,11 +107,11 @@ def test_a_reply_is_accepted_only_after_the_gap_in_silence() -> None:
     script = BusScript(make_core(1))
     script.run_until(1.0)
     script.submit(read_request())
-    heard = 1.0 + SENT_END + 20 * CHARACTER_S
-    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
-    script.run_until(heard + GAP * 0.99)
+    received = 1.0 + SENT_END + 20 * CHARACTER_S
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=received)
+    script.run_until(received + GAP * 0.99)
     assert not script.results
-    script.run_until(heard + GAP * 1.01)
+    script.run_until(received + GAP * 1.01)
     assert script.result().reply.values == (1, 2, 3, 4)
 
 
@@ -120,10 +120,10 @@ def test_a_byte_after_the_reply_invalidates_it() -> None:
     script.run_until(1.0)
     script.core.stations[1].state = StationState.ONLINE
     script.submit(read_request())
-    heard = 1.0 + SENT_END + 20 * CHARACTER_S
-    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=heard)
-    script.receive(b"\x00", at=heard + GAP * 0.5)
-    script.run_until(heard + 3 * GAP)
+    received = 1.0 + SENT_END + 20 * CHARACTER_S
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=received)
+    script.receive(b"\x00", at=received + GAP * 0.5)
+    script.run_until(received + 3 * GAP)
     assert not script.results, "a second answer may be on its way: quarantine and fence come first"
     assert script.core.stations[1].state.is_suspect
     assert script.core.counters.errors == {TrailingError.__name__: 1}

@@ -96,10 +96,10 @@ def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) ->
         assert len(found) == 3, "0.2 s apart: the beginning is no echo"
 
 
-@pytest.mark.parametrize("heard", [WRITE, WRITE + b"\x00", WRITE + b"\x00" * 4])
-def test_a_write_whose_reply_mirrors_it_has_its_reply(heard: bytes) -> None:
+@pytest.mark.parametrize("received", [WRITE, WRITE + b"\x00", WRITE + b"\x00" * 4])
+def test_a_write_whose_reply_mirrors_it_has_its_reply(received: bytes) -> None:
     """Nothing that could be a reply came after it, so it is the reply."""
-    found = split_frames(capture(tx(0.0, WRITE), rx(0.1, heard)))
+    found = split_frames(capture(tx(0.0, WRITE), rx(0.1, received)))
     assert [one.from_master for one in found] == [True, False]
 
 
@@ -367,7 +367,7 @@ def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize(
-    ("text", "said", "hint"),
+    ("text", "reply_text", "hint"),
     [
         (None, {"en": "can't be read", "zh": "无法读取"}, "--record FILE.dbcap"),
         ("", {"en": "no whole line", "zh": "没有完整的行"}, "--record FILE.dbcap"),
@@ -377,7 +377,7 @@ def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> Non
     ],
 )
 def test_a_missing_or_damaged_capture_is_rejected_with_file_line_and_next_step(
-    tmp_path: Path, text: str | None, said: dict[str, str], hint: str, language: str
+    tmp_path: Path, text: str | None, reply_text: dict[str, str], hint: str, language: str
 ) -> None:
     file, out = tmp_path / "x.dbcap", tmp_path / "x.pcapng"
     if text is not None:
@@ -385,7 +385,7 @@ def test_a_missing_or_damaged_capture_is_rejected_with_file_line_and_next_step(
     result = export(file, "--pcapng", out, lang=language)
     assert result.exit_code == 2 and not out.exists()
     first, second = result.stderr.splitlines()
-    assert str(file) in first and said[language] in first
+    assert str(file) in first and reply_text[language] in first
     assert hint in second
 
 

@@ -83,11 +83,11 @@ def test_t08_a_dzb100_is_proved_step_by_step_and_remembered(
     assert proved(monkeypatch, "dzb100", person, *options) is ExitCode.DONE
     assert person.asked == [0, 0], "asked before the first motion"
     assert station().motor.starts > 0 and not station().motor.energised
-    said = capsys.readouterr().out
-    assert f"query_coding = {coding}" in said and f"setpoint_coding = {coding}" in said and "Stored" in said
-    nobody = Person()
-    assert proved(monkeypatch, "dzb100", nobody, *options) is ExitCode.DONE
-    assert "Nothing is left to calibrate" in capsys.readouterr().out and not nobody.asked
+    text = capsys.readouterr().out
+    assert f"query_coding = {coding}" in text and f"setpoint_coding = {coding}" in text and "Stored" in text
+    no_user = Person()
+    assert proved(monkeypatch, "dzb100", no_user, *options) is ExitCode.DONE
+    assert "Nothing is left to calibrate" in capsys.readouterr().out and not no_user.asked
 
 
 @pytest.mark.parametrize("keys", [("n",), (turn_keypad, "n"), (turn_keypad, "\r"), (turn_keypad, lambda: None)])
@@ -149,20 +149,20 @@ def test_ctrl_c_in_a_proof_that_moves_stops_the_drive(monkeypatch: pytest.Monkey
 
     from drivebus.cli import signals
 
-    heard: list[signals.ShutdownSignal] = []
+    received: list[signals.ShutdownSignal] = []
     listening = signals.shutdown_signals
 
     @contextmanager
     def noted() -> Iterator[signals.ShutdownSignal]:
         with listening() as found:
-            heard.append(found)
+            received.append(found)
             yield found
 
     def start_and_interrupt() -> str:
         async def soon() -> None:
             await asyncio.sleep(1.5)
             assert station().motor.energised, "in the middle of the run"
-            heard[0].request("SIGINT")
+            received[0].request("SIGINT")
 
         tasks.append(asyncio.ensure_future(soon()))
         return "y"

@@ -55,9 +55,9 @@ def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_status_is_told_to_people_without_any_bare_key(language: str) -> None:
-    said = say("status", "sim://c320@1", *C320, "--lang", language)
-    assert "drives." not in said and "status." not in said
-    assert ("停止" if language == "zh" else "stopped") in said
+    text = say("status", "sim://c320@1", *C320, "--lang", language)
+    assert "drives." not in text and "status." not in text
+    assert ("停止" if language == "zh" else "stopped") in text
 
 
 def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
@@ -105,8 +105,8 @@ def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expect
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
-    said = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
-    assert "drivebus scan PORT" in said
+    text = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
+    assert "drivebus scan PORT" in text
 
 
 def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:
@@ -242,7 +242,7 @@ def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("link", "said"),
+    ("link", "text"),
     [
         ("ttyUSB0", "/dev/ttyUSB0"),
         ("192.168.1.50:4001", "tcp://192.168.1.50:4001"),
@@ -250,10 +250,10 @@ def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
         ("tcp://host", "tcp://HOST:PORT"),
     ],
 )
-def test_a_link_that_is_none_is_told_with_the_one_that_was_probably_meant(link: str, said: str) -> None:
+def test_a_link_that_is_none_is_told_with_the_one_that_was_probably_meant(link: str, text: str) -> None:
     result = CliRunner().invoke(cli, ["status", link, *C320, "--lang", "en"])
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert text in result.stderr
 
 
 def test_a_port_that_is_not_there_is_told_with_what_to_do() -> None:

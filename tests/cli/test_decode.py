@@ -32,21 +32,21 @@ def ask(vector: dict[str, Any], *more: str) -> tuple[int, dict[str, Any]]:
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
 def test_each_vector_is_explained_with_its_verdict(vector: dict[str, Any]) -> None:
-    code, said = ask(vector)
+    code, text = ask(vector)
     decodable = vector.get("decodable", True)
-    assert said["valid"] is decodable
+    assert text["valid"] is decodable
     assert code == (0 if decodable else 3)
-    assert said["direction"] == vector["direction"]
-    assert said["encoding"] == vector["encoding"]
+    assert text["direction"] == vector["direction"]
+    assert text["encoding"] == vector["encoding"]
     if decodable:
-        found = {name: said["fields"].get(name) for name in vector["fields"]}
+        found = {name: text["fields"].get(name) for name in vector["fields"]}
         assert found == vector["fields"]
     else:
-        assert said["problems"]
-    assert bool(said["hazards"]) or "hazard" not in vector
-    assert bool(said["errata"]) or "erratum" not in vector
+        assert text["problems"]
+    assert bool(text["hazards"]) or "hazard" not in vector
+    assert bool(text["errata"]) or "erratum" not in vector
     if "canonical_hex" in vector and decodable:
-        assert said["canonical_hex"] == vector["canonical_hex"]
+        assert text["canonical_hex"] == vector["canonical_hex"]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -71,8 +71,8 @@ def names_in(fields: Any) -> set[str]:
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
 def test_each_field_has_a_name_for_people(vector: dict[str, Any]) -> None:
-    said = ask(vector)[1]
-    for fields in (said["fields"], *(one["fields"] for one in said["interpretations"])):
+    text = ask(vector)[1]
+    for fields in (text["fields"], *(one["fields"] for one in text["interpretations"])):
         assert {name for name in names_in(fields) if f"decode.field.{name}" not in i18n.catalogue("zh")} == set()
 
 
@@ -80,8 +80,8 @@ def test_each_field_has_a_name_for_people(vector: dict[str, Any]) -> None:
 def test_a_frame_may_be_given_as_the_manual_prints_it(text: str) -> None:
     """DF800's own error form, as characters: Modbus ASCII, not RTU bytes without their CRC."""
     result = CliRunner().invoke(cli, ["decode", "--model", "df800", "--json", *text.split()])
-    said = json.loads(result.output)
-    assert (result.exit_code, said["encoding"], said["fields"]["error"]) == (0, "ascii", True)
+    reply_text = json.loads(result.output)
+    assert (result.exit_code, reply_text["encoding"], reply_text["fields"]["error"]) == (0, "ascii", True)
 
 
 def test_a_colon_between_pairs_is_no_modbus_frame() -> None:

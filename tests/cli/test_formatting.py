@@ -56,10 +56,10 @@ def test_a_result_is_told_once_and_further_notes_below() -> None:
     params = {"notation": "F1.10", "value": 1, "unit": ""}
     notes: Any = (("drives.write_confirmed", params), ("drives.disagree", {}))
     outcome = Outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", params, notes=notes)
-    said = outcome_text(outcome)
-    assert said.startswith("Confirmed: ")
-    assert said.count("F1.10") == 1
-    assert len(said.splitlines()) == 2
+    text = outcome_text(outcome)
+    assert text.startswith("Confirmed: ")
+    assert text.count("F1.10") == 1
+    assert len(text.splitlines()) == 2
 
 
 def test_signals_are_named_in_chinese_beside_the_name_that_read_takes() -> None:

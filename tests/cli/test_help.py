@@ -98,7 +98,7 @@ def test_the_locale_chooses_the_language_where_nobody_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (["staus"], "没有命令 staus"),
         (["staus"], "是否想用 status"),
@@ -109,10 +109,10 @@ def test_the_locale_chooses_the_language_where_nobody_says() -> None:
         (["status", "sim://c320@1", "--model", "c320", "--address", "1", "--encoding", "x"], "ascii, hex, rtu"),
     ],
 )
-def test_a_wrong_command_line_is_told_in_the_users_language_and_exits_with_2(words: list[str], said: str) -> None:
+def test_a_wrong_command_line_is_told_in_the_users_language_and_exits_with_2(words: list[str], text: str) -> None:
     result = CliRunner().invoke(cli, [*words, "--lang", "zh"])
     assert result.exit_code == 2
-    assert said in result.output
+    assert text in result.output
     assert "--help" in result.output or "型号文件" in result.output
 
 

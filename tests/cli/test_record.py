@@ -36,8 +36,8 @@ def test_a_capture_holds_every_frame_of_the_verb(tmp_path: Path, verb: tuple[str
     file = tmp_path / "one.dbcap"
     result = invoke(verb[0], "sim://c320@1", *verb[1:], *C320, "--record", str(file))
     assert result.exit_code == 0, result.output
-    heard = [one for one in read_capture(file).records if isinstance(one, BytesRecord) and one.direction == "rx"]
-    assert sent(file) and heard
+    received = [one for one in read_capture(file).records if isinstance(one, BytesRecord) and one.direction == "rx"]
+    assert sent(file) and received
     assert f"drivebus monitor {file}" in result.stderr
 
 

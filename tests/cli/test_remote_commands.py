@@ -86,8 +86,8 @@ def test_status_tells_what_the_service_knows(service: str) -> None:
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_status_is_told_to_people_in_their_language(service: str, language: str) -> None:
     words = ["status", "--service", service, *FAN, "--lang", language]
-    said = CliRunner().invoke(cli, words, env={"COLUMNS": "200"}).output
-    assert ("停止" if language == "zh" else "stopped") in said and "service." not in said
+    text = CliRunner().invoke(cli, words, env={"COLUMNS": "200"}).output
+    assert ("停止" if language == "zh" else "stopped") in text and "service." not in text
 
 
 def test_parameters_are_read_and_written_and_read_back(service: str) -> None:
@@ -139,9 +139,9 @@ def test_a_limit_refuses_through_the_service_as_it_does_on_a_line(service: str) 
         cli, ["set-frequency", "sim://c320@1", "60", "--model", "c320", "--address", "1", "--json"]
     )
     served = verb(service, "set-frequency", *FAN, "60", code=own.exit_code)
-    told = json.loads(own.stdout)["error"]
+    message = json.loads(own.stdout)["error"]
     assert [served["error"][name] for name in ("type", "key", "text")] == [
-        told[name] for name in ("type", "key", "text")
+        message[name] for name in ("type", "key", "text")
     ]
 
 

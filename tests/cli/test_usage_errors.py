@@ -41,13 +41,13 @@ NUMBERS = [
 ]
 
 
-@pytest.mark.parametrize(("line", "told"), NUMBERS, ids=[line.partition(" --")[2] for line, _ in NUMBERS])
+@pytest.mark.parametrize(("line", "message"), NUMBERS, ids=[line.partition(" --")[2] for line, _ in NUMBERS])
 def test_a_value_that_can_not_be_is_told_in_the_users_language_with_what_can(
-    line: str, told: str, plant: Path, monkeypatch: pytest.MonkeyPatch
+    line: str, message: str, plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(plant.parent)
     result = said(shlex.split(line))
-    assert (result.exit_code, told in result.output) == (2, True), result.output
+    assert (result.exit_code, message in result.output) == (2, True), result.output
 
 
 NEEDING = ["demo", "serve {plant}", "user add {plant} ann --role viewer"]
@@ -89,10 +89,10 @@ def test_two_passwords_that_differ_are_asked_for_again_in_the_users_language(
     from drivebus.cli.commands import user
 
     output.parse_global_options(["--lang", "zh"])
-    told: list[str] = []
-    monkeypatch.setattr(output, "print_note", lambda key, **_: told.append(output.text(key)))
+    message: list[str] = []
+    monkeypatch.setattr(output, "print_note", lambda key, **_: message.append(output.text(key)))
     assert user._prompt_password() == "xylo-phone 77!"
-    assert told == ["两次输入不一致，请重新输入。"]
+    assert message == ["两次输入不一致，请重新输入。"]
 
 
 FILES = [
@@ -105,14 +105,14 @@ FILES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "told"), FILES, ids=[line for line, _ in FILES])
+@pytest.mark.parametrize(("line", "message"), FILES, ids=[line for line, _ in FILES])
 def test_a_file_that_is_missing_or_torn_is_named_with_its_line_and_no_marks_for_what_it_lacks(
-    line: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    line: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "torn.toml").write_text("format = 1\n[plant\n")
     result = said(shlex.split(line))
-    assert (result.exit_code, told in result.output) == (2, True), result.output
+    assert (result.exit_code, message in result.output) == (2, True), result.output
     assert ":?" not in result.output and "：-：" not in result.output
 
 

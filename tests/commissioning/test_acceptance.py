@@ -48,7 +48,7 @@ def step(
     motor: bool = True,
     rig: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
 ) -> StepFinding:
-    async def told() -> StepFinding:
+    async def scenario() -> StepFinding:
         target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
         other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
         found = await run_step(name, rig(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
@@ -56,7 +56,7 @@ def step(
             other.cancel()
         return found
 
-    return run(told())
+    return run(scenario())
 
 
 @pytest.mark.parametrize("name", ["port", "quiet", "reply_times", "stray_replies", "run_and_stop"])

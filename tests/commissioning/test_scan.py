@@ -174,8 +174,8 @@ def test_another_master_is_detected_before_anything_is_sent() -> None:
 
             bus.start_polling(1, [Poll(dialect.state_reads()[0], 0.2)], lambda answer: None)
             mine = ports.open_port(link, baud=9600, format="8E1")
-            heard = await scan.sniff(mine, 2.0)
-            return heard.count, len(heard.first)
+            received = await scan.sniff(mine, 2.0)
+            return received.count, len(received.first)
 
     count, first = virtual_time.run(go())
     assert count >= 10 * (14 + 18)

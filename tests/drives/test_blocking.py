@@ -50,11 +50,11 @@ def test_the_twin_of_the_bus_has_every_verb_but_the_wiring() -> None:
 
 
 def test_a_monitor_polls_in_the_background_until_it_is_closed() -> None:
-    heard = threading.Event()
+    received = threading.Event()
     with blocking.open_bus("sim://vc660@1?baud=38400") as bus:
         drive = blocking.Drive(bus, "vc660", 1)
-        with drive.monitor(["output_frequency"], on_change=lambda _: heard.set()) as monitor:
-            assert heard.wait(10.0)
+        with drive.monitor(["output_frequency"], on_change=lambda _: received.set()) as monitor:
+            assert received.wait(10.0)
             deadline = time.monotonic() + 10.0
             while str(monitor.status().state) != "stopped" and time.monotonic() < deadline:
                 time.sleep(0.02)

@@ -264,11 +264,11 @@ def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blo
         preflight_passed=True,
         limits_checked=True,
     )
-    wish = DriveCommand("start-1", CommandKind.START, 10.0, 3)
+    command = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
         grant_permit(
             PermitInputs(
-                command=wish,
+                command=command,
                 station=7,
                 effect=Effect.MOTION,
                 retry_policy=RetryPolicy.EDGE_TRIGGERED,
@@ -325,8 +325,8 @@ def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: st
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             async with drive._runner._command_lock:
-                wish = drive.reset_fault() if command == "reset_fault" else drive.write({"F0.2": 20.0})
-                waiting = asyncio.ensure_future(wish)
+                user_command = drive.reset_fault() if command == "reset_fault" else drive.write({"F0.2": 20.0})
+                waiting = asyncio.ensure_future(user_command)
                 await asyncio.sleep(CHECKS_TIMEOUT_S + 0.01)
             with pytest.raises(Expired) as caught:
                 await waiting

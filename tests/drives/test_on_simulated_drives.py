@@ -256,14 +256,14 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
             await drive.status()
-            told = watch(bench)
+            message = watch(bench)
             task = asyncio.ensure_future(drive.run(SAFE_HZ[model]))
             await until(lambda: bench.station().running or task.done())
             bench.station().faults.mute = True
             with pytest.raises((OutcomeUnknown, DriveError)) as caught:
                 await task
             assert caught.value.outcome.status == "unknown"
-            assert len(told) == 1
+            assert len(message) == 1
 
     run_virtual(scenario())
 
@@ -280,17 +280,17 @@ async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
 def watch(bench: SimulatedDrives) -> list[float]:
     """Every frequency that the motor is told, from now on."""
     motor = bench.station().motor
-    told: list[float] = []
+    message: list[float] = []
 
     class Watched(type(motor)):  # type: ignore[misc]
         __slots__ = ()
 
         def run(self, target_hz: float) -> None:
-            told.append(target_hz)
+            message.append(target_hz)
             super().run(target_hz)
 
     motor.__class__ = Watched
-    return told
+    return message
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
@@ -302,14 +302,14 @@ def test_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: str, s
         async with SimulatedDrives(model, query=f"line_quality=loss=0.1&seed={seed}") as bench:
             drive = bench.drive()
             for _ in range(4):
-                told = watch(bench)
+                message = watch(bench)
                 try:
                     await drive.run(SAFE_HZ[model])
                 except DrivebusError:
                     pass
                 else:
                     assert bench.station().running
-                assert len([hz for hz in told if hz]) <= 1
+                assert len([hz for hz in message if hz]) <= 1
                 try:
                     await drive.stop()
                 except StopUnconfirmed:
@@ -561,10 +561,10 @@ def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
                 assert (await drive.stop()).status == "confirmed"
                 await asyncio.sleep(0)
                 assert monitor.status().state is DriveState.STOPPED and seen[-1] == "stopped"
-                told = len(seen)
+                message = len(seen)
             await drive.run(SAFE_HZ[model])
             await asyncio.sleep(0)
-            assert len(seen) == told, "a closed monitor hears nothing"
+            assert len(seen) == message, "a closed monitor hears nothing"
             assert not drive._read_listeners, "and nobody holds it"
 
     run_virtual(scenario())
@@ -616,14 +616,14 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
         ) as bench:
             drive = bench.drive()
             bench.station().setpoint_hz = 12.3
-            told = watch(bench)
+            message = watch(bench)
             assert (await drive.calibrate_query_coding()).coding == query
             if setpoint == "hex-0.01" and query != "hex-0.01":
                 await nothing_is_proved(drive)
                 return
             found = await drive.calibrate_setpoint_coding()
             assert found.coding == setpoint
-            assert max(told) <= 5.0
+            assert max(message) <= 5.0
             assert not bench.station().running
             await drive.run(20.0)
             await asyncio.sleep(30)

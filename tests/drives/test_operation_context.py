@@ -60,8 +60,8 @@ def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language
     frame = json.loads(
         json.dumps(exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None), error=silence))))
     )
-    told = i18n.text(frame["error"], language, **frame["params"])
-    assert told == silence.text(language) and "{" not in told
+    message = i18n.text(frame["error"], language, **frame["params"])
+    assert message == silence.text(language) and "{" not in message
     assert exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None))))["error"] is None
 
 

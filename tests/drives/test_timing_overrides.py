@@ -39,8 +39,8 @@ def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> Non
             for drive in (plain, plain, slow, plain):
                 assert (await bench.bus.transact(ask(drive))).error is None
             sent = [one for one in seen if one.kind is TraceKind.SENT]
-            heard = [one for one in seen if one.kind is TraceKind.REPLY]
-            gaps = [later.time - before.time for before, later in zip(heard, sent[1:], strict=False)]
+            received = [one for one in seen if one.kind is TraceKind.REPLY]
+            gaps = [later.time - before.time for before, later in zip(received, sent[1:], strict=False)]
             assert gaps == pytest.approx([5 * CHARACTER_S, 40 * CHARACTER_S, 40 * CHARACTER_S]), (
                 "its reply needs it too"
             )

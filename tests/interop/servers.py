@@ -42,8 +42,8 @@ class PeerServer:
     def start(self) -> None:
         self.process = self.launch()
         assert self.process.stdout is not None
-        said = self.process.stdout.readline()
-        assert said == "ready\n", said + self.process.stdout.read()
+        text = self.process.stdout.readline()
+        assert text == "ready\n", text + self.process.stdout.read()
 
     def kill(self) -> None:
         assert self.process is not None

@@ -185,8 +185,8 @@ async def test_a_killed_server_is_silent_and_comes_back_online_by_itself(server:
 async def test_an_address_that_nobody_has_does_not_disturb_the_one_that_answers(server: PeerServer) -> None:
     async with server.bus() as bus:
         bus.add_station(peer_station(STATION + 1, loops=False))
-        nobody = await bus.transact(BusRequest(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))
-        assert isinstance(nobody.error, NoReply) and nobody.received == b""
+        no_user = await bus.transact(BusRequest(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))
+        assert isinstance(no_user.error, NoReply) and no_user.received == b""
         assert (await bus.transact(read(1, 1))).reply.values == (1001,)
         assert bus.presence(STATION + 1) is Presence.NEVER_SEEN
         assert bus.presence(STATION) is Presence.ONLINE

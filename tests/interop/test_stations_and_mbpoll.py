@@ -102,11 +102,11 @@ async def test_mbpoll_writes_a_parameter_to_ram_or_with_its_top_bit_to_eeprom() 
 async def test_mbpoll_asks_two_vc660_in_turn_and_misses_the_third() -> None:
     made = quick_bench("vc660@1,2")
     async with serve_on_pty(made) as path:
-        said = await mbpoll(path, STATUS, station="1,2")
-        assert (said.code, said.text.count(f"[{STATUS}]: \t1")) == (0, 2)
-        nobody = await mbpoll(path, STATUS, station="3", patience_s=0.2)
-        assert (nobody.code, nobody.registers) == (1, {})
-        assert "Connection timed out" in nobody.text
+        reply_text = await mbpoll(path, STATUS, station="1,2")
+        assert (reply_text.code, reply_text.text.count(f"[{STATUS}]: \t1")) == (0, 2)
+        no_user = await mbpoll(path, STATUS, station="3", patience_s=0.2)
+        assert (no_user.code, no_user.registers) == (1, {})
+        assert "Connection timed out" in no_user.text
 
 
 @pytest.mark.parametrize(
@@ -127,9 +127,9 @@ async def test_mbpoll_shows_the_vc660s_exception(
     register: int, values: tuple[int, ...], count: int, table: str, exception: str
 ) -> None:
     async with serve_on_pty(quick_bench("vc660@1")) as path:
-        said = await mbpoll(path, register, *values, count=count, table=table)
-    assert (said.code, said.registers) == (1, {})
-    assert f"failed: {exception}" in said.text
+        reply_text = await mbpoll(path, register, *values, count=count, table=table)
+    assert (reply_text.code, reply_text.registers) == (1, {})
+    assert f"failed: {exception}" in reply_text.text
 
 
 async def test_mbpoll_shows_that_a_running_vc660_refuses_to_change_its_command_source() -> None:
@@ -139,8 +139,8 @@ async def test_mbpoll_shows_that_a_running_vc660_refuses_to_change_its_command_s
     source = 30  # F01.00 of the simulated drive
     async with serve_on_pty(made) as path:
         station.keypad_run(10.0)
-        said = await mbpoll(path, source, 0)
-        assert said.code == 1 and "Slave device or server failure" in said.text
+        reply_text = await mbpoll(path, source, 0)
+        assert reply_text.code == 1 and "Slave device or server failure" in reply_text.text
         assert station.memory[source] == 2
         station.keypad_stop()
         await wait_until(lambda: not made.station(1).running, "standstill")

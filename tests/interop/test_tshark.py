@@ -157,23 +157,23 @@ def damaged(chance: Random, data: bytes) -> bytes:
 
 def conversation(seed: int, frames: int) -> list[CapturedFrame]:
     """Requests and their replies; a damaged request and a broadcast stay unanswered, one time in twenty a sound one."""
-    chance, said, at = Random(seed), list[CapturedFrame](), 0
-    while len(said) < frames:
+    chance, text, at = Random(seed), list[CapturedFrame](), 0
+    while len(text) < frames:
         request = some_request(chance)
         data = CODEC.encode_request(request)
         spoiled = chance.random() < 0.05
-        said.append(
+        text.append(
             CapturedFrame(
                 at := at + chance.randint(30_000, 200_000), damaged(chance, data) if spoiled else data, not spoiled
             )
         )
         if spoiled or request.address == 0 or chance.random() < 0.05:
             continue
-        asked_in, data = len(said), CODEC.encode_reply(some_reply(chance, request))
+        asked_in, data = len(text), CODEC.encode_reply(some_reply(chance, request))
         spoiled = chance.random() < 0.05
         data = damaged(chance, data) if spoiled else data
-        said.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not spoiled, request, asked_in))
-    return said[:frames]
+        text.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not spoiled, request, asked_in))
+    return text[:frames]
 
 
 def recorded(path: Path, said: list[CapturedFrame], seed: int) -> Path:
@@ -325,9 +325,9 @@ class TsharkComparison:
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> TsharkComparison:
     folder = tmp_path_factory.mktemp("tshark")
-    said = conversation(20261121, FRAMES)
-    out = exported(recorded(folder / "generated.dbcap", said, 7), "--all-modbus")
-    return TsharkComparison(said, tshark_fields(out, folder))
+    text = conversation(20261121, FRAMES)
+    out = exported(recorded(folder / "generated.dbcap", text, 7), "--all-modbus")
+    return TsharkComparison(text, tshark_fields(out, folder))
 
 
 def test_the_generated_line_has_all_that_it_should(line: TsharkComparison) -> None:
@@ -407,10 +407,10 @@ def test_each_response_is_put_to_the_request_that_it_answers(line: TsharkCompari
 
 def test_without_all_modbus_only_damaged_requests_are_no_modbus(tmp_path: Path) -> None:
     """We send none of these; a damaged reply is known by its request."""
-    said = conversation(1, 1000)
-    capture = recorded(tmp_path / "one.dbcap", said, 1)
+    text = conversation(1, 1000)
+    capture = recorded(tmp_path / "one.dbcap", text, 1)
     modbus = [one.modbus for one in split_frames(read_capture(capture))]
-    assert modbus == [one.whole or one.request is not None for one in said]
+    assert modbus == [one.whole or one.request is not None for one in text]
     assert Counter(modbus)[False] > 10
 
 

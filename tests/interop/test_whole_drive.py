@@ -94,9 +94,9 @@ def simulated(started: StartProgram, model: str, link: Path, *more: str) -> str:
         *more,
     )
     assert process.stdout is not None
-    said = process.stdout.readline()
-    assert said.startswith("{"), said + process.stdout.read()
-    found: str = json.loads(said)["url"]
+    text = process.stdout.readline()
+    assert text.startswith("{"), text + process.stdout.read()
+    found: str = json.loads(text)["url"]
     return found
 
 

@@ -128,28 +128,28 @@ def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model:
     async def work(bus: Bus) -> list[str]:
         async with bus:
             drive = Drive(bus, model, 1)
-            told = [shown(await drive.status()), (await drive.run(hz)).text()]
+            message = [shown(await drive.status()), (await drive.run(hz)).text()]
             await asyncio.sleep(2)
-            return [*told, shown(await drive.status()), (await drive.stop()).text()]
+            return [*message, shown(await drive.status()), (await drive.stop()).text()]
 
     def shown(status: DriveStatus) -> str:
         return f"{status.state} {[(name, one.value) for name, one in status.readings.items()]}"
 
     async def record() -> list[str]:
         port = RecordingPort(open_port(f"sim://{model}@1"), path)
-        told = await work(Bus(port))
+        message = await work(Bus(port))
         port.end_capture()
-        return told
+        return message
 
     async def play() -> tuple[list[str], object]:
         bus = open_bus(f"replay://{path}?timing={timing}")
-        told = await work(bus)
-        return told, bus.port.report  # type: ignore[attr-defined]
+        message = await work(bus)
+        return message, bus.port.report  # type: ignore[attr-defined]
 
-    told = run(record())
+    message = run(record())
     again, report = run(play())
     sent = sum(isinstance(one, BytesRecord) and one.direction == "tx" for one in read_capture(path).records)
-    assert again == told
+    assert again == message
     assert report == ReplayReport(sent, (), 0)
 
 

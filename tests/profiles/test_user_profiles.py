@@ -57,25 +57,25 @@ def test_the_group_sizes_of_vc660_give_its_parameters_their_registers(own: Path)
     (own / "spindle.toml").write_text(SIZES, encoding="utf-8")
     assert "spindle" in profiles.models()
 
-    async def told(model: str) -> tuple[int | None, list[object]]:
+    async def scenario(model: str) -> tuple[int | None, list[object]]:
         async with Bus(open_port("sim://vc660@1")) as bus:
             drive = Drive(bus, model, 1)
             requests: list[object] = []
             bus.trace(lambda event: requests.append(event.message) if event.direction == "sent" else None)
             return (await drive.read(["F01.00"]))["F01.00"].raw, requests
 
-    raw, requests = run(told("spindle"))
+    raw, requests = run(scenario("spindle"))
     assert raw == 2
     assert 30 in [getattr(request, "register", None) for request in requests]
     with pytest.raises(ProfileError):
-        run(told("vc660"))
+        run(scenario("vc660"))
 
 
 def test_a_monitor_of_ones_own_is_a_signal_of_c320(own: Path) -> None:
     path = own / "pump.toml"
     path.write_text(MONITOR, encoding="utf-8")
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with Bus(open_port("sim://c320@1?ramp=1")) as bus:
             drive = Drive(bus, path, 1)
             await drive.run(30.0, wait=True)
@@ -84,20 +84,20 @@ def test_a_monitor_of_ones_own_is_a_signal_of_c320(own: Path) -> None:
             assert reading.raw and reading.value == pytest.approx(reading.raw / 10)
             await drive.stop()
 
-    run(told())
+    run(scenario())
 
 
 def test_a_df800_with_its_status_monitors_has_a_state(own: Path) -> None:
     path = own / "fan.toml"
     path.write_text(STATUS, encoding="utf-8")
 
-    async def told(model: str | Path) -> tuple[str, Quality]:
+    async def scenario(model: str | Path) -> tuple[str, Quality]:
         async with Bus(open_port("sim://df800@1")) as bus:
             status = await Drive(bus, model, 1).status()
             return str(status.state), status.readings["output_frequency"].quality
 
-    assert run(told(path)) == ("stopped", Quality.GOOD)
-    assert run(told("df800")) == ("unknown", Quality.BAD)
+    assert run(scenario(path)) == ("stopped", Quality.GOOD)
+    assert run(scenario("df800")) == ("unknown", Quality.BAD)
 
 
 def test_a_file_that_can_not_be_read_is_rejected_like_any_other(own: Path) -> None:

@@ -55,8 +55,8 @@ def test_a_reply_without_its_request_is_valid_and_its_meanings_are_candidates(ve
     assert found.valid
     assert found.direction == "response"
     if vector.model == "c320":
-        told = [dict(found.fields), *({**found.fields, **reading.fields} for reading in found.interpretations)]
-        assert any(vector.fields.items() <= fields.items() for fields in told)
+        message = [dict(found.fields), *({**found.fields, **reading.fields} for reading in found.interpretations)]
+        assert any(vector.fields.items() <= fields.items() for fields in message)
 
 
 def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:

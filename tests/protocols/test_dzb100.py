@@ -132,13 +132,13 @@ def test_a_stop_leaves_with_0000_whatever_it_is_given(command: Dzb100Command, da
 def test_a_single_flip_of_a_stop_that_a_drive_obeys_as_a_run_runs_at_zero(command: Dzb100Command) -> None:
     frame = CODEC.encode_request(dzb100.Dzb100Control(1, command))
     runs = [
-        heard
-        for heard in map(heard_or_none, flips(frame))
-        if isinstance(heard, dzb100.Dzb100Control)
-        and not heard.command.is_stop
-        and heard.command is not Dzb100Command.RESET
+        received
+        for received in map(heard_or_none, flips(frame))
+        if isinstance(received, dzb100.Dzb100Control)
+        and not received.command.is_stop
+        and received.command is not Dzb100Command.RESET
     ]
-    assert {heard.data for heard in runs} == {0}
+    assert {received.data for received in runs} == {0}
     assert len(runs) == {Dzb100Command.STOP: 2, Dzb100Command.STOP_2: 2}[command]
 
 

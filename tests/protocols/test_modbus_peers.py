@@ -82,9 +82,9 @@ def test_our_requests_are_pymodbus_requests(pdu: Any, codec: ModbusRtuCodec | Mo
         sent = framer(codec.encoding, station=False).buildFrame(theirs)
         assert codec.encode_request(ours) == sent
         assert codec.decode_request(sent).message == ours
-        _, heard = framer(codec.encoding, station=True).handleFrame(codec.encode_request(ours), 0, 0)
-        assert type(heard) is type(theirs)
-        assert (heard.dev_id, heard.encode()) == (7, theirs.encode())
+        _, received = framer(codec.encoding, station=True).handleFrame(codec.encode_request(ours), 0, 0)
+        assert type(received) is type(theirs)
+        assert (received.dev_id, received.encode()) == (7, theirs.encode())
 
 
 @pytest.mark.parametrize("codec", [ModbusRtuCodec(), ModbusAsciiCodec()], ids=["rtu", "ascii"])
@@ -120,5 +120,5 @@ def test_our_replies_are_pymodbus_replies(pdu: Any, codec: ModbusRtuCodec | Modb
         sent = framer(codec.encoding, station=True).buildFrame(theirs)
         assert codec.encode_reply(ours) == sent
         assert codec.decode_reply(request, sent).message == ours
-        _, heard = framer(codec.encoding, station=False).handleFrame(codec.encode_reply(ours), 7, 0)
-        assert (heard.dev_id, heard.function_code) == (7, theirs.function_code)
+        _, received = framer(codec.encoding, station=False).handleFrame(codec.encode_reply(ours), 7, 0)
+        assert (received.dev_id, received.function_code) == (7, theirs.function_code)

@@ -301,9 +301,9 @@ def test_an_error_carries_both_numbers(frame: bytes, english: str, chinese: str)
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_command_that_expects_no_monitor_takes_no_data_of_a_fault_either(encoding: Encoding) -> None:
-    told = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, None, 7, fault_code=3)
+    message = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, None, 7, fault_code=3)
     found = decode_accepted(
-        sunfar.SunfarControl(5, SunfarOperation.STOP), CODECS[encoding].encode_reply(told), encoding
+        sunfar.SunfarControl(5, SunfarOperation.STOP), CODECS[encoding].encode_reply(message), encoding
     )
     assert (found.state, found.fault_code, found.item, found.data) == (SunfarState.FAULT, 3, None, None)
 

@@ -107,8 +107,8 @@ def test_a_station_decodes_the_operation_in_every_class(
                 else (READ_LAYOUT, 7, kind, operation, 0, 0)
             )
         )
-    heard = CODECS[encoding].decode_request(frame).message
-    assert (heard.operation, heard.request.frame_class, heard.request.address) == (operation, kind, 7)
+    received = CODECS[encoding].decode_request(frame).message
+    assert (received.operation, received.request.frame_class, received.request.address) == (operation, kind, 7)
     moves = operation.name.startswith(("RUN", "JOG")) and "STOP" not in operation.name
     assert (sunfar.classify_frame(frame) is Effect.MOTION) is moves
 

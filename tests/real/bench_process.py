@@ -82,14 +82,14 @@ class RecordedBus:
         wire: Any = self.bench.wire
         say = wire.transmit
 
-        def heard(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
+        def received(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            text = say(talker, data, *more, **named)
             what = "asked" if talker in self.servers else "answered"
             host = self.servers.index(talker) if talker in self.servers else None
-            self._write(what=what, t=said.start, end=said.end, data=bytes(data).hex(), host=host)
-            return said
+            self._write(what=what, t=text.start, end=text.end, data=bytes(data).hex(), host=host)
+            return text
 
-        wire.transmit = heard
+        wire.transmit = received
 
     def _watch(self, station: Any) -> None:
         advance, last = station.advance, [(False, None)]
@@ -108,12 +108,12 @@ class RecordedBus:
                 last[0] = (station.motor.energised, trip)
                 self._write(what="motor", t=at, address=station.address, on=station.motor.energised, trip=trip)
 
-        def heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
+        def received(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             self._write(what="heard", t=now, address=station.address)
             return obey(message, codec, line, now, **named)
 
         obey = station.handle_frame
-        station.advance, station.handle_frame = stepped, heard
+        station.advance, station.handle_frame = stepped, received
 
     def _write(self, **what: Any) -> None:
         self.record.write(line=self.number, **what)

@@ -63,10 +63,10 @@ async def issue_commands(drive: Drive) -> dict[str, Any]:
 async def start(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
         drives = [made(bus, model, address) for address in range(1, count + 1)]
-        wishes = [asyncio.create_task(issue_commands(drive)) for drive in drives]
+        commands = [asyncio.create_task(issue_commands(drive)) for drive in drives]
         await asyncio.sleep(0)
         print_event(event="queued")
-        for done in wishes:
+        for done in commands:
             print_event(event="ended", **await done)
 
 

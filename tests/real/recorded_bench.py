@@ -115,8 +115,8 @@ class RecordedPlant:
 
     def last_frame_received(self, line: int, before: float) -> float:
         """When, on the drive's own clock, it took in the last frame that was for it."""
-        heard = [each["t"] for each in self.read() if each["what"] == "heard" and each["line"] == line]
-        return max(t for t in heard if t < before)
+        received = [each["t"] for each in self.read() if each["what"] == "heard" and each["line"] == line]
+        return max(t for t in received if t < before)
 
     def on(self, line: int = 0) -> bool:
         turns = self.motor_changes(line)

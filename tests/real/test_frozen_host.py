@@ -23,9 +23,9 @@ DRIVES, LINES = 4, 3
 
 def issued_commands(process: Any) -> list[dict[str, Any]]:
     out, errors = process.communicate(timeout=PROCESS_TIMEOUT_S)
-    said = [json.loads(line) for line in out.splitlines()]
+    text = [json.loads(line) for line in out.splitlines()]
     assert process.returncode == 0, errors
-    return [each for each in said if each["event"] == "ended"]
+    return [each for each in text if each["event"] == "ended"]
 
 
 def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(plants: Plants, started: Start) -> None:
@@ -44,14 +44,14 @@ def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(pla
     thawed = time.monotonic()
     for host in hosts:
         host.send_signal(signal.SIGCONT)
-    told = [issued_commands(host) for host in hosts]
+    message = [issued_commands(host) for host in hosts]
     plant.settle()
     for line in range(LINES):
         assert [one for one in plant.requests(line, since=thawed) if one.effect is not RequestEffect.READ] == []
         moved = {one.address for one in plant.requests(line) if one.effect is RequestEffect.MOTION}
-        for each in told[line]:
+        for each in message[line]:
             assert each["address"] in moved or each.get("error") == "Expired", each
-    assert sum(each.get("error") == "Expired" for line in told for each in line) >= LINES, "the freeze came too late"
+    assert sum(each.get("error") == "Expired" for line in message for each in line) >= LINES, "the freeze came too late"
 
 
 def test_starts_that_were_permitted_and_queued_when_the_machine_froze_are_never_sent(
@@ -65,10 +65,10 @@ def test_starts_that_were_permitted_and_queued_when_the_machine_froze_are_never_
     wait_until(lambda: stopped(host.pid), "the freeze")
     time.sleep(FREEZE_S)
     host.send_signal(signal.SIGCONT)
-    told = issued_commands(host)
+    message = issued_commands(host)
     plant.settle()
-    assert [each["error"] for each in told] == ["bus.permit_expired"] * DRIVES
-    assert {each["sent"] for each in told} == {""}
+    assert [each["error"] for each in message] == ["bus.permit_expired"] * DRIVES
+    assert {each["sent"] for each in message} == {""}
     assert {one.effect for one in plant.requests()} == {RequestEffect.READ} and plant.motor_changes() == []
 
 

@@ -58,18 +58,18 @@ def refusals(
     other = started("user_process.py", second, exclusive, TRIALS, device, env=homes(second))
     out, errors = other.communicate(timeout=PROCESS_TIMEOUT_S)
     assert other.returncode == 0, errors
-    said = [json.loads(line) for line in out.splitlines()]
-    assert all(str(owner.pid) in each["text"] for each in said if "text" in each)
+    text = [json.loads(line) for line in out.splitlines()]
+    assert all(str(owner.pid) in each["text"] for each in text if "text" in each)
     owner.kill()
-    return owner.pid, Counter((each["key"], each.get("pid")) for each in said)
+    return owner.pid, Counter((each["key"], each.get("pid")) for each in text)
 
 
 def test_a_second_instance_of_the_same_user_is_refused_100_times_of_100_with_the_owners_pid(
     plants: Plants, started: Start, homes: Callable[[int], dict[str, str]]
 ) -> None:
     me = os.getuid()
-    pid, said = refusals(plants(c320()), started, homes, me, me)
-    assert said == {("ports.held-drivebus", pid): TRIALS}
+    pid, text = refusals(plants(c320()), started, homes, me, me)
+    assert text == {("ports.held-drivebus", pid): TRIALS}
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be several users")
@@ -82,8 +82,8 @@ def test_a_second_instance_of_another_user_is_refused_100_times_of_100_with_the_
     plants: Plants, started: Start, homes: Callable[[int], dict[str, str]], first: int, second: int, exclusive: int
 ) -> None:
     """Neither sees the other's lock file nor its open files; the kernel's list of locks tells the pid."""
-    pid, said = refusals(plants(c320(format="8N1")), started, homes, first, second, exclusive)
-    assert said == {("ports.held", pid): TRIALS}
+    pid, text = refusals(plants(c320(format="8N1")), started, homes, first, second, exclusive)
+    assert text == {("ports.held", pid): TRIALS}
 
 
 READS = {"c320": "2A 30 31 31 30 30 30 30 34 30 31 38 36 0D", "vc660": "01 03 30 06 00 01 6B 0B"}

@@ -53,11 +53,11 @@ def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_
     for line, (moment, come) in enumerate(MOMENTS):
         wait_until(lambda line=line, come=come: come(plant, line), moment)  # type: ignore[misc]
         runs[line].send_signal(signal.SIGTERM)
-    said = [last_document(process) for process in runs]
+    text = [last_document(process) for process in runs]
     plant.settle()
     for line, (moment, _) in enumerate(MOMENTS):
         assert runs[line].returncode == 130, moment
-        assert (said[line]["event"], said[line]["outcome"]) == ("stopped", "confirmed"), moment
+        assert (text[line]["event"], text[line]["outcome"]) == ("stopped", "confirmed"), moment
         done = host_actions(plant, line)
         assert not plant.on(line), moment
         assert done[-1] is RequestEffect.STOP and RequestEffect.MOTION not in done[done.index(RequestEffect.STOP) :], (
@@ -74,8 +74,8 @@ def test_a_run_whose_drive_does_not_answer_the_stop_says_that_it_is_not_confirme
     wait_until(lambda: plant.on(), "the start")
     plant.order(faults={"silent": True})
     process.send_signal(signal.SIGTERM)
-    said = last_document(process)
+    text = last_document(process)
     assert process.returncode == 4
-    assert said["error"]["type"] == "StopUnconfirmed" if "error" in said else said["outcome"] == "unknown"
+    assert text["error"]["type"] == "StopUnconfirmed" if "error" in text else text["outcome"] == "unknown"
     assert host_actions(plant, 0).count(RequestEffect.STOP) >= 2, "it is repeated"
     assert plant.on()

@@ -40,14 +40,14 @@ def test_a_family_that_leaves_out_what_only_it_can_say_is_no_station(lacking: st
 
 
 def test_a_transaction_takes_what_the_arithmetic_says() -> None:
-    async def told() -> float:
+    async def scenario() -> float:
         async with SimulatorClient("sim://vc660@1?baud=19200&format=8E1") as desk:
             sent = asyncio.get_running_loop().time()
             await desk.request(STATUS)
             return desk.received[0][0] - sent
 
     character_s = 11 / 19200
-    assert run_virtual(told()) == pytest.approx((8 + 13) * character_s + 0.004)
+    assert run_virtual(scenario()) == pytest.approx((8 + 13) * character_s + 0.004)
 
 
 def test_the_line_is_the_factory_setting_unless_the_link_says() -> None:
@@ -65,33 +65,33 @@ def test_a_sim_port_is_a_port() -> None:
 
 
 def test_families_can_share_a_wire() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1-2+df800@8") as desk:
             assert (await desk.request(STATUS)).values[0] == 1
             assert (await desk.request(modbus.ReadRegisters(8, 100, 1))).values == (5000,)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_nobody_answers_for_an_address_without_a_drive() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://vc660@1") as desk:
             return await desk.request(modbus.ReadRegisters(9, 0x3000, 1))
 
-    assert run_virtual(told()) is None
+    assert run_virtual(scenario()) is None
 
 
 def test_a_drives_line_other_than_the_hosts_is_silence() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1?baud=9600&drives=19200-8N1") as desk:
             assert await desk.raw(desk.codec.encode_request(STATUS)) == b""
             assert desk.station().frame_count == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_two_masters_with_different_settings_hear_each_other_as_noise() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with (
             SimulatorClient("sim://vc660@1?name=a") as right,
             SimulatorClient("sim://vc660@1?name=a&baud=19200") as wrong,
@@ -102,11 +102,11 @@ def test_two_masters_with_different_settings_hear_each_other_as_noise() -> None:
             assert all(marks == len(data) for _, data, marks in wrong.received)
             assert frame not in [data for _, data, _ in wrong.received]
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_two_masters_who_speak_at_once_get_no_answer() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1,2?name=a") as one, SimulatorClient("sim://vc660@1,2?name=a") as two:
             assert one.simulated_bus is two.simulated_bus is find_simulated_bus("a")
             one.port.write(one.codec.encode_request(STATUS))
@@ -116,22 +116,22 @@ def test_two_masters_who_speak_at_once_get_no_answer() -> None:
             assert one.simulated_bus.wire.collisions == 1
             assert (one.station(1).reply_count, one.station(2).reply_count) == (0, 0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_second_master_hears_the_first_and_its_drive() -> None:
-    async def told() -> list[bytes]:
+    async def scenario() -> list[bytes]:
         async with SimulatorClient("sim://vc660@1?name=a") as one, SimulatorClient("sim://vc660@1?name=a") as two:
             reply = await one.raw(one.codec.encode_request(STATUS))
-            heard = [data for _, data, _ in two.received]
-            assert heard == [one.codec.encode_request(STATUS), reply]
-            return heard
+            received_frames = [data for _, data, _ in two.received]
+            assert received_frames == [one.codec.encode_request(STATUS), reply]
+            return received_frames
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_named_bench_keeps_its_drives_when_the_host_restarts() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1?name=plant") as desk:
             await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
             await desk.request(modbus.WriteRegister(1, 0x2000, 1))
@@ -139,21 +139,21 @@ def test_a_named_bench_keeps_its_drives_when_the_host_restarts() -> None:
         async with SimulatorClient("sim://vc660@1?name=plant") as desk:
             assert (await desk.request(STATUS)).values[2] == 3000
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_frame_written_just_before_closing_still_reaches_the_drive() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.port.write(desk.codec.encode_request(modbus.WriteRegister(1, 0x2000, 1)))
         await asyncio.sleep(1.0)
         assert desk.station().motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         desk = SimulatorClient("sim://vc660@1")
         await desk.port.open(desk)
         await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
@@ -172,20 +172,20 @@ def test_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> None:
         await desk.port.open(desk)
         assert (await desk.request(STATUS)).values[2] == 3000
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_open_port_is_not_opened_twice() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             with pytest.raises(PortUnavailable):
                 await desk.port.open(desk)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             frame = desk.codec.encode_request(STATUS)
             sent = asyncio.get_running_loop().time()
@@ -193,33 +193,33 @@ def test_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
             assert data.startswith(frame) and len(data) == 8 + 13
             assert desk.received[0][0] - sent == pytest.approx(8 * 10 / 9600)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledgement() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
             return await desk.request(modbus.WriteRegister(1, 0x2000, 1))
 
-    assert isinstance(run_virtual(told()), modbus.WriteAck)
+    assert isinstance(run_virtual(scenario()), modbus.WriteAck)
 
 
 def test_a_late_reply_comes_where_the_next_one_is_expected() -> None:
-    async def told() -> list[bytes]:
+    async def scenario() -> list[bytes]:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.station().faults.next_added_delays_s.append(0.3)
             assert await desk.raw(desk.codec.encode_request(STATUS), 0.2) == b""
             await desk.raw(desk.codec.encode_request(modbus.ReadRegisters(1, 0, 1)), 0.5)
             return [data for _, data, _ in desk.received]
 
-    first, second = run_virtual(told())
+    first, second = run_virtual(scenario())
     assert len(first) == 13  # of the request before
     assert len(second) == 7
 
 
 def test_two_drives_at_one_address_garble_their_replies() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.simulated_bus.add(make_station("vc660", 1))
             data = await desk.raw(desk.codec.encode_request(STATUS))
@@ -227,31 +227,31 @@ def test_two_drives_at_one_address_garble_their_replies() -> None:
             assert len(data) == 13
             assert data[:3] != bytes((1, 3, 8))
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_wrong_address_answers_as_somebody_else() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.station().faults.wrong_address = 5
             return await desk.raw(desk.codec.encode_request(STATUS))
 
-    assert run_virtual(told())[0] == 5
+    assert run_virtual(scenario())[0] == 5
 
 
 def test_a_slow_drive_answers_later_by_so_much() -> None:
-    async def told() -> float:
+    async def scenario() -> float:
         async with SimulatorClient("sim://vc660@1") as desk:
             desk.station().faults.added_delay_s = 0.1
             sent = asyncio.get_running_loop().time()
             await desk.request(STATUS)
             return desk.received[0][0] - sent
 
-    assert run_virtual(told()) == pytest.approx(21 * 10 / 9600 + 0.104)
+    assert run_virtual(scenario()) == pytest.approx(21 * 10 / 9600 + 0.104)
 
 
 def test_a_mute_drive_obeys_and_a_silent_one_does_not() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1,2") as desk:
             desk.station(1).faults.mute = True
             desk.station(2).faults.silent = True
@@ -259,11 +259,11 @@ def test_a_mute_drive_obeys_and_a_silent_one_does_not() -> None:
                 assert await desk.request(modbus.WriteRegister(address, 0x2000, 1)) is None
             assert (desk.station(1).motor.starts, desk.station(2).motor.starts) == (1, 0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_stuck_drive_shows_what_it_showed() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1") as desk:
             await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
             await desk.request(modbus.WriteRegister(1, 0x2000, 1))
@@ -274,23 +274,23 @@ def test_a_stuck_drive_shows_what_it_showed() -> None:
             assert (await desk.request(STATUS)).values == shown
             assert desk.station().motor.output_hz > shown[2] / 100
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1?line_quality=flip=1") as desk:
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             assert desk.station().frame_count == 0
             desk.simulated_bus.line_quality = "clean"
             assert (await desk.request(sunfar.ReadMonitor(1, 0))).data == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("weather", ["lossy,late,junk=0.1,duplicate=0.1,cut_first=0.05", "bytes,noisy"])
 def test_the_same_seed_gives_the_same_trace(weather: str) -> None:
-    async def told(seed: int) -> str:
+    async def scenario(seed: int) -> str:
         async with SimulatorClient(f"sim://vc660@1-3?line_quality={weather}&seed={seed}") as desk:
             trace = hashlib.sha256()
             for n in range(120):
@@ -299,28 +299,28 @@ def test_the_same_seed_gives_the_same_trace(weather: str) -> None:
                 trace.update(repr(desk.received).encode())
             return trace.hexdigest()
 
-    assert run_virtual(told(5)) == run_virtual(told(5))
-    assert run_virtual(told(5)) != run_virtual(told(6))
+    assert run_virtual(scenario(5)) == run_virtual(scenario(5))
+    assert run_virtual(scenario(5)) != run_virtual(scenario(6))
 
 
 def test_a_bench_can_be_used_in_another_loop() -> None:
-    async def told() -> int:
+    async def scenario() -> int:
         async with SimulatorClient("sim://vc660@1?name=kept") as desk:
             await desk.request(modbus.WriteRegister(1, 0x2000, 1))
             return int(desk.station().motor.starts)
 
-    assert [run_virtual(told()), run_virtual(told())] == [1, 1]
+    assert [run_virtual(scenario()), run_virtual(scenario())] == [1, 1]
 
 
 def test_c300_shows_its_current_where_c320_shows_its_voltage() -> None:
-    async def told(model: str) -> int:
+    async def scenario(model: str) -> int:
         async with SimulatorClient(f"sim://{model}@1?ramp=1", sunfar.SunfarCodec()) as desk:
             await desk.request(sunfar.SunfarControl(1, sunfar.SunfarOperation.RUN_FORWARD_AT, 5000))
             await asyncio.sleep(3.0)
             return int((await desk.request(sunfar.ReadMonitor(1, 1))).data)
 
-    assert run_virtual(told("c320")) == 380
-    assert 20 < run_virtual(told("c300")) < 40
+    assert run_virtual(scenario("c320")) == 380
+    assert 20 < run_virtual(scenario("c300")) < 40
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ async def running(desk: SimulatorClient, hz: float = 30.0, address: int = 1) -> 
 
 
 def test_it_runs_at_the_frequency_that_the_start_carries() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             reply = await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
             assert reply.response is SunfarResponse.OK
@@ -40,15 +40,15 @@ def test_it_runs_at_the_frequency_that_the_start_carries() -> None:
             reply = await desk.request(sunfar.ReadMonitor(1, 0))
             assert (reply.state, reply.data) == (SunfarState.RUNNING_FORWARD, 3000)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_the_reply_to_a_start_still_shows_stopped() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             return await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
 
-    assert run_virtual(told()).state is SunfarState.STOPPED
+    assert run_virtual(scenario()).state is SunfarState.STOPPED
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_the_reply_to_a_start_still_shows_stopped() -> None:
     ids=["4.1", "4.2", "4.3", "4.4", "4.5"],
 )
 def test_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad: bytes) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().setpoint_hz = 20.0
             assert len(await desk.raw(bad)) == 18
@@ -71,11 +71,11 @@ def test_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad: byt
             assert desk.station().motor.output_hz == pytest.approx(20.0)
             assert desk.station().motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_reads_with_operation_00_have_no_effect() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             before = desk.station().motor.output_hz
@@ -84,7 +84,7 @@ def test_reads_with_operation_00_have_no_effect() -> None:
             assert desk.station().motor.output_hz == before
             assert desk.station().motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def reads() -> Iterator[Any]:
@@ -94,43 +94,43 @@ def reads() -> Iterator[Any]:
 
 
 def test_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://c320@1") as desk:
             body = b"0150110:0010"
             return await desk.raw(b"*" + body + b"%04X\r" % sum(body))
 
-    reply = run_virtual(told())
+    reply = run_virtual(scenario())
     assert len(reply) == 11
     assert reply[3:4] == b"7"
 
 
 def test_packed_hex_frames_are_answered_in_packed_hex() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1", sunfar.SunfarCodec("hex")) as desk:
             return await desk.request(sunfar.SunfarReadParameter(1, 0, 1))
 
-    assert run_virtual(told()).data == 2
+    assert run_virtual(scenario()).data == 2
 
 
 def test_a_read_of_f0_1_and_of_d_1_have_replies_of_the_same_shape() -> None:
-    async def told() -> tuple[bytes, bytes]:
+    async def scenario() -> tuple[bytes, bytes]:
         async with SimulatorClient("sim://c320@1") as desk:
             codec = desk.codec
             parameter = await desk.raw(codec.encode_request(sunfar.SunfarReadParameter(1, 0, 1)))
             monitor = await desk.raw(codec.encode_request(sunfar.ReadMonitor(1, 1)))
             return parameter, monitor
 
-    parameter, monitor = run_virtual(told())
+    parameter, monitor = run_virtual(scenario())
     assert parameter[:9] == monitor[:9]
 
 
 def test_a_fault_takes_the_place_of_the_item_and_of_nothing_else() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().trip(Trip.OVERLOAD)
             return await desk.request(sunfar.ReadMonitor(1, 4))
 
-    reply = run_virtual(told())
+    reply = run_virtual(scenario())
     assert reply.state is SunfarState.FAULT
     assert reply.fault_code == 6
     assert reply.item is None
@@ -138,7 +138,7 @@ def test_a_fault_takes_the_place_of_the_item_and_of_nothing_else() -> None:
 
 
 def test_a_fault_is_reset_and_the_drive_starts_again() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             desk.station().trip(Trip.EXTERNAL)
@@ -149,15 +149,15 @@ def test_a_fault_is_reset_and_the_drive_starts_again() -> None:
             await running(desk)
             assert desk.station().motor.output_hz == pytest.approx(30.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_t06_0dh_as_data_of_a_hex_frame_ends_nothing() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@13", sunfar.SunfarCodec("hex")) as desk:
             return await desk.request(sunfar.SunfarWriteParameter(13, 1, 0, 0x0D0D))
 
-    assert run_virtual(told()).response is SunfarResponse.OK
+    assert run_virtual(scenario()).response is SunfarResponse.OK
 
 
 @pytest.mark.parametrize(
@@ -172,91 +172,91 @@ def test_t06_0dh_as_data_of_a_hex_frame_ends_nothing() -> None:
     ],
 )
 def test_what_it_refuses_it_refuses_with_the_manuals_code(request_: Any, response: SunfarResponse) -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             return await desk.request(request_)
 
-    reply = run_virtual(told())
+    reply = run_virtual(scenario())
     assert reply.response is response
     assert reply.data in (None, 0)
 
 
 def test_a_refused_write_reports_data_0000_and_changes_nothing() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             reply = await desk.request(sunfar.SunfarWriteParameter(1, 9, 3, 9, save=True))
             assert (reply.response, reply.data) == (SunfarResponse.OUT_OF_RANGE, 0)
             assert desk.station().memory.eeprom_writes.total() == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_some_parameters_are_locked_while_running() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             assert (await desk.request(sunfar.SunfarWriteParameter(1, 0, 1, 0))).response is SunfarResponse.RUNNING
             assert (await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.OK
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_password_forbids_every_write_but_no_read() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().memory.locked = True
             assert (await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.PASSWORD
             assert (await desk.request(sunfar.SunfarReadParameter(1, 9, 4))).response is SunfarResponse.OK
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", range(6, 16))
 def test_reserved_classes_are_answered_with_code_8(kind: int) -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://c320@1") as desk:
             return await desk.raw(frame(1, kind, 0, "0", "00"))
 
-    reply = run_virtual(told())
+    reply = run_virtual(scenario())
     assert (len(reply), reply[3:4]) == (11, b"8")
 
 
 @pytest.mark.parametrize("operation", [0x07, 0x17, 0x22, 0x30, 0x31, 0xFF])
 def test_reserved_operations_are_answered_with_code_8_and_do_nothing(operation: int) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             reply = await desk.raw(frame(1, 4, operation, "0BB8"))
             assert (len(reply), reply[3:4]) == (11, b"8")
             await asyncio.sleep(5.0)
             assert desk.station().motor.output_hz == 0.0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("at", [0, 9, 13])
 def test_a_bad_head_sum_or_end_mark_gets_no_answer(at: int) -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://c320@1") as desk:
             good = bytearray(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             good[at] ^= 0x01
             return await desk.raw(bytes(good))
 
-    assert run_virtual(told()) == b""
+    assert run_virtual(scenario()) == b""
 
 
 def test_a_frequency_above_the_maximum_is_refused_and_starts_nothing() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             reply = await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 5001))
             assert reply.response is SunfarResponse.OUT_OF_RANGE
             await asyncio.sleep(5.0)
             assert desk.station().motor.starts == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_all_stations_obey_a_broadcast_stop_and_none_answers() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@0-3") as desk:
             for address in range(4):
                 await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000, address))
@@ -265,25 +265,25 @@ def test_all_stations_obey_a_broadcast_stop_and_none_answers() -> None:
             await asyncio.sleep(11.0)
             assert [desk.station(address).motor.energised for address in range(4)] == [False] * 4
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_the_first_byte_of_a_reply_comes_within_eight_characters() -> None:
-    async def told() -> float:
+    async def scenario() -> float:
         async with SimulatorClient("sim://c320@1?line_quality=bytes") as desk:
             sent = asyncio.get_running_loop().time()
             await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             return desk.received[0][0] - sent
 
     character_s = 11 / 9600
-    assert run_virtual(told()) == pytest.approx((14 + 4 + 1) * character_s)
+    assert run_virtual(scenario()) == pytest.approx((14 + 4 + 1) * character_s)
 
 
 @pytest.mark.parametrize(("characters", "answered"), [(4.5, False), (5.1, True)])
 def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognised(
     characters: float, answered: bool
 ) -> None:
-    async def told() -> tuple[bytes, int]:
+    async def scenario() -> tuple[bytes, int]:
         async with SimulatorClient("sim://c320@1,2") as desk:
             request = desk.codec.encode_request(sunfar.ReadMonitor(1, 0))
             line = desk.simulated_bus.settings
@@ -291,17 +291,17 @@ def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognised(
             await asyncio.sleep(line.seconds(14 + characters))
             return await desk.raw(request), desk.station().gap_violations
 
-    data, violations = run_virtual(told())
+    data, violations = run_virtual(scenario())
     assert bool(data) is answered
     assert violations == 0
 
 
 def test_a_header_in_the_middle_of_other_bytes_is_no_frame() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://c320@1") as desk:
             return await desk.raw(b"\x00" + desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
 
-    assert run_virtual(told()) == b""
+    assert run_virtual(scenario()) == b""
 
 
 @pytest.mark.parametrize(
@@ -309,7 +309,7 @@ def test_a_header_in_the_middle_of_other_bytes_is_no_frame() -> None:
     [(0, SunfarState.RUNNING_FORWARD), (1, SunfarState.DECELERATING_FORWARD), (2, SunfarState.FAULT)],
 )
 def test_f9_3_decides_what_happens_after_f9_4_without_a_frame(action: int, expected: SunfarState) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(sunfar.SunfarWriteParameter(1, 9, 3, action))
             await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 200))
@@ -319,11 +319,11 @@ def test_f9_3_decides_what_happens_after_f9_4_without_a_frame(action: int, expec
             await asyncio.sleep(2.0)
             assert desk.station().state is expected
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_polling_feeds_the_comm_loss_timer_and_frames_for_others_do_not() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1,2") as desk:
             for address in (1, 2):
                 await desk.request(sunfar.SunfarWriteParameter(address, 9, 4, 20))
@@ -333,11 +333,11 @@ def test_polling_feeds_the_comm_loss_timer_and_frames_for_others_do_not() -> Non
             assert desk.station(1).running
             assert not desk.station(2).running
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_frame_after_comm_loss_is_obeyed_by_its_operation_field() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 20))
             await running(desk)
@@ -346,11 +346,11 @@ def test_a_frame_after_comm_loss_is_obeyed_by_its_operation_field() -> None:
             await asyncio.sleep(1.0)
             assert desk.station().running
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_class_3_is_lost_at_power_down_and_class_5_is_kept_and_counted() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))
             await desk.request(sunfar.SunfarWriteParameter(1, 6, 12, 4, save=True))
@@ -362,11 +362,11 @@ def test_class_3_is_lost_at_power_down_and_class_5_is_kept_and_counted() -> None
             assert memory.eeprom_writes[0x60C] == 1
             assert memory.eeprom_writes[0x904] == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_rebooting_drive_answers_nothing_and_does_not_run_afterwards() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             desk.station().power_cycle(off_s=2.0)
@@ -375,23 +375,23 @@ def test_a_rebooting_drive_answers_nothing_and_does_not_run_afterwards() -> None
             reply = await desk.request(sunfar.ReadMonitor(1, 0))
             assert (reply.state, reply.data) == (SunfarState.STOPPED, 0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_f6_12_selects_what_a_control_reply_carries() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(sunfar.SunfarWriteParameter(1, 6, 12, 4))
             return await desk.request(sunfar.SunfarControl(1, SunfarOperation.STOP, expected_item=4))
 
-    reply = run_virtual(told())
+    reply = run_virtual(scenario())
     assert reply.item == 4
     assert reply.data == 537
 
 
 @pytest.mark.parametrize("operation", [SunfarOperation.RUN_FORWARD_AT, SunfarOperation.JOG_FORWARD])
 def test_keypad_control_ignores_the_bus_but_answers(operation: SunfarOperation) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().keypad_set(0x003, 0)
             data = 1000 if operation.sets_frequency else 0
@@ -400,22 +400,22 @@ def test_keypad_control_ignores_the_bus_but_answers(operation: SunfarOperation) 
             assert not desk.station().running
             assert (await desk.request(sunfar.ReadIdentity(1, 3))).info == "010000"
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_with_f0_1_not_2_the_frequency_of_the_bus_is_ignored() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().keypad_set(0x001, 0)
             desk.station().keypad_set(0x002, 1000)
             await running(desk, 30.0)
             assert desk.station().motor.output_hz == pytest.approx(10.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_person_can_start_and_stop_at_the_keypad() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().keypad_run(25.0)
             await asyncio.sleep(6.0)
@@ -424,7 +424,7 @@ def test_a_person_can_start_and_stop_at_the_keypad() -> None:
             await asyncio.sleep(6.0)
             assert (await desk.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.STOPPED
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
@@ -435,7 +435,7 @@ def test_a_person_can_start_and_stop_at_the_keypad() -> None:
     ],
 )
 def test_it_jogs_until_told_to_stop(operation: SunfarOperation, jogging: SunfarState, output_hz: float) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(control(operation))
             await asyncio.sleep(3.0)
@@ -445,22 +445,22 @@ def test_it_jogs_until_told_to_stop(operation: SunfarOperation, jogging: SunfarS
             await asyncio.sleep(3.0)
             assert desk.station().state is SunfarState.STOPPED
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_jog_stop_does_not_stop_a_run() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             await desk.request(control(SunfarOperation.JOG_STOP))
             await asyncio.sleep(1.0)
             assert desk.station().state is SunfarState.RUNNING_FORWARD
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_emergency_stop_switches_off_and_holds_until_a_stop_or_reset() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             assert (await desk.request(control(SunfarOperation.EMERGENCY_STOP))).state is SunfarState.EMERGENCY_STOP
@@ -470,11 +470,11 @@ def test_an_emergency_stop_switches_off_and_holds_until_a_stop_or_reset() -> Non
             assert not desk.station().running, "nor by the keypad"
             assert (await desk.request(control(SunfarOperation.RESET_FAULT))).state is SunfarState.STOPPED
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_reverse_runs_show_reverse_states() -> None:
-    async def told() -> list[SunfarState]:
+    async def scenario() -> list[SunfarState]:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(control(SunfarOperation.RUN_REVERSE_AT, 1000))
             states = [desk.station().state]
@@ -484,7 +484,7 @@ def test_reverse_runs_show_reverse_states() -> None:
             states.append(desk.station().state)
             return states
 
-    assert run_virtual(told()) == [
+    assert run_virtual(scenario()) == [
         SunfarState.ACCELERATING_REVERSE,
         SunfarState.RUNNING_REVERSE,
         SunfarState.DECELERATING_REVERSE,
@@ -492,7 +492,7 @@ def test_reverse_runs_show_reverse_states() -> None:
 
 
 def test_an_instantaneous_power_loss_is_ridden_through_with_speed_search() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await desk.request(sunfar.SunfarWriteParameter(1, 4, 0, 1))
             await running(desk)
@@ -503,29 +503,29 @@ def test_an_instantaneous_power_loss_is_ridden_through_with_speed_search() -> No
             assert desk.station().state is SunfarState.RUNNING_FORWARD
             assert desk.station().motor.output_hz == pytest.approx(30.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_without_mains_the_dc_bus_is_not_ready() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             desk.station().power_dip(100.0)
             await asyncio.sleep(50.0)
             assert (await desk.request(sunfar.ReadMonitor(1, 4))).state is SunfarState.NOT_READY
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_its_identity_is_class_voltage_and_decimal_power() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://c320@1") as desk:
             return await desk.request(sunfar.ReadIdentity(1, 0))
 
-    assert run_virtual(told()).info == "400022"
+    assert run_virtual(scenario()).info == "400022"
 
 
 def test_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://c320@1?line_quality=echo") as desk:
             desk.station().faults.silent = True
             request = desk.codec.encode_request(sunfar.SunfarWriteParameter(1, 4, 0, 0))
@@ -533,32 +533,32 @@ def test_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> N
             assert data == request
             return data
 
-    assert len(run_virtual(told())) == 18
+    assert len(run_virtual(scenario())) == 18
 
 
 def test_monitors_can_be_asked_for_by_their_decimal_index() -> None:
-    async def told() -> tuple[Any, Any]:
+    async def scenario() -> tuple[Any, Any]:
         async with SimulatorClient("sim://c320@1?monitor_index=bcd") as desk:
             return await desk.request(sunfar.ReadMonitor(1, 0x37)), await desk.request(sunfar.ReadMonitor(1, 0x0F))
 
-    known, unknown = run_virtual(told())
+    known, unknown = run_virtual(scenario())
     assert known.response is SunfarResponse.OK
     assert unknown.response is SunfarResponse.BAD_CODE
 
 
 def test_the_e_series_counts_in_tenths_of_a_hertz() -> None:
-    async def told() -> Any:
+    async def scenario() -> Any:
         async with SimulatorClient("sim://e550@1") as desk:
             await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
             await asyncio.sleep(10.0)
             assert desk.station().motor.output_hz == pytest.approx(30.0)
             return await desk.request(sunfar.ReadMonitor(1, 0))
 
-    assert run_virtual(told()).data == 300
+    assert run_virtual(scenario()).data == 300
 
 
 def test_a_stop_with_a_frequency_stops() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1") as desk:
             await running(desk)
             await desk.request(control(SunfarOperation.STOP_AT, 1000))
@@ -566,18 +566,18 @@ def test_a_stop_with_a_frequency_stops() -> None:
             assert desk.station().state is SunfarState.STOPPED
             assert desk.station().setpoint_hz == 10.0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
-    async def told(model: str, group: int, item: int) -> tuple[SunfarResponse, SunfarResponse]:
+    async def scenario(model: str, group: int, item: int) -> tuple[SunfarResponse, SunfarResponse]:
         async with SimulatorClient(f"sim://{model}@1", sunfar.SunfarCodec()) as desk:
             there = await desk.request(sunfar.SunfarReadParameter(1, group, item))
             here = await desk.request(sunfar.SunfarReadParameter(1, *((6, 12) if model == "e500" else (9, 4))))
             return there.response, here.response
 
-    assert run_virtual(told("e500", 3, 8)) == (SunfarResponse.OK, SunfarResponse.RESERVED)
-    assert run_virtual(told("e550", 4, 4)) == (SunfarResponse.OK, SunfarResponse.RESERVED)
+    assert run_virtual(scenario("e500", 3, 8)) == (SunfarResponse.OK, SunfarResponse.RESERVED)
+    assert run_virtual(scenario("e550", 4, 4)) == (SunfarResponse.OK, SunfarResponse.RESERVED)
 
 
 @pytest.mark.parametrize("model", ["e300", "e550"])
@@ -585,7 +585,7 @@ def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
 def test_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action: int, stops: bool) -> None:
     """E300 manual, F4.3: 0 stop, 1 keep state. It stops at its time, and not as a fault."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient(f"sim://{model}@1?ramp=1") as desk:
             desk.station().keypad_set(0x4_03, action)
             desk.station().keypad_set(0x4_04, 50)
@@ -596,11 +596,11 @@ def test_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action
             assert desk.station().motor.energised is not stops
             assert desk.station().motor.trip is None
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_dc_braking_is_a_state_of_its_own() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1?ramp=1") as desk:
             desk.station().motor.dc_brake_s = 2.0
             await running(desk)
@@ -608,11 +608,11 @@ def test_dc_braking_is_a_state_of_its_own() -> None:
             await asyncio.sleep(1.5)
             assert desk.station().state is SunfarState.DC_BRAKING
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_new_frequency_changes_a_running_drive_and_starts_no_stopped_one() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1?ramp=1") as desk:
             await desk.request(control(SunfarOperation.SET_FREQUENCY, 2000))
             assert desk.station().motor.starts == 0
@@ -622,15 +622,15 @@ def test_a_new_frequency_changes_a_running_drive_and_starts_no_stopped_one() -> 
             await asyncio.sleep(2.0)
             assert desk.station().motor.output_hz == pytest.approx(40.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_jog_does_not_disturb_a_run() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://c320@1?ramp=1") as desk:
             await running(desk)
             await desk.request(control(SunfarOperation.JOG_REVERSE))
             await asyncio.sleep(3.0)
             assert desk.station().motor.output_hz == pytest.approx(30.0)
 
-    run_virtual(told())
+    run_virtual(scenario())

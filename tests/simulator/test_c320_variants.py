@@ -32,7 +32,7 @@ def test_the_spelling_is_the_one_that_the_manual_prints() -> None:
 @pytest.mark.parametrize("digits", ["strict", "tolerant"])
 @pytest.mark.parametrize("nibble", [False, True])
 def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, digits: str, nibble: bool) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         port = open_port(f"sim://c320@1?ramp=1&digits={digits}&nibble={'on' if nibble else 'off'}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding, settings={"digits": digits, "nibble": nibble})
@@ -44,12 +44,12 @@ def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, dig
             assert (await drive.read(["F1.10"]))["F1.10"].value == 0x0ABC
             assert (await drive.stop()).status == "confirmed"
 
-    story(told())
+    story(scenario())
 
 
 @pytest.mark.parametrize(("encoding", "odd"), [("ascii", "digits=tolerant"), ("hex", "nibble=on")])
 def test_the_strict_host_publishes_nothing_of_the_other_spelling(encoding: str, odd: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         port = open_port(f"sim://c320@1?{odd}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding)
@@ -58,12 +58,12 @@ def test_the_strict_host_publishes_nothing_of_the_other_spelling(encoding: str, 
                 assert (await drive.read(["F1.10"]))["F1.10"].value is None
             assert set(bus.statistics().errors) & {"AlphabetError", "ChecksumError"}
 
-    story(told())
+    story(scenario())
 
 
 @pytest.mark.parametrize(("watchdog", "runs"), [("own", False), ("all", True)])
 def test_frames_for_others_feed_the_comm_loss_timer_of_one_reading_only(watchdog: str, runs: bool) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient(f"sim://c320@1,2?watchdog={watchdog}") as desk:
             await desk.request(sunfar.SunfarWriteParameter(2, 9, 4, 20))
             await desk.request(sunfar.SunfarControl(2, sunfar.SunfarOperation.RUN_FORWARD_AT, 3000))
@@ -73,7 +73,7 @@ def test_frames_for_others_feed_the_comm_loss_timer_of_one_reading_only(watchdog
             await asyncio.sleep(20.0)
             assert not desk.station(2).running
 
-    story(told())
+    story(scenario())
 
 
 async def identified(link: str, encoding: str) -> tuple[Identity, Identity, int | None, int]:
@@ -103,7 +103,7 @@ def test_of_an_identity_in_a_fault_nothing_is_told_that_one_reading_makes_untrue
 
 @pytest.mark.parametrize("reading", ["code", "information"])
 def test_the_two_readings_of_an_identity_in_a_fault_differ_on_the_wire(reading: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient(f"sim://c320@1?class0_fault={reading}") as desk:
             desk.station().trip(Trip.OVERHEAT)
             frame = await desk.raw(desk.codec.encode_request(sunfar.ReadIdentity(1, 0)))
@@ -111,4 +111,4 @@ def test_the_two_readings_of_an_identity_in_a_fault_differ_on_the_wire(reading: 
             assert code != b"40"
             assert (frame[4:6], frame[7:9]) == (b"20", code if reading == "code" else b"40")
 
-    story(told())
+    story(scenario())

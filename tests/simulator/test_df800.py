@@ -35,16 +35,16 @@ async def running(desk: SimulatorClient, word: int = 0b10) -> None:
     ],
 )
 def test_the_worked_ascii_frames_come_back_as_printed(frame: str) -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://df800@1?encoding=ascii") as desk:
             return await desk.raw(bytes.fromhex(frame))
 
-    assert run_virtual(told()) == bytes.fromhex(frame)
+    assert run_virtual(scenario()) == bytes.fromhex(frame)
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
 def test_it_runs_and_stops(encoding: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         codec = ASCII if encoding == "ascii" else None
         async with SimulatorClient(f"sim://df800@1?encoding={encoding}", codec) as desk:
             await running(desk)
@@ -54,7 +54,7 @@ def test_it_runs_and_stops(encoding: str) -> None:
             await asyncio.sleep(11.0)
             assert not desk.station().running
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
@@ -69,17 +69,17 @@ def test_it_runs_and_stops(encoding: str) -> None:
     ],
 )
 def test_its_error_is_the_function_unchanged_and_one_byte_00(request_: Any, rtu: str, ascii_: bytes) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             assert await desk.raw(desk.codec.encode_request(request_)) == bytes.fromhex(rtu)
         async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
             assert await desk.raw(ASCII.encode_request(request_)) == ascii_
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_locked_parameter_is_refused_in_the_same_form() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             desk.station().memory.locked = True
             assert (await desk.request(write(107, 50))).code is None
@@ -88,31 +88,31 @@ def test_a_locked_parameter_is_refused_in_the_same_form() -> None:
             assert (await desk.request(write(101, 0))).code is None
             assert isinstance(await desk.request(write(107, 50)), modbus.WriteAck)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_unknown_function_is_refused_in_the_same_form() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://df800@1") as desk:
             return await desk.raw(modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0, 1, function=4)))
 
-    assert run_virtual(told())[:3] == bytes.fromhex("01 04 00")
+    assert run_virtual(scenario())[:3] == bytes.fromhex("01 04 00")
 
 
 @pytest.mark.parametrize(
     ("reading", "field", "sign"), [("b3b2", 0b01, -1), ("b3b2", 0b10, 1), ("b2b3", 0b01, 1), ("b2b3", 0b10, -1)]
 )
 def test_the_direction_field_turns_the_motor_as_the_reading_says(reading: str, field: int, sign: int) -> None:
-    async def told() -> float:
+    async def scenario() -> float:
         async with SimulatorClient(f"sim://df800@1?direction_field={reading}") as desk:
             await running(desk, field << 2 | 0b10)
             return float(desk.station().motor.output_hz)
 
-    assert run_virtual(told()) == pytest.approx(sign * 30.0)
+    assert run_virtual(scenario()) == pytest.approx(sign * 30.0)
 
 
 def test_a_start_without_direction_keeps_the_last_one() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await running(desk, 0b0110)
             await desk.request(write(0x2000, 0b01))
@@ -120,11 +120,11 @@ def test_a_start_without_direction_keeps_the_last_one() -> None:
             await running(desk, 0b10)
             assert desk.station().motor.output_hz == pytest.approx(-30.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_toggle_is_executed_each_time_that_it_is_sent() -> None:
-    async def told() -> list[float]:
+    async def scenario() -> list[float]:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await running(desk)
             seen = []
@@ -134,33 +134,33 @@ def test_a_toggle_is_executed_each_time_that_it_is_sent() -> None:
                 seen.append(round(desk.station().motor.output_hz, 6))
             return seen
 
-    assert run_virtual(told()) == [-30.0, 30.0, -30.0]
+    assert run_virtual(scenario()) == [-30.0, 30.0, -30.0]
 
 
 def test_t16_11b_in_the_run_field_jogs() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await desk.request(write(0x2000, 0b11))
             await asyncio.sleep(2.0)
             assert desk.station().motor.output_hz == pytest.approx(5.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_deltas_12h_starts_and_resets_on_this_drive() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await desk.request(write(0x2001, 1000))
             await desk.request(write(0x2000, 0x12))
             await asyncio.sleep(2.0)
             assert desk.station().motor.output_hz == pytest.approx(10.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(("register", "value", "hz"), [(102, 0, 0.0), (101, 0, 12.0)])
 def test_f1_01_and_f1_02_decide_whether_the_bus_is_heard(register: int, value: int, hz: float) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             desk.station().keypad_set(100, 1200)
             desk.station().keypad_set(register, value)
@@ -169,59 +169,59 @@ def test_f1_01_and_f1_02_decide_whether_the_bus_is_heard(register: int, value: i
             await running(desk)
             assert desk.station().motor.output_hz == pytest.approx(hz)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_nothing_that_can_be_read_tells_running_from_stopped_except_the_monitors() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             for register in (0x2000, 0x2100, 0x2101, 0x3000):
                 assert (await desk.request(modbus.ReadRegisters(1, register, 1))).code is None
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_broadcast_is_not_heard_by_default() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             await running(desk)
             await desk.raw(modbus.ModbusRtuCodec().encode_request(modbus.WriteRegister(0, 0x2000, 1)))
             await asyncio.sleep(1.0)
             assert not desk.station().motor.stopping
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_every_write_is_saved() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             await desk.request(write(107, 200))
             assert desk.station().memory.eeprom_writes[107] == 1
             assert (await desk.request(modbus.ReadRegisters(1, 107, 2))).values == (200, 100)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_an_ascii_frame_begins_again_at_every_colon() -> None:
-    async def told() -> bytes:
+    async def scenario() -> bytes:
         async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
             good = ASCII.encode_request(modbus.ReadRegisters(1, 100, 1))
             return await desk.raw(b"\x00" + good[:5] + good)
 
-    assert run_virtual(told()) == b":0103021388" + b"5F\r\n"
+    assert run_virtual(scenario()) == b":0103021388" + b"5F\r\n"
 
 
 def test_small_letters_and_a_bad_lrc_get_no_answer() -> None:
-    async def told() -> list[bytes]:
+    async def scenario() -> list[bytes]:
         async with SimulatorClient("sim://df800@1?encoding=ascii", ASCII) as desk:
             good = ASCII.encode_request(modbus.ReadRegisters(1, 107, 1))
             return [await desk.raw(good.lower()), await desk.raw(good[:-4] + b"00\r\n")]
 
-    assert run_virtual(told()) == [b"", b""]
+    assert run_virtual(scenario()) == [b"", b""]
 
 
 def test_bit_4_resets_a_fault_and_a_fault_stops_the_motor() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1?ramp=1") as desk:
             await running(desk)
             desk.station().trip(Trip.OVERLOAD)
@@ -231,11 +231,11 @@ def test_bit_4_resets_a_fault_and_a_fault_stops_the_motor() -> None:
             await running(desk)
             assert desk.station().running
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_power_cycle_forgets_the_frequency_of_the_bus() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with SimulatorClient("sim://df800@1") as desk:
             await running(desk)
             desk.station().power_cycle()
@@ -244,4 +244,4 @@ def test_a_power_cycle_forgets_the_frequency_of_the_bus() -> None:
             await asyncio.sleep(5.0)
             assert desk.station().motor.output_hz == 0.0
 
-    run_virtual(told())
+    run_virtual(scenario())

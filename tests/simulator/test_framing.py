@@ -75,23 +75,23 @@ def test_whatever_is_read_can_be_sent(model: str) -> None:
         requests = [modbus.ReadRegisters(1, register) for register in range(0x3100)]
     for request in requests:
         [frame] = hears(station, codec.encode_request(request))
-        said = station.handle_frame(frame.message, codec, LINE, 0.0, error=frame.error)
-        assert said is not None and said.data
+        text = station.handle_frame(frame.message, codec, LINE, 0.0, error=frame.error)
+        assert text is not None and text.data
 
 
 def test_a_frame_is_heard_whole_or_in_pieces() -> None:
     ear = rtu()
     ear.feed(READ[:3], 0, 1.0)
     ear.feed(READ[3:], 0, LINE.seconds(2))
-    [heard] = ear.on_silence()
-    assert heard.frame == READ and not heard.short_gap
+    [received] = ear.on_silence()
+    assert received.frame == READ and not received.short_gap
 
 
 def test_a_pause_of_the_gap_begins_afresh() -> None:
     ear = rtu()
     ear.feed(READ[:3], 0, 1.0)
     ear.feed(READ, 0, LINE.seconds(3.5))
-    assert [heard.frame for heard in ear.on_silence()] == [READ]
+    assert [received.frame for received in ear.on_silence()] == [READ]
 
 
 def test_a_marked_byte_voids_its_frame_and_not_the_next() -> None:
@@ -105,16 +105,16 @@ def test_a_marked_byte_voids_its_frame_and_not_the_next() -> None:
 def test_a_short_gap_is_told() -> None:
     ear = rtu()
     ear.feed(READ, 0, LINE.seconds(3.0))
-    [heard] = ear.on_silence()
-    assert heard.short_gap
-    assert heard.silence_s == LINE.seconds(3.0)
+    [received] = ear.on_silence()
+    assert received.short_gap
+    assert received.silence_s == LINE.seconds(3.0)
 
 
 def test_jitter_up_to_the_tolerance_is_no_short_gap() -> None:
     ear = FrameReceiver((modbus.ModbusRtuCodec(),), RTU_RULE, LINE, tolerance_s=0.001)
     ear.feed(READ, 0, ear.gap_s - 0.0009)
-    [heard] = ear.on_silence()
-    assert not heard.short_gap
+    [received] = ear.on_silence()
+    assert not received.short_gap
 
 
 def test_what_follows_a_c320_frame_without_silence_is_not_recognised() -> None:
@@ -129,5 +129,5 @@ def test_what_follows_a_c320_frame_without_silence_is_not_recognised() -> None:
 def test_a_c320_hears_both_encodings_by_their_head() -> None:
     station = make_station("c320", 1)
     for codec in station.codecs:
-        [heard] = hears(station, codec.encode_request(sunfar.ReadMonitor(1, 0)))
-        assert heard.codec is codec
+        [received] = hears(station, codec.encode_request(sunfar.ReadMonitor(1, 0)))
+        assert received.codec is codec

@@ -171,14 +171,14 @@ def test_nothing_passes_an_unplugged_wire() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
-    def heard(seed: int) -> list[tuple[float, bytes, int]]:
+    def received(seed: int) -> list[tuple[float, bytes, int]]:
         w = wire("noisy,late=0.3:0.2,duplicate=0.1", seed=seed)
         for n in range(200):
             w.transmit_reply("station", bytes(range(12)), n * 1.0, n * 1.0)
         return arrivals(w)
 
-    assert heard(7) == heard(7)
-    assert heard(7) != heard(8)
+    assert received(7) == received(7)
+    assert received(7) != received(8)
 
 
 def test_clean_weather_draws_no_lots() -> None:

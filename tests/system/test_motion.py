@@ -45,7 +45,7 @@ def turning(here: SystemBench) -> float:
 def test_a_run_turns_the_motor_the_right_way_at_the_right_speed_and_a_stop_ends_it(
     kind: SystemVariant, direction: Direction
 ) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             sign = 1 if direction is Direction.FORWARD else -1
             started = await here.drive.run(20.0, direction)
@@ -62,12 +62,12 @@ def test_a_run_turns_the_motor_the_right_way_at_the_right_speed_and_a_stop_ends_
             assert not here.motor.energised and here.motor.starts == 1
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_reporting_drive
 def test_waiting_returns_when_the_motor_is_there_and_not_before(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             reached = await here.drive.run(30.0, wait=True)
             assert reached.status == "confirmed"
@@ -75,12 +75,12 @@ def test_waiting_returns_when_the_motor_is_there_and_not_before(kind: SystemVari
             ramp = 30.0 / here.motor.ramp_base_hz * RAMP_S
             assert here.bus.now() < ramp + 4.0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_reporting_drive
 def test_waiting_for_a_motor_that_trips_raises_with_what_it_reported(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             waiting = asyncio.ensure_future(here.drive.run(40.0, wait=True))
             await asyncio.sleep(0.9)
@@ -92,12 +92,12 @@ def test_waiting_for_a_motor_that_trips_raises_with_what_it_reported(kind: Syste
             assert caught.value.outcome.status == "failed"
             assert caught.value.outcome.drive_status.state in ("fault", "stopped", "not_ready")
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_a_new_frequency_is_what_the_motor_then_runs_at(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
             await asyncio.sleep(RAMP_S)
@@ -109,12 +109,12 @@ def test_a_new_frequency_is_what_the_motor_then_runs_at(kind: SystemVariant) -> 
                 assert changed.status == ("confirmed" if shows else "acknowledged")
             assert here.motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_running_on_at_another_frequency_is_no_second_start(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
             await asyncio.sleep(RAMP_S)
@@ -123,12 +123,12 @@ def test_running_on_at_another_frequency_is_no_second_start(kind: SystemVariant)
             assert again.succeeded and turning(here) == pytest.approx(20.0)
             assert here.motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_reporting_drive
 def test_a_reverse_while_it_runs_forward_is_refused_before_anything_is_sent(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0, Direction.FORWARD)
             await asyncio.sleep(RAMP_S)
@@ -137,7 +137,7 @@ def test_a_reverse_while_it_runs_forward_is_refused_before_anything_is_sent(kind
             await asyncio.sleep(RAMP_S)
             assert turning(here) == pytest.approx(10.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def jog_hz(kind: SystemVariant) -> float | None:
@@ -149,7 +149,7 @@ def jog_hz(kind: SystemVariant) -> float | None:
 def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemVariant) -> None:
     """T13: letting go stops it, and so does hanging."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             for direction, sign in ((Direction.FORWARD, 1), (Direction.REVERSE, -1)):
                 async with here.drive.jog(jog_hz(kind), direction) as lease:
@@ -171,12 +171,12 @@ def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemV
                 with pytest.raises(StartInhibited):
                     lease.renew()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(20.0)
             await asyncio.sleep(RAMP_S)
@@ -198,18 +198,18 @@ def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -
             assert (await command_ending(here.drive.run(20.0))).succeeded
             assert here.motor.energised and here.motor.starts == 2
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_a_reset_without_a_fault_moves_nothing(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             assert (await command_ending(here.drive.reset_fault())).status == expected_word(kind)
             await asyncio.sleep(1.0)
             assert here.motor.starts == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def first_request_fate(
@@ -255,7 +255,7 @@ def starts_sent(here: SystemBench) -> int:
 def test_a_lost_reply_to_a_start_never_starts_twice(kind: SystemVariant) -> None:
     """I2: the drive runs, its yes was lost; what it then shows decides; DF800 shows nothing: unknown, not resent."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             lost = first_request_fate(here.station(), is_start(here), lambda: None, hears=True)
             outcome = await command_ending(here.drive.run(20.0))
@@ -263,14 +263,14 @@ def test_a_lost_reply_to_a_start_never_starts_twice(kind: SystemVariant) -> None
             assert lost and here.motor.starts == 1 and starts_sent(here) == 1
             assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(kind: SystemVariant) -> None:
     """Ruling 6; never for DF800, which shows nothing."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             lost = first_request_fate(here.station(), is_start(here), lambda: None, hears=False)
             outcome = await command_ending(here.drive.run(20.0))
@@ -280,7 +280,7 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
             assert starts_sent(here) == (2 if kind.reports_running else 1)
             assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("after_s", [0.45, 0.6, 0.8, 1.2, 1.8])
@@ -288,7 +288,7 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
 def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: SystemVariant, after_s: float) -> None:
     """The start was executed and its reply lost; once running was seen nobody sends it again."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, ramp=6) as here:
             loop = asyncio.get_running_loop()
             station = here.station()
@@ -300,7 +300,7 @@ def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: SystemVariant, aft
             assert lost and here.motor.starts == 1 and starts_sent(here) == 1
             assert not here.motor.energised
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def discard(_: object) -> None:
@@ -309,7 +309,7 @@ def discard(_: object) -> None:
 
 @every_drive
 def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_again(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             station = here.station()
             first_request_fate(station, is_start(here), lambda: setattr(station.faults, "mute", True), hears=True)
@@ -321,14 +321,14 @@ def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_ag
             await asyncio.sleep(90.0)
             assert here.motor.starts == 1 and starts_sent(here) == frames == 1, "nothing is sent by itself later"
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_reporting_drive
 def test_a_drive_that_takes_no_command_from_the_bus_is_never_called_started(kind: SystemVariant) -> None:
     """The pre-flight names it where the parameter can be read; else the motor that stands tells."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             key = {"dzb100": 1, "vc660": 0x0100}.get(kind.model, 0x003)
             for candidate in ("COMMAND_SOURCE", "COMMAND_CHANNEL"):
@@ -339,7 +339,7 @@ def test_a_drive_that_takes_no_command_from_the_bus_is_never_called_started(kind
             assert here.motor.starts == 0
             assert isinstance(outcome, DrivebusError) or outcome.status == "failed"
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 WORDS = {"confirmed", "acknowledged", "refused", "failed", "unknown"}
@@ -350,31 +350,35 @@ WORDS = {"confirmed", "acknowledged", "refused", "failed", "unknown"}
 def test_in_bad_weather_every_word_is_true_against_the_motor(kind: SystemVariant, weather: str) -> None:
     """G05 in the small: a hundred commands a drive; what is called confirmed is so, and no start is executed twice."""
 
-    async def told(seed: int) -> None:
+    async def scenario(seed: int) -> None:
         chance = random.Random(seed)
         async with system_bench(kind, "1", weather, seed=seed) as here:
             words: set[str] = set()
             for _ in range(25):
                 starts, was_running = here.motor.starts, here.motor.energised
-                wish = chance.choice(("run", "run", "stop", "set"))
+                command = chance.choice(("run", "run", "stop", "set"))
                 hz = chance.choice((5.0, 12.0, 20.0))
-                if wish == "run":
+                if command == "run":
                     outcome = await command_ending(here.drive.run(hz))
-                elif wish == "stop":
+                elif command == "stop":
                     outcome = await command_ending(here.drive.stop())
                 else:
                     outcome = await command_ending(here.drive.set_frequency(hz))
                 motor = here.motor
-                assert motor.starts - starts <= (0 if was_running or wish != "run" else 1)
+                assert motor.starts - starts <= (0 if was_running or command != "run" else 1)
                 if isinstance(outcome, Exception):
                     assert isinstance(outcome, DrivebusError)
                     continue
                 words.add(outcome.status)
-                if outcome.status == "confirmed" and wish == "stop":
+                if outcome.status == "confirmed" and command == "stop":
                     assert not motor.energised
-                elif outcome.status == "confirmed" and wish == "run":
+                elif outcome.status == "confirmed" and command == "run":
                     assert motor.energised and not motor.stopping
-                if outcome.status == "confirmed" and "set_frequency" in here.drive.profile.signals and wish != "stop":
+                if (
+                    outcome.status == "confirmed"
+                    and "set_frequency" in here.drive.profile.signals
+                    and command != "stop"
+                ):
                     station = here.station()
                     assert getattr(station, "reference_hz", station.setpoint_hz) == pytest.approx(hz)
                 await asyncio.sleep(chance.uniform(0.0, 2.0))
@@ -382,20 +386,20 @@ def test_in_bad_weather_every_word_is_true_against_the_motor(kind: SystemVariant
             here.tap.check(kind)
 
     for seed in range(4):
-        run_virtual(told(seed))
+        run_virtual(scenario(seed))
 
 
 def test_df800_says_that_nothing_was_seen() -> None:
     """T17, ruling 1: its yes is acknowledged and no more."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(DF800) as here:
-            for wish in (here.drive.run(10.0), here.drive.set_frequency(12.0), here.drive.stop()):
-                assert (await wish).status == "acknowledged"
+            for command in (here.drive.run(10.0), here.drive.set_frequency(12.0), here.drive.stop()):
+                assert (await command).status == "acknowledged"
             assert (await here.drive.status()).state == "unknown"
             assert StopMode.COAST.value not in here.drive.profile.capabilities
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_every_model_that_is_simulated_has_its_stories() -> None:

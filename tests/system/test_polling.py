@@ -79,7 +79,7 @@ def transaction_s(kind: SystemVariant, here: SystemBench) -> float:
 
 @every_family
 def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, ADDRESSES[kind.model]) as here:
             await asyncio.sleep(1.0)
             polls = PollRound(here)
@@ -101,13 +101,13 @@ def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -
             assert max(counts) - min(counts) <= 2
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @on_four_lines
 @every_family
 def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVariant, weather: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, ADDRESSES[kind.model], weather) as here:
             polls = PollRound(here)
             await asyncio.sleep(40.0)
@@ -118,7 +118,7 @@ def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVari
             if kind.model != "dzb100" and "late" not in weather:  # its manual gives no gap; the pretend one is stricter
                 assert not any(station.gap_violations for station in here.bench.stations)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("dead", [1, 5, 15, 30])
@@ -126,7 +126,7 @@ def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVari
 def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(kind: SystemVariant, dead: int) -> None:
     """The cycle of the living stretches by 11.2 % at most for any number of dead drives."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, ADDRESSES[kind.model]) as here:
             addresses = list(here.drives)
             silent, living = addresses[:dead], addresses[dead:]
@@ -147,14 +147,14 @@ def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(
             assert {here.bus.presence(address) for address in addresses} == {Presence.ONLINE}
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_reporting_drive
 def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVariant) -> None:
     """I4, G17: within three periods (1 s at least) and a timeout nothing of it is good; it all comes back with it."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here, _closing(here.drive.monitor()) as monitor:
             await asyncio.sleep(8.0)
             fresh = monitor.status()
@@ -175,7 +175,7 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVa
             assert back.state == "stopped"
             assert {name for name, reading in back.readings.items() if reading.quality is Quality.GOOD} >= good
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_family
@@ -184,7 +184,7 @@ def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_va
 ) -> None:
     """For lines with more drives than the profile's own periods allow; good for three periods."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             monitor = here.drive.monitor(period_s=5.0)
             await asyncio.sleep(60.0)
@@ -202,7 +202,7 @@ def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_va
             assert {found[name].quality for name in good} == {Quality.BAD}
             monitor.close()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def _closing(monitor: Any) -> Any:

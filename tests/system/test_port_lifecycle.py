@@ -37,7 +37,7 @@ COMM_LOSS_ACTION, COMM_LOSS_TIME = 0x903, 0x904
 def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_replayed(kind: SystemVariant) -> None:
     """I10, G09: at any moment of it; after the replug only reads leave, and the motor is as the cut left it."""
 
-    async def told(after_s: float) -> None:
+    async def scenario(after_s: float) -> None:
         async with system_bench(kind) as here:
             starting = asyncio.ensure_future(command_ending(here.drive.run(20.0)))
             await asyncio.sleep(after_s)
@@ -59,7 +59,7 @@ def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_repla
             )
 
     for step in range(12):
-        run_virtual(told(0.09 * step + 0.002))
+        run_virtual(scenario(0.09 * step + 0.002))
 
 
 @on_four_lines
@@ -67,42 +67,42 @@ def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_repla
 def test_polling_is_back_within_two_seconds_of_the_replug_every_time(kind: SystemVariant, weather: str) -> None:
     """At random instants; every value then comes from after the replug."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         chance = random.Random(5)
         async with system_bench(kind, "1-3", weather) as here:
-            heard: list[float] = []
+            received: list[float] = []
             for drive in here.drives.values():
                 poll = Poll(drive.dialect.echo_test_read(), 0.2)
                 here.bus.start_polling(
-                    drive.address, [poll], lambda a: heard.append(here.bus.now()) if a.error is None else None
+                    drive.address, [poll], lambda a: received.append(here.bus.now()) if a.error is None else None
                 )
             for _ in range(25):
                 await asyncio.sleep(chance.uniform(0.5, 3.0))
                 here.bench.unplug()
                 assert not here.bus.is_open
-                count = len(heard)
+                count = len(received)
                 await asyncio.sleep(chance.uniform(0.0, 5.0))
-                assert len(heard) == count
+                assert len(received) == count
                 here.bench.replug()
                 at = here.bus.now()
                 await asyncio.sleep(2.0 if "lossy" not in weather else 10.0)
-                assert len(heard) > count
-                assert "lossy" in weather or heard[count] - at <= 2.0, "a lost answer costs a quarantine more"
+                assert len(received) > count
+                assert "lossy" in weather or received[count] - at <= 2.0, "a lost answer costs a quarantine more"
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_family
 def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
             here.bench.unplug()
-            for wish in (here.drive.set_frequency(5.0), here.drive.run(5.0), here.drive.status()):
+            for command in (here.drive.set_frequency(5.0), here.drive.run(5.0), here.drive.status()):
                 begun = here.bus.now()
                 with pytest.raises(DrivebusError) as caught:
-                    await wish
+                    await command
                 assert isinstance(caught.value, PortLost | OutcomeUnknown) or isinstance(
                     caught.value.__cause__, PortLost
                 )
@@ -112,14 +112,14 @@ def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: SystemVarian
             stopped = await command_ending(here.drive.stop())
             assert stopped.succeeded and (not kind.reports_running or not here.motor.energised)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", [C320, C320_HEX], ids=lambda kind: kind.name)
 def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(kind: SystemVariant) -> None:
     """F9.3/F9.4 (manual 2.2.4): polling feeds the timer, silence trips the drive at its time exactly."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             station = here.station()
             station.keypad_set(COMM_LOSS_ACTION, 2)
@@ -139,27 +139,27 @@ def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(ki
             report = await command_ending(here.drive.run(20.0))
             assert not getattr(report, "succeeded", False) and here.motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_c320_without_the_timer_runs_on_and_the_host_says_so() -> None:
     """What the drive will do is told before anybody leaves."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(C320) as here:
             await here.drive.run(20.0)
             assert (await here.drive.comm_loss_behaviour()).stops_on_comm_loss is False
             await asyncio.sleep(3600.0)
             assert here.station().motor.energised
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_reading_everything_again_and_again_moves_nothing(kind: SystemVariant) -> None:
     """I11, T01: the pretend C320 starts on an operation in any class of frame; no read of this stack carries one."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             profile = here.drive.profile
             readable = [p.notation for p in profile.parameters.values() if p.readable]
@@ -177,7 +177,7 @@ def test_reading_everything_again_and_again_moves_nothing(kind: SystemVariant) -
             for one in here.tap.requests_sent:
                 assert moves_nothing(kind, one.data), one.data
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def moves_nothing(kind: SystemVariant, frame: bytes) -> bool:
@@ -197,7 +197,7 @@ def moves_nothing(kind: SystemVariant, frame: bytes) -> bool:
 def test_a_thousand_new_frequencies_wear_no_eeprom(kind: SystemVariant) -> None:
     """Setpoints go where nothing is saved."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
             await asyncio.sleep(2.0)
@@ -205,7 +205,7 @@ def test_a_thousand_new_frequencies_wear_no_eeprom(kind: SystemVariant) -> None:
                 await command_ending(here.drive.set_frequency(10.0 + step % 10))
             assert not here.station().memory.eeprom_writes
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ def test_a_thousand_new_frequencies_wear_no_eeprom(kind: SystemVariant) -> None:
 def test_the_budget_of_saved_writes_ends_at_twenty_a_day(kind: SystemVariant) -> None:
     """The twenty-first different value is refused before it is sent."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             notation = {"c320": "F1.10", "vc660": "F00.11", "df800": "F1.07", "dzb100": "10"}[kind.model]
             parameter = next((p for p in here.drive.profile.parameters.values() if p.notation == notation), None)
@@ -233,13 +233,13 @@ def test_the_budget_of_saved_writes_ends_at_twenty_a_day(kind: SystemVariant) ->
             assert getattr(same, "succeeded", False), "the value it holds already is no write"
             assert here.station().memory.eeprom_writes[key] == 20
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
     """T18 allowed on purpose: C320 and VC660 on one pair of wires, 9600 8N1, each family told in its own words."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         from drivebus.bus import Bus
         from drivebus.drives import Drive, MemoryStore
         from drivebus.ports import open_port
@@ -259,13 +259,13 @@ def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
             assert len(report.outcomes) == 6 and all(o.exchanges for _, o in report.outcomes)
             assert [s.motor.starts for s in tap.bench.stations] == [1] * 6
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_the_c320_station_does_start_on_a_read_that_carries_an_operation() -> None:
     """T01: without this the story above proves nothing."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(C320) as here:
             frame = bytearray(sunfar.SunfarCodec().encode_request(sunfar.ReadMonitor(1, 0)))
             frame[4:6] = b"01"
@@ -275,7 +275,7 @@ def test_the_c320_station_does_start_on_a_read_that_carries_an_operation() -> No
             await asyncio.sleep(1.0)
             assert here.station().motor.starts == 1
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_kinds_name_each_family() -> None:

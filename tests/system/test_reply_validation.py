@@ -82,7 +82,7 @@ def value_of(reply: Any) -> int:
 def test_of_2000_transactions_none_is_answered_by_another_ones_reply(kind: SystemVariant, weather: str) -> None:
     """Lateness up to 5 s; a station answers in order."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-4", weather, seed=7) as here:
             ledger = ReplyLedger(here)
             answers: list[BusResult] = []
@@ -104,7 +104,7 @@ def test_of_2000_transactions_none_is_answered_by_another_ones_reply(kind: Syste
                 assert answer.sent_at < made_at <= answer.received_at, "this answer belongs to another request"
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def permitted_write(here: SystemBench, address: int, request: Any) -> BusRequest:
@@ -132,7 +132,7 @@ def test_an_echo_adapter_mis_set_either_way_forges_no_acknowledgement(
 ) -> None:
     """Writes to a drive that is not there, beside one that is."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-2", "echo,bytes" if echoes else "bytes", echo=setting) as here:
             dialect = here.drives[2].dialect
             here.station(2).faults.silent = True
@@ -155,14 +155,14 @@ def test_an_echo_adapter_mis_set_either_way_forges_no_acknowledgement(
                 )
                 assert fine.error is None, "the living drive is heard through it"
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
 @pytest.mark.parametrize("echoes", [True, False], ids=["echo", "no echo"])
 @every_drive
 def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVariant, echoes: bool, setting: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1", "echo" if echoes else "clean", echo=setting) as here:
             outcome = await command_ending(here.drive.run(20.0))
             if getattr(outcome, "succeeded", False):
@@ -173,14 +173,14 @@ def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVaria
             outcome = await command_ending(here.drive.run(20.0))
             assert not getattr(outcome, "succeeded", False) and here.motor.starts == starts
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_drive
 def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: SystemVariant) -> None:
     """Flagged within two of its frames; a stop goes out all the same."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         clear_simulated_buses()
         async with system_bench(kind, "1-2", name="shared") as here:
             assert (await command_ending(here.drives[1].run(10.0))).succeeded
@@ -209,7 +209,7 @@ def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: S
             assert (await command_ending(here.drives[2].run(10.0))).succeeded
         clear_simulated_buses()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 async def duplicate_drive(kind: SystemVariant, here: SystemBench, skew_s: float) -> None:
@@ -225,7 +225,7 @@ async def duplicate_drive(kind: SystemVariant, here: SystemBench, skew_s: float)
 def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind: SystemVariant) -> None:
     """Two answers to one question; the command is blocked, the stop is not."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await duplicate_drive(
                 kind, here, 0.12
@@ -243,7 +243,7 @@ def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind:
             here.bench.advance()
             assert not any(station.motor.energised for station in here.bench.stations)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("skew_s", [0.0, 0.003, 0.01, 0.02, 0.035, 0.06, 0.15])
@@ -251,7 +251,7 @@ def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind:
 def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, skew_s: float) -> None:
     """As two overlapping answers, as bytes behind an answer, as a second answer: whatever it looks like."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await duplicate_drive(kind, here, skew_s)
             outcome = await command_ending(here.drive.run(10.0))
@@ -259,14 +259,14 @@ def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, s
             here.bench.advance()
             assert all(station.motor.starts == 0 for station in here.bench.stations)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", [C320, VC660, DF800], ids=lambda kind: kind.name)
 def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None:
     """It is dropped, and waiting goes on to the deadline."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-2") as here:
             here.station(1).faults.wrong_address = 2
             for _ in range(20):
@@ -282,14 +282,14 @@ def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None
             assert not getattr(outcome, "succeeded", False)
             assert here.station(1).motor.starts == 0 and here.station(2).motor.starts == 0
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
 def test_a_drive_whose_monitors_are_stuck_is_not_called_stopped(kind: SystemVariant) -> None:
     """Where the state goes on saying "running" the stop stays unconfirmed; of C320 each reply has it afresh."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             drive = here.drive
             await drive.run(20.0, wait=True)
@@ -298,13 +298,13 @@ def test_a_drive_whose_monitors_are_stuck_is_not_called_stopped(kind: SystemVari
             outcome = await command_ending(drive.stop())
             assert outcome.status == ("confirmed" if kind is C320 else "unknown") and not here.motor.energised
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_second_bus_on_the_same_drive_counts_as_a_foreign_master() -> None:
     """Two programs on one line: each notices the other."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         clear_simulated_buses()
         async with system_bench(C320, name="two") as here:
             other = Bus(open_port(C320.url(name="two")), name="other")
@@ -323,4 +323,4 @@ def test_a_second_bus_on_the_same_drive_counts_as_a_foreign_master() -> None:
             assert here.motor.starts == 0
         clear_simulated_buses()
 
-    run_virtual(told())
+    run_virtual(scenario())

@@ -41,20 +41,20 @@ class RandomUser:
 
     async def _issue_command(self, address: int) -> None:
         drive, begun = self.here.drives[address], self.here.bus.now()
-        wish = self.chance.choice(("run", "run", "stop", "stop", "set", "reset"))
+        command = self.chance.choice(("run", "run", "stop", "stop", "set", "reset"))
         try:
-            if wish == "run":
+            if command == "run":
                 self.runs[address] += 1
                 await drive.run(self.chance.choice((5.0, 12.0, 20.0)))
-            elif wish == "stop":
+            elif command == "stop":
                 await drive.stop(wait=self.chance.random() < 0.5)
-            elif wish == "set":
+            elif command == "set":
                 await drive.set_frequency(self.chance.choice((5.0, 12.0, 20.0)))
             else:
                 await drive.reset_fault()
         except DrivebusError:
             pass
-        if wish in ("run", "set"):
+        if command in ("run", "set"):
             self.commands[address].append((begun, self.here.bus.now()))
 
 
@@ -148,7 +148,7 @@ def moves(kind: SystemVariant, frame: bytes) -> bool:
 @pytest.mark.parametrize("seed", [1, 2, 18])
 @every_family
 def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         chance = random.Random(seed)
         async with system_bench(kind, "1-4", "clean", seed=seed) as here:
             person, truth = RandomUser(here, chance), MotorObserver(here)
@@ -181,4 +181,4 @@ def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) ->
                 assert (await drive.stop()).succeeded
             assert all(not here.station(n).motor.energised for n in here.drives) or not kind.reports_running
 
-    run_virtual(told())
+    run_virtual(scenario())

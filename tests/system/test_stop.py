@@ -74,7 +74,7 @@ def bound_s(here: SystemBench, address: int, weather: str) -> float:
 @on_four_lines
 @every_family
 def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(kind: SystemVariant, weather: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         chance = random.Random(3)
         async with system_bench(kind, "1-5", weather) as here:
             here.station(5).faults.silent = True
@@ -85,9 +85,9 @@ def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(kind: SystemV
                 address, wished_at = chance.randrange(1, 6), here.bus.now()
                 ask = stop_of(here, address)
                 data = here.link(address).codec.encode_request(ask.request)
-                said = len(here.tap.requests_sent)
+                text = len(here.tap.requests_sent)
                 answer = await here.bus.transact(ask)
-                after = [one for one in here.tap.requests_sent[said:] if one.start >= wished_at]
+                after = [one for one in here.tap.requests_sent[text:] if one.start >= wished_at]
                 assert after[0].data == data, "something else left first"
                 assert answer.sent == data
                 assert after[0].end - wished_at <= bound_s(here, address, weather) + 1e-3
@@ -95,13 +95,13 @@ def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(kind: SystemV
                 task.cancel()
             here.tap.check(kind)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @on_four_lines
 @every_family
 def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: SystemVariant, weather: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-2", weather) as here:
             for address in here.drives:
                 await command_ending(here.drives[address].status())
@@ -112,13 +112,13 @@ def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Sys
                 here.bus.transact(BusRequest(2, dialects[2].echo_test_read(), RequestPriority.COMMAND))
             )
             await asyncio.sleep(0)
-            wishes = {
+            commands = {
                 address: asyncio.ensure_future(here.bus.transact(start_of(here, address, word))) for address in dialects
             }
             await asyncio.sleep(0)
             stopped = await here.bus.transact(stop_of(here, 1))
             assert stopped.sent
-            first, second = await wishes[1], await wishes[2]
+            first, second = await commands[1], await commands[2]
             assert isinstance(first.error, Superseded) and not first.sent
             assert not isinstance(second.error, Superseded) and here.station(1).motor.starts == 0
             if weather in ("clean", "bytes"):
@@ -127,14 +127,14 @@ def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Sys
             await busy
             await here.bus.transact(stop_of(here, 2))
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @every_family
 def test_i3_a_stop_is_on_the_wire_in_the_very_turn_of_the_loop_that_asks_for_it(kind: SystemVariant) -> None:
     """A turn later a poll that is due may have gone first."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind) as here:
             await command_ending(here.drive.status())
             await asyncio.sleep(1.0)
@@ -146,7 +146,7 @@ def test_i3_a_stop_is_on_the_wire_in_the_very_turn_of_the_loop_that_asks_for_it(
             ]
             await command_ending(stopping)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def start_of(here: SystemBench, address: int, word: int) -> BusRequest:
@@ -170,7 +170,7 @@ def start_of(here: SystemBench, address: int, word: int) -> BusRequest:
 def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
     """Whatever the start was waiting for, after the stop the motor stands and nothing starts it again."""
 
-    async def told(after_s: float) -> None:
+    async def scenario(after_s: float) -> None:
         async with system_bench(kind) as here:
             starting = asyncio.ensure_future(command_ending(here.drive.run(20.0)))
             await asyncio.sleep(after_s)
@@ -192,33 +192,33 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
                 assert started.status in ("confirmed", "acknowledged", "unknown", "failed")
 
     for step in range(14):
-        run_virtual(told(0.07 * step + 0.003))
+        run_virtual(scenario(0.07 * step + 0.003))
 
 
 @every_drive
 def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: SystemVariant) -> None:
     """Commands of one drive wait for each other, and each was wished for before the stop."""
 
-    async def told(after_s: float) -> None:
+    async def scenario(after_s: float) -> None:
         async with system_bench(kind) as here:
-            wishes = [asyncio.ensure_future(command_ending(here.drive.run(hz))) for hz in (20.0, 15.0)]
-            wishes.append(asyncio.ensure_future(command_ending(here.drive.set_frequency(10.0))))
+            commands = [asyncio.ensure_future(command_ending(here.drive.run(hz))) for hz in (20.0, 15.0)]
+            commands.append(asyncio.ensure_future(command_ending(here.drive.set_frequency(10.0))))
             await asyncio.sleep(after_s)
             await command_ending(here.drive.stop())
             stopped_at = here.bus.now()
-            await asyncio.gather(*wishes)
+            await asyncio.gather(*commands)
             await asyncio.sleep(10.0)
             assert not here.motor.energised and here.motor.starts <= 1
             late = [one.data for one in here.tap.requests_sent if one.start > stopped_at]
             assert {here.link().effect_of(data).value for data in late} <= {"none", "stop"}
 
     for step in range(8):
-        run_virtual(told(0.15 * step + 0.003))
+        run_virtual(scenario(0.15 * step + 0.003))
 
 
 @every_drive
 def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
-    async def told(after_s: float) -> None:
+    async def scenario(after_s: float) -> None:
         async with system_bench(kind) as here:
 
             async def jog() -> None:
@@ -240,12 +240,12 @@ def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
             assert {here.link().effect_of(data).value for data in late} <= {"none", "stop"}
 
     for step in range(8):
-        run_virtual(told(0.11 * step + 0.003))
+        run_virtual(scenario(0.11 * step + 0.003))
 
 
 @every_drive
 def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: SystemVariant) -> None:
-    async def told(weather: str, seed: int) -> None:
+    async def scenario(weather: str, seed: int) -> None:
         async with system_bench(kind, "1", "clean", seed=seed) as here:
             assert (await command_ending(here.drive.run(20.0))).succeeded
             await asyncio.sleep(1.0)
@@ -261,7 +261,7 @@ def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stan
 
     for seed in range(4):
         for weather in ("loss=0.3,flip=0.002,bytes", "late=0.3:0.15,bytes"):
-            run_virtual(told(weather, seed))
+            run_virtual(scenario(weather, seed))
 
 
 async def confirmed_or_alarmed(here: SystemBench, address: int) -> None:
@@ -281,7 +281,7 @@ async def confirmed_or_alarmed(here: SystemBench, address: int) -> None:
 def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kind: SystemVariant) -> None:
     """T_stop + 2 s, whatever waits in front of the reads that would confirm it; then it is repeated."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-5") as here:
             here.station(2).faults.silent = True
             here.station(1).keypad_run(20.0)
@@ -295,14 +295,14 @@ def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kin
                 for task in tasks:
                     task.cancel()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", FAMILIES, ids=lambda kind: kind.name)
 def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: SystemVariant) -> None:
     """Broadcast first where the family has one (never DF800), then one by one, latched until released."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-6") as here:
             for drive in here.drives.values():
                 assert (await command_ending(drive.run(15.0))).succeeded
@@ -315,10 +315,10 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
                 await asyncio.sleep(2.0)
             here.bench.advance()
             assert not any(station.motor.energised for station in here.bench.stations)
-            said = here.tap.requests_sent[asked:]
+            text = here.tap.requests_sent[asked:]
             assert len(report.broadcasts) == {"df800": 0, "vc660": 4}.get(kind.model, 2), "VC660: a pulse and its end"
             for place, sent in enumerate(report.broadcasts):
-                assert said[place].data == sent.sent and said[place].start == sent.sent_at
+                assert text[place].data == sent.sent and text[place].start == sent.sent_at
                 assert sent.received == b""
             words = {outcome.status for _, outcome in report.outcomes}
             assert words == {"confirmed"} if kind.reports_running else words == {"acknowledged"}
@@ -336,12 +336,12 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
             assert (await command_ending(here.drive.run(10.0))).succeeded
             await command_ending(here.drive.stop())
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("kind", [C320, DZB100, VC660], ids=lambda kind: kind.name)
 def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(kind: SystemVariant) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(kind, "1-8") as here:
             for drive in here.drives.values():
                 assert (await command_ending(drive.run(10.0))).succeeded
@@ -351,13 +351,13 @@ def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(ki
             assert all(s.motor.stopping or not s.motor.energised for s in here.bench.stations)
             assert (await stopping).confirmed
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_i3_the_levels_after_a_broadcast_pulse_let_stops_go_first() -> None:
     """VC660: somebody stops one drive while the broadcast's turnaround passes, and another one while that is sent."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(VC660, "1-3") as here:
             stopping = asyncio.ensure_future(stop_bus(here.bus, list(here.drives.values())))
             await asyncio.sleep(0.05)
@@ -367,13 +367,13 @@ def test_i3_the_levels_after_a_broadcast_pulse_let_stops_go_first() -> None:
             await asyncio.gather(stopping, *alone)
             assert [one.data[0] for one in here.tap.requests_sent[:4]] == [0, 2, 3, 0]
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
     """Unconfirmed and said so in bounded time; the others are stopped and confirmed."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(C320, "1-4") as here:
             for drive in here.drives.values():
                 assert (await command_ending(drive.run(15.0))).succeeded
@@ -387,17 +387,17 @@ def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
             await asyncio.sleep(40.0)
             assert not here.station(3).motor.energised, "the stop goes on being repeated"
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_drive_without_a_status_is_never_reported_stopped() -> None:
     """T17: DF800 is told three times and acknowledged, not confirmed."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(DF800) as here:
             await here.drive.run(10.0)
             outcome = await here.drive.stop()
             stop = here.link().codec.encode_request(stop_of(here, 1).request)
             assert outcome.status == "acknowledged" and here.tap.requests(stop) == 3
 
-    run_virtual(told())
+    run_virtual(scenario())

@@ -43,7 +43,7 @@ class HighestSetpoint:
 def test_before_its_coding_is_settled_no_dzb100_turns_faster_than_5_hz(coding: str) -> None:
     """T08: whatever is asked for, of a drive of any coding; what could mean more is refused before it is sent."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         options = {"setpoint_coding": coding, "query_coding": coding, "parameter_coding": coding}
         async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
             highest = HighestSetpoint(here)
@@ -63,7 +63,7 @@ def test_before_its_coding_is_settled_no_dzb100_turns_faster_than_5_hz(coding: s
             assert refused == 7, "only 0.1, 0.3 and 0.5 Hz are at most 5 Hz in every coding"
             assert 0.0 < highest.hz <= CAP_HZ
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("query", CODINGS)
@@ -71,7 +71,7 @@ def test_before_its_coding_is_settled_no_dzb100_turns_faster_than_5_hz(coding: s
 def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed_is_right(
     setpoint: str, query: str
 ) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         options = {"setpoint_coding": setpoint, "query_coding": query, "parameter_coding": "hex-0.1"}
         async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
             highest = HighestSetpoint(here)
@@ -97,11 +97,11 @@ def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed
             assert here.motor.output_hz == pytest.approx(20.0, abs=0.51 if setpoint == "hex-1" else 0.06)
             await here.drive.stop()
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_coding_that_was_proved_is_remembered_for_that_drive_only() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(DZB100, "1-2", settings=OPEN_OPTIONS) as here:
             here.station(1).setpoint_hz = 12.3
             await here.drives[1].calibrate_query_coding()
@@ -110,7 +110,7 @@ def test_a_coding_that_was_proved_is_remembered_for_that_drive_only() -> None:
             with pytest.raises(LimitError):
                 await here.drives[2].run(20.0)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 FIELDS = ("b3b2", "b2b3")
@@ -119,7 +119,7 @@ FIELDS = ("b3b2", "b2b3")
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("kind", [DF800, DF800_ASCII], ids=lambda kind: kind.name)
 def test_a_df800_turns_the_asked_way_once_a_watched_jog_has_settled_its_field(kind: SystemVariant, field: str) -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         open_field = {"direction_proved": False}
         async with system_bench(kind, settings=open_field, direction_field=field) as here:
             for direction in Direction:
@@ -155,14 +155,14 @@ def test_a_df800_turns_the_asked_way_once_a_watched_jog_has_settled_its_field(ki
                 await asyncio.sleep(2.0)
                 assert not here.motor.energised
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
     """T16: a drive set to reverse at its keypad goes on in reverse; the toggle is never sent."""
 
-    async def told() -> None:
+    async def scenario() -> None:
         async with system_bench(DF800, settings={"direction_proved": False}, direction_field=field) as here:
             here.station().reverse = True
             for _ in range(3):
@@ -174,11 +174,11 @@ def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
             commands = [one.data[5] for one in here.tap.requests_sent if one.data[1:4] == b"\x06\x20\x00"]
             assert commands and all(word & 0b1100 == 0 for word in commands)
 
-    run_virtual(told())
+    run_virtual(scenario())
 
 
 def test_a_proof_that_nobody_watched_settles_nothing() -> None:
-    async def told() -> None:
+    async def scenario() -> None:
         store = MemoryStore()
         async with system_bench(DF800, settings={"direction_proved": False}) as here:
 
@@ -190,4 +190,4 @@ def test_a_proof_that_nobody_watched_settles_nothing() -> None:
                 await here.drive.run(10.0, Direction.FORWARD)
             assert store.get("anything") is None
 
-    run_virtual(told())
+    run_virtual(scenario())

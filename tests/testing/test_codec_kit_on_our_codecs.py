@@ -113,11 +113,11 @@ CODECS: list[tuple[str, str, Any, Any]] = [
 ]
 
 
-@pytest.mark.parametrize(("family", "encoding", "codec", "heard"), CODECS, ids=lambda value: str(value)[:6])
-def test_a_codec_with_a_check_believes_no_flip(family: str, encoding: str, codec: Any, heard: Any) -> None:
+@pytest.mark.parametrize(("family", "encoding", "codec", "received"), CODECS, ids=lambda value: str(value)[:6])
+def test_a_codec_with_a_check_believes_no_flip(family: str, encoding: str, codec: Any, received: Any) -> None:
     made = exchanges(family, encoding)
     assert made
-    report = check_codec(codec, made, request_of=heard, garbage_frames=60)
+    report = check_codec(codec, made, request_of=received, garbage_frames=60)
     assert not any(report.accepted_flips.values())
 
 

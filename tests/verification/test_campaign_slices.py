@@ -45,12 +45,12 @@ def test_a_slice_violates_nothing(name: str) -> None:
 def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> None:
     """Determinism gate of RELIABILITY 6.1: another process, another hash seed, the same SHA-256."""
     here = run_campaign(load_campaign(name), CampaignRun(name, 7, SHORT[name])).digest
-    told = (
+    message = (
         "from verification.campaign import *; "
         f"print(run_campaign(load_campaign({name!r}), CampaignRun({name!r}, 7, {SHORT[name]})).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "4711"}
-    done = subprocess.run([sys.executable, "-c", told], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", message], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split() == [here]
 
 

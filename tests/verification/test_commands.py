@@ -143,9 +143,9 @@ def test_a_start_that_the_bus_repeats_by_itself_is_found(monkeypatch: pytest.Mon
 
 
 def test_a_write_that_is_believed_unread_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(talk: Any, wanted: Any, answered: bool, said: Any) -> Any:
+    def at_once(talk: Any, wanted: Any, answered: bool, text: Any) -> Any:
         yield from ()
-        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **said)
+        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **text)
 
     only(monkeypatch, "dzb100", "df800-rtu")
     monkeypatch.setattr(parameters, "_read_back", at_once)

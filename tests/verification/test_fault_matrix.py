@@ -73,8 +73,8 @@ def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
         "print(run_campaign(CAMPAIGN, CampaignRun('matrix', 3, 24)).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
-    told = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
-    assert told.stdout.strip() == run_campaign(matrix.CAMPAIGN, CampaignRun("matrix", 3, 24)).digest
+    message = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
+    assert message.stdout.strip() == run_campaign(matrix.CAMPAIGN, CampaignRun("matrix", 3, 24)).digest
 
 
 def test_a_case_that_breaks_is_a_failed_cell() -> None:
@@ -324,7 +324,7 @@ def test_a_page_that_says_otherwise_than_the_report_is_out_of_date(held: int | N
     pages = [tmp_path / "docs" / "explanation" / f"fault-matrix{suffix}.md" for suffix in ("", ".zh")]
     assert [page.name in done.stdout for page in pages] == [True, True]
     subprocess.run(command, capture_output=True, check=True)
-    for page, said in zip(
+    for page, text in zip(
         pages, ("39 of 40 held", "40 个中 39 个成立") if held else ("not run", "未运行"), strict=True
     ):
-        assert f"{'✘' if held else '?'} ({said})" in page.read_text(encoding="utf-8")
+        assert f"{'✘' if held else '?'} ({text})" in page.read_text(encoding="utf-8")

@@ -143,7 +143,7 @@ def test_i3_a_stop_that_waits_for_others(session: CampaignRun, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    ("lie", "told"),
+    ("lie", "message"),
     [
         ("drivebus.drives.readings.ReadingPairs.with_staleness", lambda book, now, oldest: book.latest),
         ("drivebus.values.Reading.age_s", lambda reading, now: 0.0),
@@ -151,10 +151,10 @@ def test_i3_a_stop_that_waits_for_others(session: CampaignRun, monkeypatch: pyte
     ids=["good-for-ever", "calls-itself-new"],
 )
 def test_i4_a_silent_drive_whose_values_stay_good(
-    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, lie: str, told: Callable[..., object]
+    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, lie: str, message: Callable[..., object]
 ) -> None:
     """The witness takes nobody's word for an age."""
-    monkeypatch.setattr(lie, told)
+    monkeypatch.setattr(lie, message)
     here = stand(session)
     here.monitor(1)
     here.run(5.0)
@@ -344,7 +344,7 @@ def test_i12_a_queue_that_nobody_empties(session: CampaignRun) -> None:
 
 def test_the_manuals_tables_know_every_request() -> None:
     """T01, T07, T16: what the observer's own tables say of frames from the manuals."""
-    told = {
+    message = {
         ("c320", "ascii", "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D"): (0, RequestEffect.READ),
         ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, RequestEffect.MOTION),
         ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, RequestEffect.MOTION),
@@ -358,7 +358,7 @@ def test_the_manuals_tables_know_every_request() -> None:
         ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, RequestEffect.MOTION),
         ("dzb100", "ascii", "43 03 01 30 31 30 30 30 30 30 30"): (1, RequestEffect.STOP),
     }
-    for (family, encoding, frame), meaning in told.items():
+    for (family, encoding, frame), meaning in message.items():
         assert classify_request(family, encoding, bytes.fromhex(frame)) == meaning, frame
 
 
@@ -388,6 +388,6 @@ def test_a_lease_that_is_renewed_lives_on_the_loop_of_the_laboratory(session: Ca
         return lease.start_outcome
 
     here = stand(session)
-    wish = here.command_by(jog, 1, "jog")
-    here.finish(wish)
-    assert wish.result_word == "acknowledged" and session.violations == []
+    command = here.command_by(jog, 1, "jog")
+    here.finish(command)
+    assert command.result_word == "acknowledged" and session.violations == []

@@ -94,8 +94,8 @@ class Around:
 
 async def scraped(kit: ServiceKit) -> tuple[Series, ScrapeData]:
     around: Any = Around(kit)
-    told = await fetch_scrape_data(around, VIEWER)
-    return series(told), told
+    message = await fetch_scrape_data(around, VIEWER)
+    return series(message), message
 
 
 def test_what_is_scraped_is_the_plants_state() -> None:
@@ -109,9 +109,9 @@ def test_what_is_scraped_is_the_plants_state() -> None:
             await kit.call("drive.stop", drive="pump-1")
             await asyncio.sleep(6)
             sent = await requests(kit)
-            found, told = await scraped(kit)
+            found, message = await scraped(kit)
             assert await requests(kit) == sent
-            drives = {drive["id"]: drive for drive in told.drives}
+            drives = {drive["id"]: drive for drive in message.drives}
             for id, drive in drives.items():
                 signals = drive["signals"]
                 assert of(found, "drive_up", drive=id) == 1
@@ -134,7 +134,7 @@ def test_what_is_scraped_is_the_plants_state() -> None:
             )
             assert of(found, "drive_info", drive="fan-1", bus="a", address="1", model="c320") == 1
             assert of(found, "stop_requests_total") == of(found, "stops_confirmed_total") == 1
-            for bus in told.buses:
+            for bus in message.buses:
                 id = bus["id"]
                 assert of(found, "bus_up", bus=id) == 1
                 assert of(found, "bus_requests_total", bus=id) == bus["transactions"] > 100
@@ -187,10 +187,10 @@ def test_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -> No
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            _, told = await scraped(kit)
-            pump = next(drive for drive in told.drives if drive["id"] == "pump-1")
+            _, message = await scraped(kit)
+            pump = next(drive for drive in message.drives if drive["id"] == "pump-1")
             pump["signals"]["output_current"] |= reading
-            found = series(told)
+            found = series(message)
             assert of(found, "drive_output_current_amperes", drive="pump-1") is None
             assert of(found, "drive_output_current_amperes", drive="pump-2") is not None
             good = of(found, "drive_signal_valid", drive="pump-1", signal="output_current")
@@ -206,8 +206,8 @@ def test_a_port_that_can_not_be_opened_has_no_load_and_no_reply_times() -> None:
             await asyncio.sleep(5)
             found, _ = await scraped(kit)
             assert of(found, "bus_up", bus="b") == 0
-            told = {key[0] for key in found if ("bus", "b") in key[1]}
-            assert not told & {
+            message = {key[0] for key in found if ("bus", "b") in key[1]}
+            assert not message & {
                 METRIC_PREFIX + name for name in ("bus_load_ratio", "bus_occupied_ratio", "bus_reply_seconds")
             }
             assert of(found, "bus_load_ratio", bus="a") and of(found, "bus_reply_seconds", bus="a", quantile="0.5")
@@ -247,18 +247,18 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
     """The whole plant with its history on disk; what these drives do not report is put in by hand."""
     async with real_service(tmp_path) as kit:
         for _ in range(100):
-            told = await fetch_scrape_data(kit.service, VIEWER)
-            if all(drive["state"] != "unknown" for drive in told.drives) and told.plant["disk"]:
+            message = await fetch_scrape_data(kit.service, VIEWER)
+            if all(drive["state"] != "unknown" for drive in message.drives) and message.plant["disk"]:
                 break
             await asyncio.sleep(0.05)
-        fan = told.drives[0]
+        fan = message.drives[0]
         fan["commanded_hz"] = 5.0
         for one in SIGNAL_METRICS:
             fan["signals"][one.signal] = {"value": 1.5, "unit": one.unit, "quality": "good", "source_time_ms": 1}
-        told.statistics["drives"]["fan-1"] = TRIPPED
-        told.buses[0]["errors"]["NoReply"] = told.buses[0]["stations"][0]["errors"]["NoReply"] = 1
-        told.alarms[:] = [ALARM, ALARM | {"acknowledged_ms": 1}, ALARM | {"shelved_until_ms": 9}]
-        found = series(told)
+        message.statistics["drives"]["fan-1"] = TRIPPED
+        message.buses[0]["errors"]["NoReply"] = message.buses[0]["stations"][0]["errors"]["NoReply"] = 1
+        message.alarms[:] = [ALARM, ALARM | {"acknowledged_ms": 1}, ALARM | {"shelved_until_ms": 9}]
+        found = series(message)
     assert {name.removeprefix(METRIC_PREFIX) for name, _ in found} == METRICS.keys()
     assert {name for _, labels in found for name, _ in labels} == LABELS
     assert of(found, "drive_running_seconds_total", drive="fan-1") == 5400.0
@@ -267,7 +267,7 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
     assert of(found, "drive_output_power_watts", drive="fan-1") == 1500.0
     assert (of(found, "alarms_active", priority="low"), of(found, "alarms_shelved")) == (2, 1)
     assert of(found, "alarms_unacknowledged", priority="low") == 1
-    assert of(found, "disk_size_bytes") == told.plant["disk"]["total_mb"] * 2**20
+    assert of(found, "disk_size_bytes") == message.plant["disk"]["total_mb"] * 2**20
 
 
 def test_names_keep_to_the_conventions() -> None:
@@ -281,10 +281,10 @@ def test_names_keep_to_the_conventions() -> None:
 @pytest.mark.parametrize("suffix", ["", ".zh"])
 def test_every_metric_has_its_paragraph(suffix: str) -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / f"metrics{suffix}.md"
-    told = page.read_text(encoding="utf-8")
+    message = page.read_text(encoding="utf-8")
     language = "zh" if suffix else "en"
     rows = {name: f"| `{METRIC_PREFIX}{name}` | " for name in METRICS}
-    missing = [name for name, row in rows.items() if row not in told or METRICS[name].text(language) not in told]
+    missing = [name for name, row in rows.items() if row not in message or METRICS[name].text(language) not in message]
     assert missing == []
     assert not [name for name in METRICS if METRICS[name].text(language).startswith("metrics.")]
 

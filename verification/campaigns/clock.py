@@ -107,14 +107,14 @@ def random_script(kind: DriveVariant, chance: Random, jumps: list[str]) -> list[
     while at < STORY_DURATION_S:
         address, hz = chance.choice((1, 2)), chance.choice((5.0, 12.0))
         value = {WRITABLE_PARAMETERS[kind.model]: float(chance.randrange(1, 40))}
-        wishes: tuple[tuple[str, tuple[Any, ...]], ...] = (
+        commands: tuple[tuple[str, tuple[Any, ...]], ...] = (
             ("run", (address, hz)),
             ("stop", (address,)),
             ("set_frequency", (address, hz)),
             ("write", (address, value, True)),
             ("reset_fault", (address,)),
         )
-        events.append((at, *chance.choice(wishes)))
+        events.append((at, *chance.choice(commands)))
         at += chance.expovariate(1 / MEAN_COMMAND_PAUSE_S)
     return sorted(events, key=lambda event: event[0])
 
@@ -181,16 +181,16 @@ class EepromBudgetTrial:
             stand.run(11.0)  # past the midnight: the day of a save must be known
         self.latest = max(self.latest, self.clock.now().date().isoformat())
         before = memory.eeprom_writes.total()
-        wish = stand.command(
+        user_command = stand.command(
             1, "write", {WRITABLE_PARAMETERS[self.kind.model]: float(1 + stand.oracle.command_count % 30)}, True
         )
-        stand.finish(wish)
+        stand.finish(user_command)
         written = memory.eeprom_writes.total() - before
         free = self.saved[self.latest] < EEPROM_WRITES_PER_DAY
         self.saved[self.latest] += written
-        if written > free or free is (wish.result_word == "EepromBudgetExceeded"):
-            said = f"{self.saved[self.latest]} saves on {self.latest}, the last one ended as {wish.result_word}"
-            stand.oracle.violation(f"G16 {said}, the clock at {self.clock.now()}")
+        if written > free or free is (user_command.result_word == "EepromBudgetExceeded"):
+            text = f"{self.saved[self.latest]} saves on {self.latest}, the last one ended as {user_command.result_word}"
+            stand.oracle.violation(f"G16 {text}, the clock at {self.clock.now()}")
 
 
 def run(session: CampaignRun) -> None:

@@ -117,8 +117,8 @@ class CommandEpisode:
             turns[user] = self._wait_shortly(MEAN_PAUSE_S)
             last = users[user]
             if last is None or last.is_ended:
-                wish = self._random_command(self.rng.choice(self.addresses))
-                users[user] = wish if self.rng.random() < WAITING_USER_SHARE else None
+                command = self._random_command(self.rng.choice(self.addresses))
+                users[user] = command if self.rng.random() < WAITING_USER_SHARE else None
         self._restore_line()
         self._check_final_state()
         self._check_out_of_range()
@@ -131,11 +131,11 @@ class CommandEpisode:
 
     def _random_command(self, address: int) -> UserCommand:
         what = self.rng.choices(self.what, [COMMAND_WEIGHTS[name] for name in self.what])[0]
-        wish = self._issue_command(address, what)
+        command = self._issue_command(address, what)
         if what == "run" and self.rng.random() < IMMEDIATE_COMMAND_SHARE:
             self.scenario.run(self.rng.choice((0.0, self.rng.uniform(0.0, SOON_MEAN_S))))
             self._issue_command(address, "stop")
-        return wish
+        return command
 
     def _issue_command(self, address: int, what: str) -> UserCommand:
         stand, chance = self.scenario, self.rng
@@ -143,22 +143,22 @@ class CommandEpisode:
         match what:
             case "run":
                 backward = chance.random() < 0.2
-                wish = stand.command(address, what, hz, *(("reverse",) if backward else ()))
+                user_command = stand.command(address, what, hz, *(("reverse",) if backward else ()))
             case "set_frequency":
-                wish = stand.command(address, what, hz)
+                user_command = stand.command(address, what, hz)
             case "write":
                 notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
-                wish = stand.command(address, what, {notation: float(chance.randrange(1, 20))}, save)
+                user_command = stand.command(address, what, {notation: float(chance.randrange(1, 20))}, save)
             case "jog":
-                wish = stand.command_by(partial(self._jog, address, chance.uniform(0.0, 1.0)), address, what)
+                user_command = stand.command_by(partial(self._jog, address, chance.uniform(0.0, 1.0)), address, what)
             case "reset_fault":
-                wish = stand.command(address, what)
+                user_command = stand.command(address, what)
             case _:
-                wish = stand.command(address, what, chance.random() < 0.7)
-        self.commands.append(wish)
-        assert wish.task is not None
-        wish.task.add_done_callback(lambda _: self._on_command_ended(wish))
-        return wish
+                user_command = stand.command(address, what, chance.random() < 0.7)
+        self.commands.append(user_command)
+        assert user_command.task is not None
+        user_command.task.add_done_callback(lambda _: self._on_command_ended(user_command))
+        return user_command
 
     async def _jog(self, address: int, seconds: float) -> Any:
         """A hand on the key; at times longer than the lease without a renewal."""
@@ -189,7 +189,7 @@ class CommandEpisode:
             self.scenario.oracle.violation(f"{wish}: {wish.result_word}, and the drive holds {station.memory[key]}")
 
     def _commands_of(self, address: int) -> list[UserCommand]:
-        return [wish for wish in self.commands if wish.address == address]
+        return [command for command in self.commands if command.address == address]
 
     # --- what goes wrong -----------------------------------------------------------------------------------------
 
@@ -227,17 +227,17 @@ class CommandEpisode:
         end = loop.time() + SETTLING_TIME_S
         while loop.time() < end and not self._all_settled():
             stand.run(1.0)
-        stand.finish(*(wish for wish in self.commands if wish.address != ABSENT), within_s=1.0)
+        stand.finish(*(command for command in self.commands if command.address != ABSENT), within_s=1.0)
         stand.run(RAMP_S)
 
     def _all_settled(self) -> bool:
         pending = any(self.scenario.drives[address].stop_pending for address in PRESENT)
-        return not pending and all(wish.is_ended for wish in self.commands if wish.address != ABSENT)
+        return not pending and all(command.is_ended for command in self.commands if command.address != ABSENT)
 
     def _check_final_state(self) -> None:
         """No stop is lost."""
         for address in sorted({*self.addresses}):
-            stops = [wish for wish in self._commands_of(address) if wish.is_stop]
+            stops = [command for command in self._commands_of(address) if command.is_stop]
             if stops:
                 self._check_last_stop(stops[-1], self.scenario.drives[address].stop_pending)
 
@@ -267,15 +267,15 @@ class CommandEpisode:
         """I7: what is out of range is refused before anything is sent for it."""
         notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
         too_fast, address = self.kind.maximum_hz + 0.1, PRESENT[0]
-        for wish in (
+        for user_command in (
             self.scenario.command(address, "run", too_fast),
             self.scenario.command(address, "set_frequency", too_fast),
             self.scenario.command(address, "write", {notation: 1e6}, save),
         ):
-            self.scenario.finish(wish)
-            if wish.result_word != "LimitError" or wish.frames_sent:
+            self.scenario.finish(user_command)
+            if user_command.result_word != "LimitError" or user_command.frames_sent:
                 self.scenario.oracle.violation(
-                    f"I7 {wish}: {wish.result_word}, and {wish.frames_sent} frames left for it"
+                    f"I7 {user_command}: {user_command.result_word}, and {user_command.frames_sent} frames left for it"
                 )
 
 
@@ -286,8 +286,8 @@ def run(session: CampaignRun) -> None:
         episode = CommandEpisode(session, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
         episode.play(session.remaining)
         session.count("requests", episode.scenario.oracle.request_count)
-        session.count("to absent drives", sum(wish.address == ABSENT for wish in episode.commands))
-        session.count("motors switched on", sum(wish.executions for wish in episode.commands))
+        session.count("to absent drives", sum(command.address == ABSENT for command in episode.commands))
+        session.count("motors switched on", sum(command.executions for command in episode.commands))
         session.add_trials(len(episode.commands))
         number += 1
 

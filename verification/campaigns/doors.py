@@ -133,8 +133,8 @@ async def _send_to_app(app: Any, stranger: UnauthorizedRequest) -> int:
     """The status; of a handshake 101 or 403."""
     coming: list[Any] = [{"type": "http.request", "body": stranger.body, "more_body": False}]
     if stranger.scope["type"] == "websocket":
-        told = stranger.body.decode("latin-1")
-        coming = [{"type": "websocket.connect"}, {"type": "websocket.receive", "text": told}]
+        report = stranger.body.decode("latin-1")
+        coming = [{"type": "websocket.connect"}, {"type": "websocket.receive", "text": report}]
     statuses: list[int] = []
 
     async def receive() -> Any:

@@ -55,16 +55,16 @@ def _compare_with_record(
 ) -> None:
     known = bit_flips.recorded_cases()[case][str(bits)]
     now: dict[str, Any] = bit_flips.flips_digest(found)
-    told = f"{case.name}, {bits} bits"
-    session.trace(f"{told}: {now}")
+    message = f"{case.name}, {bits} bits"
+    session.trace(f"{message}: {now}")
     session.count(f"{case.codec} {case.role}: {bits} bits tried", case.pattern_count(bits))
     session.count(f"{case.codec} {case.role}: {bits} bits accepted", len(found))
     if now != known:
-        session.violation(f"{told}: {now}, recorded {known}")
+        session.violation(f"{message}: {now}, recorded {known}")
     if disputed:
-        session.violation(f"{told}: codec and judge disagree on {len(disputed)}, first {disputed[:3]}")
+        session.violation(f"{message}: codec and judge disagree on {len(disputed)}, first {disputed[:3]}")
     if found and case.codec.endswith("rtu") and reference_crc(case.frame) == 0:
-        session.violation(f"{told}: {len(found)} pass a CRC-16, first {found[:3]}")
+        session.violation(f"{message}: {len(found)} pass a CRC-16, first {found[:3]}")
 
 
 def _sizes() -> dict[int, int]:

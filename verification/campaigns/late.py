@@ -107,7 +107,7 @@ class LateReplyBus:
     def _collided(self, transaction: Any, address: int, sent_at: float, heard_at: float) -> bool:
         """The one answer to this question, but another station's late reply fell into it."""
         made = self.reply_log.replies_between(address, sent_at, heard_at)
-        return [len(said) for said in made] == [len(transaction.buffer)] and self.late_replies.collided(heard_at)
+        return [len(text) for text in made] == [len(transaction.buffer)] and self.late_replies.collided(heard_at)
 
     def run_transactions(self, frames: int) -> None:
         """So many transactions at least."""

@@ -40,7 +40,7 @@ class ReplugBus(HotplugBus):
 
     def unplug(self) -> None:
         """Pull it while something is going on, wish for more meanwhile, put it back, and see."""
-        wishes = self._issue_commands()
+        commands = self._issue_commands()
         self.scenario.run(self.rng.uniform(0.0, 1.5))
         self.session.count(f"pulled while {self.phase()}")
         motors = self._motor_starts()
@@ -48,19 +48,19 @@ class ReplugBus(HotplugBus):
         refused = self._check_while_unplugged()
         self._check_return()
         self._poll_delay_s()
-        self.scenario.finish(*wishes, *refused)
-        self._check_no_late_start(motors, [*wishes, *refused])
+        self.scenario.finish(*commands, *refused)
+        self._check_no_late_start(motors, [*commands, *refused])
         self.check_handles()
 
     def _issue_commands(self) -> list[UserCommand]:
         """Commands that are under way when it happens."""
-        wishes = []
+        commands = []
         for address in HOTPLUG_ADDRESSES:
             if self.rng.random() < 0.5:
                 what = self.rng.choice(("run", "stop", "set_frequency", "run"))
                 arguments = () if what == "stop" else (self.rng.choice((5.0, 10.0, 20.0)),)
-                wishes.append(self.scenario.command(address, what, *arguments))
-        return wishes
+                commands.append(self.scenario.command(address, what, *arguments))
+        return commands
 
     def _motor_starts(self) -> Counter[int]:
         """How often each motor has been started."""
@@ -83,17 +83,17 @@ class ReplugBus(HotplugBus):
     def _check_while_unplugged(self) -> list[UserCommand]:
         """Nothing is sent, and whoever asks is told soon."""
         asked = len(self.requests)
-        wishes = []
+        commands = []
         self.scenario.run(self.rng.uniform(0.0, 2.0))
         if self.rng.random() < 0.5:
-            wishes = [self.scenario.command(self.rng.choice(HOTPLUG_ADDRESSES), "run", 10.0)]
+            commands = [self.scenario.command(self.rng.choice(HOTPLUG_ADDRESSES), "run", 10.0)]
             self.scenario.run(REJECTED_MAX_S)
-            if not wishes[0].is_ended:
-                self.violation(f"{wishes[0]} was not refused within {REJECTED_MAX_S} s")
+            if not commands[0].is_ended:
+                self.violation(f"{commands[0]} was not refused within {REJECTED_MAX_S} s")
         self.scenario.run(self.rng.uniform(0.0, 2.0))
         if len(self.requests) != asked:
             self.violation("something was said on a line that is not there")
-        return wishes
+        return commands
 
     def _check_return(self) -> None:
         with running(self.scenario.loop):
@@ -126,7 +126,7 @@ class ReplugBus(HotplugBus):
     def _check_no_late_start(self, starts: Counter[int], wishes: list[UserCommand]) -> None:
         """Nothing that was wished before the return starts a motor after it."""
         for address, count in self._motor_starts().items():
-            moved = sum(wish.executions for wish in wishes if wish.address == address)
+            moved = sum(user_command.executions for user_command in wishes if user_command.address == address)
             if count - starts[address] > moved:
                 self.violation(f"I10 the motor of {address} was started by nobody")
         self.scenario.finish(*(self.scenario.command(address, "stop") for address in HOTPLUG_ADDRESSES))

@@ -63,20 +63,20 @@ class SoakDay:
 
     def run_hour(self) -> None:
         """Trouble for most of an hour, then quiet."""
-        loop, wishes = self.scenario.loop, list[UserCommand]()
+        loop, commands = self.scenario.loop, list[UserCommand]()
         end = loop.time() + HOUR_S - QUIET_PHASE_S
-        event, wish = self._next_time(MEAN_TROUBLE_INTERVAL_S), self._next_time(MEAN_COMMAND_INTERVAL_S)
-        while (at := min(event, wish)) < end:
+        event, command = self._next_time(MEAN_TROUBLE_INTERVAL_S), self._next_time(MEAN_COMMAND_INTERVAL_S)
+        while (at := min(event, command)) < end:
             self.scenario.run(at - loop.time())
-            if event <= wish:
+            if event <= command:
                 self._disturb()
                 event = self._next_time(MEAN_TROUBLE_INTERVAL_S)
             else:
-                wishes = [one for one in wishes if not one.is_ended] + [self._random_command()]
-                wish = self._next_time(MEAN_COMMAND_INTERVAL_S)
+                commands = [one for one in commands if not one.is_ended] + [self._random_command()]
+                command = self._next_time(MEAN_COMMAND_INTERVAL_S)
         self.scenario.run(end - loop.time())
         self._restore_line()
-        self.scenario.finish(*wishes, within_s=QUIET_PHASE_S - 60.0)
+        self.scenario.finish(*commands, within_s=QUIET_PHASE_S - 60.0)
         self.scenario.run(end + QUIET_PHASE_S - loop.time())
         self._check_final_state()
 

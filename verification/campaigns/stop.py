@@ -49,10 +49,10 @@ class StopBus(LoadGenerator):
             )
             for drive in self.stand.drives.values()
         ]
-        told = estimate_bus_load(polls, self.stand.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
-        if abs(told - self.stop_timer.bounds.stop_bound_s) > 1e-9:
+        message = estimate_bus_load(polls, self.stand.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
+        if abs(message - self.stop_timer.bounds.stop_bound_s) > 1e-9:
             self.violation(
-                f"G06 the bus tells a bound of {told:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
+                f"G06 the bus tells a bound of {message:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
             )
 
     def violation(self, text: str) -> None:
@@ -82,10 +82,12 @@ class StopBus(LoadGenerator):
         how = self.rng.choice([name for name in ("stop", "coast", "quick_stop") if name in capabilities])
         wait = self.rng.random() < 0.5
         self.stop_timer.on_stop_command(address)
-        wish = self.stand.command(address, how, wait=wait)
-        self._on_command(wish)
-        assert wish.task is not None
-        wish.task.add_done_callback(lambda _: self._on_stop_ended(wish, wait, self.stop_timer.bounds.stop_bound_s))
+        user_command = self.stand.command(address, how, wait=wait)
+        self._on_command(user_command)
+        assert user_command.task is not None
+        user_command.task.add_done_callback(
+            lambda _: self._on_stop_ended(user_command, wait, self.stop_timer.bounds.stop_bound_s)
+        )
 
     def _on_command(self, wish: UserCommand) -> None:
         self.open_commands[wish.address].append(wish)
@@ -96,19 +98,19 @@ class StopBus(LoadGenerator):
         hear = "broadcast_stop" in stand.drives[LOAD_ADDRESSES[0]].profile.capabilities and everybody is not None
         for address in (everybody or 0,) if hear else LOAD_ADDRESSES:
             self.stop_timer.on_stop_command(address)
-        wishes = [stand.oracle.on_command(address, "stop", ("everybody",)) for address in LOAD_ADDRESSES]
-        for wish in wishes:
-            self._on_command(wish)
+        commands = [stand.oracle.on_command(address, "stop", ("everybody",)) for address in LOAD_ADDRESSES]
+        for command in commands:
+            self._on_command(command)
         with running(stand.loop):
-            stand.loop.create_task(self._await_bus_stop(wishes))
+            stand.loop.create_task(self._await_bus_stop(commands))
 
     async def _await_bus_stop(self, wishes: list[UserCommand]) -> None:
         report: StopReport = await stop_bus(self.stand.bus, list(self.stand.drives.values()))
         self.stand.bus.release_start()
-        for wish, (_, outcome) in zip(wishes, report.outcomes, strict=True):
-            wish.outcome, wish.error = outcome, None if outcome.succeeded else StopUnconfirmed(outcome.key)
-            self.stand.oracle.on_command_ended(wish)
-            self._on_stop_ended(wish, False, inf)
+        for command, (_, outcome) in zip(wishes, report.outcomes, strict=True):
+            command.outcome, command.error = outcome, None if outcome.succeeded else StopUnconfirmed(outcome.key)
+            self.stand.oracle.on_command_ended(command)
+            self._on_stop_ended(command, False, inf)
         if report.confirmed != all(outcome.status == "confirmed" for _, outcome in report.outcomes):
             self.violation(f"I3 a bus stop with {report.outcomes} is called confirmed: {report.confirmed}")
 

@@ -38,22 +38,22 @@ def fail_store(session: CampaignRun, disk: FaultyDisk, *, power: bool = False) -
     stand = Scenario(session, VC660, (1,), name=f"store/{disk.nth}/{disk.error or 'kill'}", baud=BAUD)
     stand.drives[1].close()
     drive = Drive(stand.bus, "vc660", 1, encoding="rtu", store=FileStore(path))
-    memory, told = stand.station(1).memory, list[str]()
+    memory, message = stand.station(1).memory, list[str]()
 
     async def save(value: float) -> Any:
         before = memory.eeprom_writes.total()
         try:
             return await drive.write({WRITTEN_PARAMETER: value}, save=True)
         except ConfigurationError as error:
-            told.append(error.key)
+            message.append(error.key)
             if memory.eeprom_writes.total() > before:
                 stand.oracle.violation(f"G12 a save was sent, and ended as {error}")
             return None
 
     def saved(value: float) -> Any:
-        wish = stand.command_by(save, 1, "write", value)
-        stand.finish(wish, within_s=CALL_MAX_S["write"] + CALL_TIMEOUT_S)
-        return wish
+        command = stand.command_by(save, 1, "write", value)
+        stand.finish(command, within_s=CALL_MAX_S["write"] + CALL_TIMEOUT_S)
+        return command
 
     with installed_disk(disk):
         for number in range(SAVE_COUNT):
@@ -64,13 +64,13 @@ def fail_store(session: CampaignRun, disk: FaultyDisk, *, power: bool = False) -
     _check_count(stand, path, memory.eeprom_writes.total())
     if not disk.is_killed and saved(30.0).result_word not in PORT_SUCCESS_WORDS:
         stand.oracle.violation("G12 the file works again, and nothing is saved")
-    session.counts.update(f"store: {key}" for key in told)
+    session.counts.update(f"store: {key}" for key in message)
     discard_killed(stand) if disk.is_killed else stand.close()
 
 
 def discard_killed(stand: Scenario) -> None:
     """The program was killed: what it still has in hand never comes to anything."""
-    stand.oracle.on_command_ended = lambda wish: None  # type: ignore[method-assign]
+    stand.oracle.on_command_ended = lambda command: None  # type: ignore[method-assign]
     with running(stand.loop):
         for task in list(stand.loop.tasks):
             task.cancel()
@@ -180,9 +180,9 @@ def fail_catalogue(session: CampaignRun, disk: FaultyDisk) -> None:
     i18n.catalogue.cache_clear()
     with installed_disk(disk):
         try:
-            told = NoReply(SAMPLE_MESSAGE[0], station=3).text(SAMPLE_MESSAGE[1])
-            session.count(f"sentences: {'told' if told == right else 'told in another way'}")
-            if not told:
+            message = NoReply(SAMPLE_MESSAGE[0], station=3).text(SAMPLE_MESSAGE[1])
+            session.count(f"sentences: {'told' if message == right else 'told in another way'}")
+            if not message:
                 session.violation("G12 an error without a word")
         except Exception as error:
             session.violation(f"G12 telling an error with {disk.failed} failing raised {type(error).__name__}: {error}")

@@ -75,13 +75,13 @@ class HostSleepScenario:
     def _on_frame(self, frame: ClassifiedFrame, *more: Any) -> None:
         self._asked(frame, *more)
         self.frames.append(frame)
-        wish = frame.user_command
+        command = frame.user_command
         if (
-            wish is not None
-            and frame.start >= self.woke_at > wish.at
+            command is not None
+            and frame.start >= self.woke_at > command.at
             and frame.effect in (RequestEffect.MOTION, RequestEffect.SETTING)
         ):
-            self.scenario.oracle.violation(f"6.6 {frame.effect} for {wish} was sent after the sleep")
+            self.scenario.oracle.violation(f"6.6 {frame.effect} for {command} was sent after the sleep")
 
     def play(self) -> None:
         stand, chance = self.scenario, self.rng
@@ -90,7 +90,7 @@ class HostSleepScenario:
         stand.finish(stand.command(RUNNING_ADDRESS, "run", 5.0))
         jog = self._jog() if chance.random() < 0.5 else None
         stand.run(chance.uniform(0.5, 1.0))
-        wishes = self._issue_commands()
+        commands = self._issue_commands()
         suspend_host(
             stand,
             chance.choice(SUSPEND_DURATIONS_S),
@@ -101,39 +101,39 @@ class HostSleepScenario:
         stand.oracle.trace("awake")
         turning = stand.station(JOGGED_ADDRESS).motor.energised
         if chance.random() < 0.5:
-            wishes.append(stand.command(RUNNING_ADDRESS, "stop"))
+            commands.append(stand.command(RUNNING_ADDRESS, "stop"))
         if jog is not None:
             self._check_jog_ended(turning)
-            wishes.append(jog)
-        stand.finish(*wishes)
+            commands.append(jog)
+        stand.finish(*commands)
         stand.run(SLEEP_RAMP_S + 1.0)
-        for wish in wishes:
-            self._check_ended(wish)
+        for user_command in commands:
+            self._check_ended(user_command)
         stand.close()
 
     def _issue_commands(self) -> list[UserCommand]:
         """Before the sleep, at instants of their own."""
         stand, chance = self.scenario, self.rng
         stop = chance.random() < 0.3
-        wished = {
+        requested = {
             chance.uniform(0.0, COMMANDS_BEFORE_SLEEP_S): (FIRST_ADDRESS, "run", 5.0),
             chance.uniform(0.0, COMMANDS_BEFORE_SLEEP_S): (RUNNING_ADDRESS, "stop")
             if stop
             else (RUNNING_ADDRESS, "set_frequency", 3.0),
         }
-        wishes, began = list[UserCommand](), stand.loop.time()
-        for at in sorted(wished):
+        commands, began = list[UserCommand](), stand.loop.time()
+        for at in sorted(requested):
             stand.run(began + at - stand.loop.time())
-            wishes.append(stand.command(*wished[at]))
+            commands.append(stand.command(*requested[at]))
         stand.run(began + COMMANDS_BEFORE_SLEEP_S - stand.loop.time())
-        return wishes
+        return commands
 
     def _jog(self) -> UserCommand | None:
         if "jog" not in self.scenario.drives[JOGGED_ADDRESS].profile.capabilities:
             return None
-        wish = self.scenario.command_by(self._hold_jog, JOGGED_ADDRESS, "jog")
+        command = self.scenario.command_by(self._hold_jog, JOGGED_ADDRESS, "jog")
         self.scenario.run(2.0)
-        return wish
+        return command
 
     async def _hold_jog(self) -> Outcome | None:
         """A program that renews whenever it runs."""
@@ -157,8 +157,8 @@ class HostSleepScenario:
         queued = not any(frame.user_command is wish for frame in self.frames)
         if not wish.is_stop and wish.method != "jog" and wish.at < self.woke_at and queued:
             self.session.count(f"asleep over an unsent {wish.method}: {wish.result_word}")
-        told = ("confirmed" if self.kind.reports_running else "acknowledged", "unknown")
+        message = ("confirmed" if self.kind.reports_running else "acknowledged", "unknown")
         deeds = self.scenario.oracle.histories[wish.address]
-        if wish.is_stop and (wish.result_word not in told or deeds.stop_received_at < wish.at or deeds.on):
+        if wish.is_stop and (wish.result_word not in message or deeds.stop_received_at < wish.at or deeds.on):
             motor = "on" if deeds.on else "off"
             self.scenario.oracle.violation(f"6.6 {wish} ended as {wish.result_word}, the motor is {motor}")

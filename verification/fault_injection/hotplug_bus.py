@@ -49,10 +49,10 @@ class HotplugBus:
         say = wire.transmit
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
+            text = say(talker, data, *more, **named)
             if hasattr(talker, "receive"):
-                self.requests.append((said.start, classify_request(self.kind.model, self.kind.encoding, data)[1]))
-            return said
+                self.requests.append((text.start, classify_request(self.kind.model, self.kind.encoding, data)[1]))
+            return text
 
         wire.transmit = on_say
 

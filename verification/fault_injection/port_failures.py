@@ -105,11 +105,11 @@ class PortFailureScenario:
         return False
 
     def step(self, what: str, *arguments: Any) -> UserCommand:
-        wish = self.scenario.command(1, what, *arguments)
-        self.scenario.finish(wish, within_s=CALL_MAX_S[what] + CALL_TIMEOUT_S, step_s=0.05)
-        if wish.result_word not in PORT_SUCCESS_WORDS:
+        user_command = self.scenario.command(1, what, *arguments)
+        self.scenario.finish(user_command, within_s=CALL_MAX_S[what] + CALL_TIMEOUT_S, step_s=0.05)
+        if user_command.result_word not in PORT_SUCCESS_WORDS:
             self.scenario.run(REPEATED_CALL_MAX_S)
-        return wish
+        return user_command
 
     def _check_stopped(self, stop: UserCommand) -> None:
         """A stop goes, be it after the port is back: nobody asks for it again."""

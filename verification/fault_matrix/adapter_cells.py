@@ -22,8 +22,10 @@ def transmitter_disabled_too_early(at: CellRun) -> None:
         line.expect(line.failure_count(address, "NoReply") >= 2, f"{address}: {line.statistics(address).errors}")
         line.expect(str(line.bus.health(address).presence) == "offline", f"{address} is called present")
         line.expect(line.has_bad_quality(address), f"{address} has values")
-    wish = line.command_to_end(1, "run", at.random_hz())
-    line.expect(wish.result_word not in SUCCESS_WORDS and not line.station(1).motor.starts, f"run {wish.result_word}")
+    command = line.command_to_end(1, "run", at.random_hz())
+    line.expect(
+        command.result_word not in SUCCESS_WORDS and not line.station(1).motor.starts, f"run {command.result_word}"
+    )
     own = at.bus(1, 2)
     check_void(own, lambda say, data, when: say(data, when).dropped.add(len(data) - 1), "NoReply")
     if at.kind.model == "dzb100":
@@ -54,8 +56,10 @@ def batched_reception(at: CellRun) -> None:
     for address in (1, 2):
         line.monitored(address)
     line.run(3.0)
-    wish = line.command_to_end(1, "run", at.random_hz())
-    line.expect(wish.result_word in SUCCESS_WORDS and line.station(1).motor.starts == 1, f"run {wish.result_word}")
+    command = line.command_to_end(1, "run", at.random_hz())
+    line.expect(
+        command.result_word in SUCCESS_WORDS and line.station(1).motor.starts == 1, f"run {command.result_word}"
+    )
     stop = line.command_to_end(1, "stop")
     line.expect(stop.result_word in SUCCESS_WORDS, f"stop {stop.result_word}")
     line.run(3.0)
@@ -73,20 +77,23 @@ def adapter_unplugged(at: CellRun) -> None:
         line.loop.run_until_complete(line.drives[1].preflight())
         line.monitored(2)
         _unplug_during(at, line, what)
-        wish, mark = line.command(1, "run", at.random_hz()), len(line.requests)
+        user_command, mark = line.command(1, "run", at.random_hz()), len(line.requests)
         line.run(1.0)
         line.expect(not line.bench.wire.plugged, "nothing was pulled")
         _check_port_lost(line)
         line.replug()
         line.run(8.0)
-        line.finish(wish)
+        line.finish(user_command)
         moves = line.requests_since(mark, RequestEffect.MOTION)
-        line.expect(wish.result_word not in SUCCESS_WORDS or what is RequestEffect.READ, f"told {wish.result_word}")
+        line.expect(
+            user_command.result_word not in SUCCESS_WORDS or what is RequestEffect.READ,
+            f"told {user_command.result_word}",
+        )
         line.expect(len(moves) == (what is RequestEffect.MOTION), f"{len(moves)} starts")
         never_sent = ("PortLost", "PreflightError")
         line.expect(
-            wish.result_word == "unknown" if moves else wish.result_word in never_sent,
-            f"told {wish.result_word}, {wish.error!r}",
+            user_command.result_word == "unknown" if moves else user_command.result_word in never_sent,
+            f"told {user_command.result_word}, {user_command.error!r}",
         )
         line.expect(
             not line.requests_since(mark, RequestEffect.SETTING) or at.kind.model in ("vc660", "df800"),

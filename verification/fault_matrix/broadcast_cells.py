@@ -91,7 +91,7 @@ def _check_all_stopped(line: MatrixBus, everybody: list[MatrixRequest], sent: li
 
 def _stop_all(line: MatrixBus) -> StopReport:
     """As a user does it: each drive's stop is a wish of its own."""
-    wishes = [line.oracle.on_command(address, "stop", ("everybody",)) for address in line.drives]
+    commands = [line.oracle.on_command(address, "stop", ("everybody",)) for address in line.drives]
 
     async def stop() -> StopReport:
         report = await stop_bus(line.bus, list(line.drives.values()))
@@ -100,9 +100,9 @@ def _stop_all(line: MatrixBus) -> StopReport:
 
     report: StopReport = line.loop.run_until_complete(stop())
     with running(line.loop):
-        for wish, (_, outcome) in zip(wishes, report.outcomes, strict=True):
-            wish.outcome = outcome
-            line.oracle.on_command_ended(wish)
+        for command, (_, outcome) in zip(commands, report.outcomes, strict=True):
+            command.outcome = outcome
+            line.oracle.on_command_ended(command)
     return report
 
 

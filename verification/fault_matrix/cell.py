@@ -88,7 +88,7 @@ def all_cells() -> tuple[MatrixCell, ...]:
         import_module(f"verification.fault_matrix.{module}")
     return tuple(
         MatrixCell(row, kind, _CELL_CHECKS[row, kind.name])
-        for row, told in TABLE.items()
+        for row, message in TABLE.items()
         for kind in DRIVE_VARIANTS
-        if kind.model in told["cells"]
+        if kind.model in message["cells"]
     )

@@ -61,10 +61,10 @@ def trailing_bytes(at: CellRun) -> None:
         check_void(line, longer, "TrailingError")
     health = line.bus.health(1)
     line.expect(health.error_rate > 0.0 and line.statistics(1).damaged >= 3, "health does not show it")
-    wish = line.command_to_end(1, "run", 5.0)
+    command = line.command_to_end(1, "run", 5.0)
     line.expect(
-        wish.result_word == "StartInhibited" and getattr(wish.error, "key", "") == "drives.bad_link",
-        f"a start is {wish.result_word}",
+        command.result_word == "StartInhibited" and getattr(command.error, "key", "") == "drives.bad_link",
+        f"a start is {command.result_word}",
     )
     line.expect(not line.station(1).motor.starts, "started")
     check_persistent_failure(at.bus(), longer)
@@ -113,9 +113,9 @@ def corrupt_reply(at: CellRun, marked: bool, where: range | None = None) -> Any:
 
     def act(say: WireSend, data: bytes, when: float) -> Any:
         index = at.rng.choice(where or range(len(data)))
-        said = say(data, when)
-        said.corrupt(index, data[index] ^ 1 << at.rng.randrange(8), marked)
-        return said
+        text = say(data, when)
+        text.corrupt(index, data[index] ^ 1 << at.rng.randrange(8), marked)
+        return text
 
     return act
 

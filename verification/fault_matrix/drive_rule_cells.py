@@ -44,10 +44,10 @@ def burst_of_saves(at: CellRun) -> None:
     if at.kind.model in ("c320", "vc660"):
         _check_ram_writes(line, notation)
     else:
-        wish = line.command_to_end(1, "write", {notation: 12.0})
+        command = line.command_to_end(1, "write", {notation: 12.0})
         line.expect(
-            wish.result_word == "CapabilityError" and saves.total() == CELL_WRITES_PER_DAY,
-            f"without save: {wish.result_word}",
+            command.result_word == "CapabilityError" and saves.total() == CELL_WRITES_PER_DAY,
+            f"without save: {command.result_word}",
         )
 
 
@@ -55,8 +55,8 @@ def _check_ram_writes(line: MatrixBus, notation: str) -> None:
     """Class 3, or no 8000H: as often as somebody likes."""
     mark, memory = len(line.requests), line.station(1).memory
     for number in range(CELL_WRITES_PER_DAY + 5):
-        wish = line.command_to_end(1, "write", {notation: 12.0 + number % 2})
-        line.expect(wish.result_word == "confirmed", f"RAM write {wish.result_word}")
+        command = line.command_to_end(1, "write", {notation: 12.0 + number % 2})
+        line.expect(command.result_word == "confirmed", f"RAM write {command.result_word}")
     line.expect(
         memory.eeprom_writes.total() == CELL_WRITES_PER_DAY
         and memory.ram_writes.total() >= 2 * CELL_WRITES_PER_DAY + 5,
@@ -104,8 +104,8 @@ def jog_ends_with_its_lease(at: CellRun) -> None:
             await asyncio.sleep(8.0)  # the hand is gone, the program hangs
             return lease.stop_outcome or lease.start_outcome
 
-    wish = line.command_by(jog, 1, "jog", 5.0)
-    line.finish(wish)
+    command = line.command_by(jog, 1, "jog", 5.0)
+    line.finish(command)
     line.run(2.0)
     move, stop = line.requests_since(0, RequestEffect.MOTION)[-1], line.requests_since(0, RequestEffect.STOP)[0]
     line.expect(motor.starts == 1 and not motor.energised, f"{motor.starts} starts, on: {motor.energised}")
@@ -180,9 +180,9 @@ def uncalibrated_scale(at: CellRun) -> None:
         line.drives[1].close()
         line.drives[1] = Drive(line.bus, "dzb100", 1)
         for hz in (10.0, 50.0, at.random_hz(0.6, 40)):
-            mark, wish = len(line.requests), line.command_to_end(1, "run", hz)
+            mark, command = len(line.requests), line.command_to_end(1, "run", hz)
             line.expect(
-                wish.result_word == "LimitError" and not line.requests_since(mark), f"{hz} Hz: {wish.result_word}"
+                command.result_word == "LimitError" and not line.requests_since(mark), f"{hz} Hz: {command.result_word}"
             )
         line.finish(line.command_by(line.drives[1].run, 1, "run at the cap", at.rng.choice((0.1, 0.3, 0.5))))
         line.run(5.0)
@@ -195,21 +195,21 @@ def uncalibrated_scale(at: CellRun) -> None:
 def scale_read_back(at: CellRun) -> None:
     """3001H must show the very frequency before a start leaves: a drive that counts otherwise is not started."""
     line, hz = at.bus(1), at.random_hz()
-    mark, wish = len(line.requests), line.command_to_end(1, "run", hz)
+    mark, command = len(line.requests), line.command_to_end(1, "run", hz)
     values = [
         word for one in line.requests_since(mark) if (word := modbus_write(line.kind, one.data)) and word[0] == 0x2001
     ]
     line.expect(
-        wish.result_word == "confirmed" and values == [(0x2001, round(hz * 100))], f"{wish.result_word}: {values}"
+        command.result_word == "confirmed" and values == [(0x2001, round(hz * 100))], f"{command.result_word}: {values}"
     )
     other = at.bus(1)
     station = other.station(1)
     take, factor = station._set_frequency, at.rng.choice((10, 0.1))
     station._set_frequency = lambda value: take(min(40000, round(value * factor)))
-    mark, wish = len(other.requests), other.command_to_end(1, "run", hz)
+    mark, command = len(other.requests), other.command_to_end(1, "run", hz)
     other.expect(
-        wish.result_word == "failed" and not other.requests_since(mark, RequestEffect.MOTION),
-        f"another scale: {wish.result_word}",
+        command.result_word == "failed" and not other.requests_since(mark, RequestEffect.MOTION),
+        f"another scale: {command.result_word}",
     )
     other.expect(not station.motor.starts, "started")
 
@@ -218,20 +218,23 @@ def scale_read_back(at: CellRun) -> None:
 def frequency_source(at: CellRun) -> None:
     """0.01 Hz in 2001H, which counts only while F1.01 = 5: else the start is refused and the keypad step is named."""
     line, hz = at.bus(1), at.random_hz()
-    mark, wish = len(line.requests), line.command_to_end(1, "run", hz)
+    mark, command = len(line.requests), line.command_to_end(1, "run", hz)
     values = [
         word for one in line.requests_since(mark) if (word := modbus_write(line.kind, one.data)) and word[0] == 0x2001
     ]
     line.expect(
-        wish.result_word == "acknowledged" and values == [(0x2001, round(hz * 100))], f"{wish.result_word}: {values}"
+        command.result_word == "acknowledged" and values == [(0x2001, round(hz * 100))],
+        f"{command.result_word}: {values}",
     )
     line.expect(abs(line.station(1).motor.target_hz - hz) < 0.006, f"it goes to {line.station(1).motor.target_hz}")
     other = at.bus(1)
     other.station(1).keypad_set(101, at.rng.choice((0, 1, 3)))
-    mark, wish = len(other.requests), other.command_to_end(1, "run", hz)
-    other.expect(wish.result_word == "PreflightError" and "F1.01" in error_text(wish, "en"), f"{wish.result_word}")
+    mark, command = len(other.requests), other.command_to_end(1, "run", hz)
     other.expect(
-        "F1.01" in error_text(wish, "zh")
+        command.result_word == "PreflightError" and "F1.01" in error_text(command, "en"), f"{command.result_word}"
+    )
+    other.expect(
+        "F1.01" in error_text(command, "zh")
         and not other.requests_since(mark, RequestEffect.MOTION, RequestEffect.SETTING),
         "something was sent",
     )

@@ -21,10 +21,10 @@ def adapter_echo(at: CellRun) -> None:
         line = at.bus(1, echo=setting, line_quality="echo")
         answer = line.read(1)
         line.expect(answer.error is None and answer.received == line.replies[-1].data, f"echo {setting}: {answer}")
-        wish = line.command_to_end(1, "run", at.random_hz())
+        command = line.command_to_end(1, "run", at.random_hz())
         line.expect(
-            wish.result_word == ("confirmed" if at.kind.reports_running else "acknowledged"),
-            f"echo {setting}: run {wish.result_word}",
+            command.result_word == ("confirmed" if at.kind.reports_running else "acknowledged"),
+            f"echo {setting}: run {command.result_word}",
         )
         line.expect(line.station(1).motor.starts == 1, "not one start")
     for setting, weather in (("on", "echo"), ("detect", "echo"), ("off", "echo"), ("on", "clean")):
@@ -44,7 +44,7 @@ def _check_absent_drive(at: CellRun, setting: str, weather: str, paced: bool) ->
     line.bus.core.has_line_timing, line.oracle.frame_rules.misled_drives = paced, not paced
     notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[at.kind.model]
     saves = at.kind.model in ("dzb100", "df800")  # T21: else a RAM write, whose echo has a reply's length in C320
-    wishes: dict[str, tuple[Any, ...]] = {
+    commands: dict[str, tuple[Any, ...]] = {
         "write": ({notation: 7.0}, saves),
         "set_frequency": (at.random_hz(),),
         "reset_fault": (),
@@ -52,14 +52,14 @@ def _check_absent_drive(at: CellRun, setting: str, weather: str, paced: bool) ->
         "stop": (),
     }
     for address, (what, arguments) in enumerate(
-        wishes.items(), ABSENT_ADDRESS
+        commands.items(), ABSENT_ADDRESS
     ):  # one that failed once is not believed anyway
         _check_not_confirmed(line, line.add_absent(address), what, *arguments)
 
 
 def _check_not_confirmed(line: MatrixBus, address: int, what: str, *arguments: Any) -> None:
-    wish = line.command_to_end(address, what, *arguments)
-    line.expect(wish.result_word not in COMPLETED_WORDS, f"{what} is {wish.result_word} by an echo")
+    command = line.command_to_end(address, what, *arguments)
+    line.expect(command.result_word not in COMPLETED_WORDS, f"{what} is {command.result_word} by an echo")
 
 
 def _check_frame_not_received(at: CellRun, setting: str) -> None:
@@ -86,10 +86,10 @@ def _check_unconfigured_echo(at: CellRun) -> None:
         answer = line.read(1)
         line.expect(answer.error is not None or answer.received == line.replies[-1].data, f"believed: {answer}")
         line.run(1.5)
-    wish = line.command_to_end(1, "set_frequency", hz)
+    command = line.command_to_end(1, "set_frequency", hz)
     station = line.station(1)
     held = station.bus_hz if at.kind.model == "df800" else station.setpoint_hz
     line.expect(
-        wish.result_word not in COMPLETED_WORDS or abs(held - hz) < 0.006,
-        f"set_frequency {wish.result_word}, the drive holds {held}",
+        command.result_word not in COMPLETED_WORDS or abs(held - hz) < 0.006,
+        f"set_frequency {command.result_word}, the drive holds {held}",
     )

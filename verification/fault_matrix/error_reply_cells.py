@@ -56,15 +56,15 @@ def _check_rejected(line: MatrixBus, notation: str, save: bool, code: int | None
 
     station.handle_request = refusing
     mark, failed = len(line.requests), line.failure_count(1)
-    wish = line.command_to_end(1, "write", {notation: 12.0}, save)
+    command = line.command_to_end(1, "write", {notation: 12.0}, save)
     station.handle_request = answer
-    line.expect(wish.result_word == "refused", f"code {code}: {wish.result_word}")
+    line.expect(command.result_word == "refused", f"code {code}: {command.result_word}")
     line.expect(
         len(line.requests_since(mark, RequestEffect.SETTING)) == 1,
         f"code {code}: sent {len(line.requests_since(mark, RequestEffect.SETTING))} times",
     )
     line.expect(line.failure_count(1) == failed, "counted as a failure of the line")
-    outcome = wish.outcome
+    outcome = command.outcome
     line.expect(outcome.params.get("code") == code, f"told code {outcome.params}")
     words = {i18n.text(outcome.key, language, **outcome.params) for language in ("en", "zh")}
     line.expect(len(words) == 2 and outcome.key not in words, f"{outcome.key} has no words in both languages")
@@ -99,10 +99,10 @@ def drive_in_fault(at: CellRun) -> None:
         return
     line.expect(str(status.state) == "fault", f"{status}")
     _check_fault_named(line, status.fault, station.trip_code(trip))
-    mark, wish = len(line.requests), line.command_to_end(1, "run", at.random_hz())
+    mark, command = len(line.requests), line.command_to_end(1, "run", at.random_hz())
     line.expect(
-        wish.result_word == "StartInhibited" and not line.requests_since(mark, RequestEffect.MOTION),
-        f"a start in fault is {wish.result_word}",
+        command.result_word == "StartInhibited" and not line.requests_since(mark, RequestEffect.MOTION),
+        f"a start in fault is {command.result_word}",
     )
     if at.kind.model == "c320":
         _check_item_missing(line)

@@ -43,8 +43,10 @@ def duplicate_address(at: CellRun) -> None:
 def _check_only_stops(at: CellRun, line: MatrixBus, two: tuple[Station, Station]) -> None:
     mark = len(line.requests)
     for what in ("run", "set_frequency"):
-        wish = line.command_to_end(1, what, at.random_hz())
-        line.expect(wish.result_word not in ("confirmed", "acknowledged"), f"{what} is {wish.result_word}")
+        user_command = line.command_to_end(1, what, at.random_hz())
+        line.expect(
+            user_command.result_word not in ("confirmed", "acknowledged"), f"{what} is {user_command.result_word}"
+        )
     line.expect(not line.requests_since(mark, RequestEffect.MOTION, RequestEffect.SETTING), "a command was sent")
     line.expect(not any(station.motor.starts for station in two), "started")
     for station in two:
@@ -74,8 +76,8 @@ def foreign_master(at: CellRun) -> None:
         "not counted, or believed",
     )
     mark = len(line.requests)
-    wish = line.command_to_end(1, "run", at.random_hz())
-    line.expect(getattr(wish.error, "key", "") == "drives.foreign_master", f"a start is {wish.result_word}")
+    command = line.command_to_end(1, "run", at.random_hz())
+    line.expect(getattr(command.error, "key", "") == "drives.foreign_master", f"a start is {command.result_word}")
     line.expect(not line.requests_since(mark, RequestEffect.MOTION) and not line.station(1).motor.starts, "started")
     line.station(1).keypad_run(at.random_hz())
     line.run(1.0)
@@ -85,8 +87,8 @@ def foreign_master(at: CellRun) -> None:
         f"the stop is {stop.result_word}",
     )
     line.run(FOREIGN_QUIET_S)
-    wish = line.command_to_end(1, "run", at.random_hz())
+    command = line.command_to_end(1, "run", at.random_hz())
     line.expect(
-        wish.result_word == ("confirmed" if at.kind.reports_running else "acknowledged"),
-        f"after a minute: {wish.result_word}",
+        command.result_word == ("confirmed" if at.kind.reports_running else "acknowledged"),
+        f"after a minute: {command.result_word}",
     )

@@ -38,8 +38,8 @@ def late_reply_during_another_request(at: CellRun) -> None:
         held.append(data)
 
     def release(say: WireSend, data: bytes, when: float) -> Any:
-        said = say(held[0], when)
-        return say(data, said.end + line.bench.settings.seconds(5))
+        text = say(held[0], when)
+        return say(data, text.end + line.bench.settings.seconds(5))
 
     mark = len(line.requests)
     line.manipulate_replies(1, hold, 1)
@@ -73,13 +73,13 @@ def reply_from_another_address(at: CellRun) -> None:
     """Dropped, counted, the deadline stays; the true answer behind it counts. Repeated, it is a foreign master's."""
     line = at.bus()
     wanted, _ = line.plain_read(1)
-    theirs = next(said.data for said in line.replies if said.address == 2)
+    theirs = next(text.data for text in line.replies if text.address == 2)
     foreign = line.unsolicited_count("foreign")
 
     def first_theirs(say: WireSend, data: bytes, when: float) -> Any:
         character_s = line.bench.settings.character_s
-        said = say(theirs, line.loop.time() + character_s, line.station(2))
-        return say(data, said.end + character_s)
+        text = say(theirs, line.loop.time() + character_s, line.station(2))
+        return say(data, text.end + character_s)
 
     line.manipulate_replies(1, first_theirs, 1)
     answer = line.transact(1, wanted)
@@ -103,7 +103,8 @@ def _check_misaddressed(line: MatrixBus, wanted: Any) -> None:
     line.expect(line.bus.health(1).foreign_master, "no alarm")
     line.station(1).faults.wrong_address = None
     line.run(1.5)
-    wish = line.command_to_end(2, "run", 5.0)
+    command = line.command_to_end(2, "run", 5.0)
     line.expect(
-        wish.result_word == "StartInhibited" and not line.station(2).motor.starts, f"a start is {wish.result_word}"
+        command.result_word == "StartInhibited" and not line.station(2).motor.starts,
+        f"a start is {command.result_word}",
     )

@@ -94,30 +94,30 @@ class MatrixBus(Scenario):
         say, reply, dispatch = bench.wire.transmit, bench.wire.transmit_reply, bench._dispatch
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
+            text = say(talker, data, *more, **named)
             if hasattr(talker, "receive"):
                 if self.cuts_last_byte:
-                    said.dropped.add(len(data) - 1)
+                    text.dropped.add(len(data) - 1)
                 sent = MatrixRequest(
-                    said.start, said.end, *classify_request(self.kind.model, self.kind.encoding, data), data
+                    text.start, text.end, *classify_request(self.kind.model, self.kind.encoding, data), data
                 )
                 self.requests.append(sent)
                 self.when_sent(sent)
-            return said
+            return text
 
         def on_reply(talker: Any, data: bytes, now: float, at: float) -> Any:
             trick = self._manipulation_for(talker.address, lambda act: not isinstance(act, str))
 
             def drive_says(data: bytes, at: float, talker: Any = talker) -> Any:
-                said = reply(talker, data, now, at)
-                self.replies.append(MatrixReply(talker.address, self._current_request, data, said.start))
-                return said
+                text = reply(talker, data, now, at)
+                self.replies.append(MatrixReply(talker.address, self._current_request, data, text.start))
+                return text
 
             if trick is None or isinstance(trick.action, str):
                 return drive_says(data, at)
             return trick.action(drive_says, data, at)
 
-        def on_dispatch(frame: Any, stations: Any, said: Any, now: float) -> None:
+        def on_dispatch(frame: Any, stations: Any, text: Any, now: float) -> None:
             self._current_request = frame.frame
             trick = self._manipulation_for(frame.address, lambda act: isinstance(act, str))
             hit = [one.faults for one in stations if trick is not None and one.address == frame.address]
@@ -125,7 +125,7 @@ class MatrixBus(Scenario):
             before = [getattr(faults, what) for faults in hit]
             for faults in hit:
                 setattr(faults, what, True)
-            dispatch(frame, stations, said, now)
+            dispatch(frame, stations, text, now)
             for faults, was in zip(hit, before, strict=True):
                 setattr(faults, what, was)
 
@@ -181,17 +181,17 @@ class MatrixBus(Scenario):
 
     def command_to_end(self, address: int, what: str, *arguments: Any, **named: Any) -> UserCommand:
         """A user's command, to its end."""
-        wish = self.command(address, what, *arguments, **named)
-        self.finish(wish)
-        return wish
+        user_command = self.command(address, what, *arguments, **named)
+        self.finish(user_command)
+        return user_command
 
     def start_at(self, address: int, hz: float) -> None:
         """The drive runs at this frequency, because we said so."""
-        wish = self.command_to_end(address, "run", hz)
+        command = self.command_to_end(address, "run", hz)
         self.run(2.5)
         motor = self.station(address).motor
         self.expect(
-            motor.energised and abs(abs(motor.output_hz) - hz) < 0.06, f"not running at {hz}: {wish.result_word}"
+            motor.energised and abs(abs(motor.output_hz) - hz) < 0.06, f"not running at {hz}: {command.result_word}"
         )
 
     def monitored(self, address: int) -> Any:

@@ -37,12 +37,14 @@ def no_reply_to_setpoint(at: CellRun) -> None:
         line.start_at(1, first)
         mark = len(line.requests)
         trick = line.manipulate_replies(1, "deaf" if lost == "always" else lost, 9 if lost == "always" else 1, frame)
-        wish = line.command_to_end(1, "set_frequency", second)
+        command = line.command_to_end(1, "set_frequency", second)
         line.expect(trick.remaining < 9, "no frame was lost")
-        _check_setpoint(line, lost, ends, wish.result_word, line.requests_since(mark, frame), mark)
+        _check_setpoint(line, lost, ends, command.result_word, line.requests_since(mark, frame), mark)
         line.run(3.0)
         taken = abs(line.station(1).motor.target_hz - second) < 0.006
-        line.expect(taken is (wish.result_word in ("confirmed", "acknowledged")), f"{wish.result_word}, taken: {taken}")
+        line.expect(
+            taken is (command.result_word in ("confirmed", "acknowledged")), f"{command.result_word}, taken: {taken}"
+        )
 
 
 def _check_setpoint(line: MatrixBus, lost: str, ends: str, word: str, frames: list[MatrixRequest], mark: int) -> None:
@@ -69,7 +71,7 @@ def no_reply_to_start(at: CellRun) -> None:
         line.manipulate_replies(
             1, "mute" if lost == "mute" else "deaf", 9 if lost == "always" else 1, RequestEffect.MOTION
         )
-        wish = line.command_to_end(1, "run", at.random_hz())
+        command = line.command_to_end(1, "run", at.random_hz())
         line.run(1.0)
         starts, motor = line.requests_since(mark, RequestEffect.MOTION), line.station(1).motor
         line.expect(
@@ -77,11 +79,12 @@ def no_reply_to_start(at: CellRun) -> None:
         )
         if not at.kind.reports_running:
             line.expect(
-                len(starts) == 1 and wish.result_word == "unknown", f"{len(starts)} starts, told {wish.result_word}"
+                len(starts) == 1 and command.result_word == "unknown",
+                f"{len(starts)} starts, told {command.result_word}",
             )
             continue
         expected = {"mute": ("confirmed",), "deaf": ("confirmed",), "always": ("failed", "unknown")}[lost]
-        line.expect(wish.result_word in expected, f"{lost}: {wish.result_word}")
+        line.expect(command.result_word in expected, f"{lost}: {command.result_word}")
         line.expect(len(starts) == {"mute": 1, "deaf": 2}.get(lost, len(starts)), f"{lost}: {len(starts)} starts")
         _check_start_resent(line, starts)
 
@@ -90,11 +93,11 @@ def _check_start_resent(line: MatrixBus, starts: list[MatrixRequest]) -> None:
     line.expect(len(starts) <= 3, f"sent {len(starts)} times")
     for one, other in pairwise(starts):
         between = [sent for sent in line.requests if one.end < sent.start < other.start]
-        said = [said for said in line.replies if one.end < said.start < other.start]
+        text = [text for text in line.replies if one.end < text.start < other.start]
         shown = [
-            shows_standstill(line.kind, said.request, said.data)
-            for said in said
-            if status_read_key(line.kind, said.request)
+            shows_standstill(line.kind, text.request, text.data)
+            for text in text
+            if status_read_key(line.kind, text.request)
         ]
         line.expect(len(line.sync_probes(between)) >= 2, "resent without two fences")
         line.expect(len(shown) >= 2 and all(shown), "resent without two reads of standstill")
@@ -107,8 +110,10 @@ def no_reply_to_stop(at: CellRun) -> None:
     line = at.bus(1)
     line.start_at(1, at.random_hz())
     line.station(1).faults.silent = True
-    mark, wish = len(line.requests), line.command_to_end(1, "stop")
-    line.expect(type(wish.error).__name__ == "StopUnconfirmed" and line.drives[1].stop_pending, f"told {wish.error!r}")
+    mark, command = len(line.requests), line.command_to_end(1, "stop")
+    line.expect(
+        type(command.error).__name__ == "StopUnconfirmed" and line.drives[1].stop_pending, f"told {command.error!r}"
+    )
     line.run(at.rng.uniform(15.0, 25.0))
     stops = line.requests_since(mark, RequestEffect.STOP)
     line.expect(stops[1].start - stops[0].end < IMMEDIATE_MAX_S, f"again after {stops[1].start - stops[0].end:.3f} s")
@@ -143,8 +148,8 @@ def _check_recovery(line: MatrixBus) -> None:
 def standstill_confirmed_twice(line: MatrixBus) -> None:
     """Whatever this family shows of standstill, its last two answers to each such question showed it."""
     answers: dict[bytes, list[bool]] = {}
-    for said in line.replies:
-        shown, question = shows_standstill(line.kind, said.request, said.data), status_read_key(line.kind, said.request)
+    for text in line.replies:
+        shown, question = shows_standstill(line.kind, text.request, text.data), status_read_key(line.kind, text.request)
         if question is not None and shown is not None:
             answers.setdefault(question, []).append(shown)
     wanted = 2 if line.kind.model == "dzb100" else 1
@@ -157,7 +162,7 @@ def _check_unanswered_stop(at: CellRun) -> None:
     line = at.bus(1)
     line.start_at(1, at.random_hz())
     line.station(1).faults.mute = True
-    wish = line.command_to_end(1, "stop")
+    command = line.command_to_end(1, "stop")
     line.run(3.0)
-    line.expect(wish.result_word == "unknown" and line.drives[1].stop_pending, f"told {wish.result_word}")
+    line.expect(command.result_word == "unknown" and line.drives[1].stop_pending, f"told {command.result_word}")
     line.expect(not line.station(1).motor.energised, "it was told, and runs")

@@ -26,8 +26,8 @@ def check_void(line: MatrixBus, act: ReplyAction | str, error: str, address: int
     line.expect(
         line.failure_count(address, error) == failed + 1, f"counted: {line.statistics(address).errors}, not {error}"
     )
-    told = [event for event in line.events[events:] if event.kind in (Became.INVALID, Became.NO_REPLY)]
-    line.expect(len(told) == 1, f"{len(told)} voids in the trace")
+    message = [event for event in line.events[events:] if event.kind in (Became.INVALID, Became.NO_REPLY)]
+    line.expect(len(message) == 1, f"{len(message)} voids in the trace")
     check_quarantine(line, mark)
 
 

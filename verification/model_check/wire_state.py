@@ -49,12 +49,12 @@ class WireState(GateState):
             if station is not None
             else None
         )
-        heard = (
+        received = (
             core.unsolicited.has_foreign_master(self.now),
             len(station.duplicate_reply_times) if station is not None else 0,
         )
         doubted = self.now - station.suspect_since <= 5.0 if station is not None else False
-        return (*super().state_key(), heard, doubted, owed, self.missing_on_wire())
+        return (*super().state_key(), received, doubted, owed, self.missing_on_wire())
 
     def _add(self, rest: str) -> None:
         super()._add(rest)

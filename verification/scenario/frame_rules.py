@@ -107,19 +107,19 @@ class FrameRules:
             self._violation(f"I6 spoke {since:.6f} s after a request that was neither answered nor given up")
 
     def _check_permission(self, frame: ClassifiedFrame) -> None:
-        what, wish = f"{frame.effect} to {frame.address}", frame.user_command
+        what, command = f"{frame.effect} to {frame.address}", frame.user_command
         if frame.address == self._broadcast and frame.effect is not RequestEffect.RELEASE:
             self._violation(f"I7 {what}: a broadcast")
         elif frame.effect is RequestEffect.RELEASE:
             if frame.address not in self._stop_commands:
                 self._violation(f"I1 {what} without a wish")
-        elif wish is None:
+        elif command is None:
             self._violation(f"I1 {what} without a wish")
         else:
             self._stop_commands.add(frame.address)
-            if wish.method == "jog":
+            if command.method == "jog":
                 self._jogged.add(frame.address)
-            self._check_command(frame, wish, what)
+            self._check_command(frame, command, what)
 
     def _check_command(self, frame: ClassifiedFrame, wish: UserCommand, what: str) -> None:
         if frame.effect is RequestEffect.MOTION and frame.start - wish.at > PREPARATION_MAX_S + COMMAND_EXPIRY_S + 0.1:

@@ -65,26 +65,26 @@ class Oracle:
         say, to_hosts, dispatch = bench.wire.transmit, bench._deliver_to_masters, bench._dispatch
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
+            text = say(talker, data, *more, **named)
             if hasattr(talker, "receive"):
-                self._on_request(said, data)
+                self._on_request(text, data)
             else:
                 self.reply_count += 1
-                self._replies.append((said, self._current_request))
-                self._trace(f"< {talker.address} {data.hex()}", said.start)
-            return said
+                self._replies.append((text, self._current_request))
+                self._trace(f"< {talker.address} {data.hex()}", text.start)
+            return text
 
-        def on_to_hosts(said: Any, first: int, last: int) -> None:
-            self._deliveries.append((self.now(), said))
-            self.last_delivery_at[getattr(said.talker, "address", None)] = self.now()
-            kept = [index for index in range(first, last) if index not in said.dropped]
+        def on_to_hosts(text: Any, first: int, last: int) -> None:
+            self._deliveries.append((self.now(), text))
+            self.last_delivery_at[getattr(text.talker, "address", None)] = self.now()
+            kept = [index for index in range(first, last) if index not in text.dropped]
             if kept:
-                self._last_character_end = max(self._last_character_end, said.start + (kept[-1] + 1) * said.character_s)
-            to_hosts(said, first, last)
+                self._last_character_end = max(self._last_character_end, text.start + (kept[-1] + 1) * text.character_s)
+            to_hosts(text, first, last)
 
-        def on_dispatch(frame: Any, stations: Any, said: Any, now: float) -> None:
-            self._current_request = next((known for one, known in reversed(self._requests) if one is said), None)
-            dispatch(frame, stations, said, now)
+        def on_dispatch(frame: Any, stations: Any, text: Any, now: float) -> None:
+            self._current_request = next((known for one, known in reversed(self._requests) if one is text), None)
+            dispatch(frame, stations, text, now)
             self._current_request = None
 
         bench.wire.transmit, bench._deliver_to_masters, bench._dispatch = on_say, on_to_hosts, on_dispatch
@@ -93,19 +93,19 @@ class Oracle:
 
     def observe_station(self, station: Any) -> None:
         """See what each frame does to the motor of this station (for one that joins later)."""
-        heard, deeds = station.handle_frame, DriveHistory(station, self.now, self.trace)
+        received, deeds = station.handle_frame, DriveHistory(station, self.now, self.trace)
         self.histories[station.address] = deeds
 
         def on_heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             before = _station_state(station)
             frames = station.frame_count
-            said = heard(message, codec, line, now, **named)
+            text = received(message, codec, line, now, **named)
             if self._current_request is not None and station.frame_count > frames:
                 deeds.on_frame(self._current_request)
             if _station_state(station) != before and self._current_request is not None:
                 self._on_state_change(station, self._current_request, was_on=bool(before[0]))
-            return said
+            return text
 
         station.handle_frame = on_heard
 
@@ -135,15 +135,15 @@ class Oracle:
         if not started:
             return
         self.trace(f"motor {station.address} on")
-        deeds, wish = self.histories[station.address], frame.user_command
+        deeds, command = self.histories[station.address], frame.user_command
         stood_unseen = deeds.stopped_unobserved
-        deeds.on_motor_started(wish)
-        if wish is None:
+        deeds.on_motor_started(command)
+        if command is None:
             return
-        wish.executions += 1
-        if wish.executions > 1 and not stood_unseen:
-            self.violation(f"I2 {wish} switched the motor on {wish.executions} times")
-        elif wish.executions > 1:
+        command.executions += 1
+        if command.executions > 1 and not stood_unseen:
+            self.violation(f"I2 {command} switched the motor on {command.executions} times")
+        elif command.executions > 1:
             self.session.count("resent after a person at the drive had stopped it unseen (ruling 6)")
 
     @contextmanager
@@ -160,24 +160,24 @@ class Oracle:
         """The wish that this frame serves; stops and what follows them need none."""
         if does in (RequestEffect.READ, RequestEffect.STOP, RequestEffect.RELEASE):
             return None
-        wish = next((wish for asked, wish in self._expected_frames if asked == data), None)
-        if wish is not None:
-            wish.frames_sent += 1
-        return wish
+        command = next((command for asked, command in self._expected_frames if asked == data), None)
+        if command is not None:
+            command.frames_sent += 1
+        return command
 
     # --- what users wish and are told ----------------------------------------------------------------------------
 
     def on_command(self, address: int, what: str, arguments: tuple[Any, ...]) -> UserCommand:
         """A user gives a command now."""
         self.command_count += 1
-        wish = UserCommand(self.command_count, address, what, arguments, self.now(), clock.wall_clock().date())
-        self.open_commands.setdefault(address, []).append(wish)
+        command = UserCommand(self.command_count, address, what, arguments, self.now(), clock.wall_clock().date())
+        self.open_commands.setdefault(address, []).append(command)
         if address in self.histories:
-            self.histories[address].on_command(wish)
-        self.trace(f"* {wish}")
-        if wish.is_stop:
-            self.frame_rules.on_stop_command(wish, bool(self.bench.masters))
-        return wish
+            self.histories[address].on_command(command)
+        self.trace(f"* {command}")
+        if command.is_stop:
+            self.frame_rules.on_stop_command(command, bool(self.bench.masters))
+        return command
 
     def on_command_ended(self, wish: UserCommand) -> None:
         """The user has been told; was it true?"""
@@ -197,8 +197,8 @@ class Oracle:
         if answer.error is not None or answer.reply is None:
             return
         self.accepted_count += 1
-        for said, cause in reversed(self._replies):
-            if cause is not None and cause.start == answer.sent_at and (answer.received_at, said) in self._deliveries:
+        for text, cause in reversed(self._replies):
+            if cause is not None and cause.start == answer.sent_at and (answer.received_at, text) in self._deliveries:
                 return
         self.violation(f"I5 {answer.received.hex()} was taken for the answer to {answer.sent.hex()}")
 

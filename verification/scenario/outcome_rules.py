@@ -89,6 +89,12 @@ def _check_not_executed(wish: UserCommand, deeds: DriveHistory, wrong: ReportVio
         wrong("stops have no such end")
     if wish.result_word == "refused" and wish.executions:
         wrong("the motor was switched on for it")
-    told = wish.outcome is not None and wish.outcome.key in ("drives.wrong_way", "drives.setpoint_differs")
-    if wish.is_motion and deeds.on and deeds.started_for is wish and deeds.stop_received_at < deeds.on_at and not told:
+    message = wish.outcome is not None and wish.outcome.key in ("drives.wrong_way", "drives.setpoint_differs")
+    if (
+        wish.is_motion
+        and deeds.on
+        and deeds.started_for is wish
+        and deeds.stop_received_at < deeds.on_at
+        and not message
+    ):
         wrong("the motor runs for it")

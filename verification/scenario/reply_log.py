@@ -27,10 +27,10 @@ class ReplyLog:
         def on_heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             self._show_new_value(station.motor)
-            said = heard(message, codec, line, now, **named)
-            if said is not None:
-                made.append((now, said.data))
-            return said
+            text = heard(message, codec, line, now, **named)
+            if text is not None:
+                made.append((now, text.data))
+            return text
 
         station.handle_frame = on_heard
 
@@ -45,7 +45,7 @@ class ReplyLog:
 
     def replies_between(self, address: int, sent_at: float, heard_at: float) -> list[bytes]:
         """What this station made between the question and the answer."""
-        return [said for at, said in self._replies[address] if sent_at < at < heard_at]
+        return [text for at, text in self._replies[address] if sent_at < at < heard_at]
 
 
 class LateReplyCounter:
@@ -60,20 +60,20 @@ class LateReplyCounter:
         reply, to_hosts = bench.wire.transmit_reply, bench._deliver_to_masters
 
         def on_reply(talker: Any, data: bytes, now: float, at: float) -> Any:
-            said = reply(talker, data, now, at)
-            name = self._lateness_class(said.start - at)
+            text = reply(talker, data, now, at)
+            name = self._lateness_class(text.start - at)
             if len(self._late) >= MAX_LOGGED_REPLIES:
                 self._late = {end: one for end, one in self._late.items() if end > now - REPLY_LOG_S}
-            self._late[said.end] = name, now
+            self._late[text.end] = name, now
             counts[name] += 1
-            return said
+            return text
 
-        def on_to_hosts(said: Any, first: int, last: int) -> None:
-            if last == len(said.data):
-                self._on_delivered(said)
-            if isinstance(said.data, bytearray):
-                self._collided_at = said.end
-            to_hosts(said, first, last)
+        def on_to_hosts(text: Any, first: int, last: int) -> None:
+            if last == len(text.data):
+                self._on_delivered(text)
+            if isinstance(text.data, bytearray):
+                self._collided_at = text.end
+            to_hosts(text, first, last)
 
         bench.wire.transmit_reply, bench._deliver_to_masters = on_reply, on_to_hosts
 

@@ -33,10 +33,10 @@ class ObservedBus(Bus):
 
     async def transact(self, ask: BusRequest) -> BusResult:
         """Whose wish a frame serves is known to the bit: nobody else asked for these bytes at this time."""
-        wish = CURRENT_COMMAND.get()
-        if self.oracle is None or wish is None or ask.retry_policy is RetryPolicy.READ:
+        command = CURRENT_COMMAND.get()
+        if self.oracle is None or command is None or ask.retry_policy is RetryPolicy.READ:
             return await super().transact(ask)
-        with self.oracle.expecting_frame(wish, self.core.stations[ask.station].codec.encode_request(ask.request)):
+        with self.oracle.expecting_frame(command, self.core.stations[ask.station].codec.encode_request(ask.request)):
             return await super().transact(ask)
 
 
@@ -102,10 +102,10 @@ class Scenario:
         self, method: Callable[..., Awaitable[Any]], address: int, what: str, *arguments: Any, **named: Any
     ) -> UserCommand:
         """The same by a function of the campaign's own, for what takes more than one call (a jog and its lease)."""
-        wish = self.oracle.on_command(address, what, arguments)
+        command = self.oracle.on_command(address, what, arguments)
         with running(self.loop):
-            wish.task = self.loop.create_task(self._execute(wish, method, arguments, named))
-        return wish
+            command.task = self.loop.create_task(self._execute(command, method, arguments, named))
+        return command
 
     async def _execute(
         self, wish: UserCommand, method: Callable[..., Awaitable[Any]], arguments: Any, named: Any
@@ -127,14 +127,14 @@ class Scenario:
         self.loop.run_until(self.loop.time() + seconds)
         check_invariants(self)
 
-    def finish(self, *wishes: UserCommand, within_s: float = 120.0, step_s: float = 0.25) -> None:
+    def finish(self, *commands: UserCommand, within_s: float = 120.0, step_s: float = 0.25) -> None:
         """Let time pass until these wishes have ended; one that does not is a violation."""
         end = self.loop.time() + within_s
-        while any(not wish.is_ended for wish in wishes) and self.loop.time() < end:
+        while any(not command.is_ended for command in commands) and self.loop.time() < end:
             self.loop.run_until(min(end, self.loop.time() + step_s))
-        for wish in wishes:
-            if not wish.is_ended:
-                self.oracle.violation(f"{wish} has no end after {within_s} s")
+        for command in commands:
+            if not command.is_ended:
+                self.oracle.violation(f"{command} has no end after {within_s} s")
         check_invariants(self)
 
     def unplug(self) -> None:

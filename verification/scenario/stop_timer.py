@@ -64,13 +64,13 @@ class StopTimer:
         say = wire.transmit
 
         def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            said = say(talker, data, *more, **named)
+            text = say(talker, data, *more, **named)
             if hasattr(talker, "receive"):
                 address, does = classify_request(self.stand.kind.model, self.stand.kind.encoding, data)
-                self._sent(SentRequest(said.start, said.end, address, does, data))
+                self._sent(SentRequest(text.start, text.end, address, does, data))
             else:
-                self._replies.append(said)
-            return said
+                self._replies.append(text)
+            return text
 
         wire.transmit = on_say
 
@@ -99,7 +99,7 @@ class StopTimer:
     def _foreign_traffic(self, before: SentRequest, start: float) -> bool:
         """Was anything heard in the time that belonged to nobody any more?"""
         over = before.end + self.bounds.reply_timeout_s(before.address, before.data)
-        return any(said.end > over and said.start < start for said in self._replies)
+        return any(text.end > over and text.start < start for text in self._replies)
 
     def _check_pending(self, one: PendingStop, sent: SentRequest, babbled: bool) -> None:
         late_s = sent.start - one.due - (self.bounds.foreign_traffic_max_s if babbled else 0.0)
@@ -138,8 +138,8 @@ class StopTimer:
             return "idle or in a gap"
         if now < last.end:
             return f"sending {what}"
-        heard = any(said.start <= now < said.end for said in self._replies)
-        return f"hearing the reply to {what}" if heard else f"waiting after {what}"
+        received = any(text.start <= now < text.end for text in self._replies)
+        return f"hearing the reply to {what}" if received else f"waiting after {what}"
 
     def finish(self) -> None:
         """Nothing may wait any more."""

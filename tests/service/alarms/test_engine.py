@@ -44,8 +44,8 @@ def test_the_threshold_itself_is_not_beyond_it() -> None:
 
 def test_below_is_the_mirror_of_above() -> None:
     low = replace(HIGH, kind=AlarmKind.BELOW, delay_s=0.0)
-    told = run(book(low), (0, current(10.0)), (1, current(9.0)), (2, current(11.9)), (3, current(12.0)))
-    assert told == ["1 raised overload", "3 cleared overload"]
+    message = run(book(low), (0, current(10.0)), (1, current(9.0)), (2, current(11.9)), (3, current(12.0)))
+    assert message == ["1 raised overload", "3 cleared overload"]
 
 
 def test_a_value_inside_the_hysteresis_ends_a_delay_that_was_running() -> None:
@@ -78,8 +78,8 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
 def test_another_fault_has_a_delay_of_its_own() -> None:
     late = book(AlarmConfig("trip", AlarmKind.FAULT, (), delay_s=5.0))
     one, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
-    told = run(late, (0, one), (5, one), (6, other), (10.9, other), (11, other))
-    assert told == ["5 raised trip", "6 cleared trip", "11 raised trip"]
+    message = run(late, (0, one), (5, one), (6, other), (10.9, other), (11, other))
+    assert message == ["5 raised trip", "6 cleared trip", "11 raised trip"]
 
 
 def test_a_fault_without_a_text_shows_its_label_once() -> None:
@@ -96,8 +96,8 @@ def test_a_drive_without_reply_does_not_clear_its_fault() -> None:
     alarms = book()
     lost = view(presence="offline", state="unknown")
     unknown = view(state="unknown")
-    told = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
-    assert [word for word in told if "fault" in word] == ["0 raised fault", "3 cleared fault"]
+    message = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
+    assert [word for word in message if "fault" in word] == ["0 raised fault", "3 cleared fault"]
 
 
 def test_a_drive_without_a_state_clears_its_fault_by_a_good_reading_of_it() -> None:
@@ -118,8 +118,8 @@ def test_stale_values_raise_an_alarm_and_never_reported_signals_do_not() -> None
         {"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, source_time_ms=None)}
     )
     alarms = book(STALE)
-    told = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
-    assert told == ["7 raised old", "8 cleared old"]
+    message = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
+    assert message == ["7 raised old", "8 cleared old"]
     assert alarms.active()[0].text.en == "Fan: no fresh value of output current"
 
 
@@ -231,12 +231,12 @@ def test_every_sentence_has_all_its_numbers() -> None:
     silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)
     old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
     run(alarms, (0, silent), (3, silent), (4, old), (5, old))
-    told = [
+    message = [
         text for alarm in alarms.active() for text in (alarm.title.en, alarm.title.zh, alarm.text.en, alarm.text.zh)
     ]
-    assert len(told) == 4 * (len(SystemAlarm) + 5)
-    assert [text for text in told if "{" in text or "None" in text or "alarms." in text] == []
-    assert "Fan: output current is 12.346 A, above 10 A" in told
+    assert len(message) == 4 * (len(SystemAlarm) + 5)
+    assert [text for text in message if "{" in text or "None" in text or "alarms." in text] == []
+    assert "Fan: output current is 12.346 A, above 10 A" in message
 
 
 def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> None:

@@ -17,22 +17,22 @@ Value = tuple[float, Quality]
 
 def naive(past: list[Value], sign: float, hysteresis: float, delay_s: float) -> list[tuple[int, str]]:
     """What must happen at each tick, by looking back from it over everything since the alarm was last cleared."""
-    told: list[tuple[int, str]] = []
+    message: list[tuple[int, str]] = []
     since, raised = 0, False
     for now, (value, quality) in enumerate(past):
         if quality is not Quality.GOOD:
             continue
         if raised and sign * (value - LIMIT) <= -hysteresis:
-            told.append((now, "cleared"))
+            message.append((now, "cleared"))
             raised, since = False, now + 1
         elif not raised and sign * (value - LIMIT) > 0:
             known = [(tick, v) for tick, (v, q) in enumerate(past[: now + 1]) if tick >= since and q is Quality.GOOD]
             within = [tick for tick, v in known if not sign * (v - LIMIT) > 0]
             begun = min(tick for tick, _ in known if tick > max(within, default=-1))
             if (now - begun) * TICK_S >= delay_s:
-                told.append((now, "raised"))
+                message.append((now, "raised"))
                 raised = True
-    return told
+    return message
 
 
 VALUES = st.lists(
@@ -56,15 +56,17 @@ def test_every_raise_and_clear_is_where_the_rules_say_to_the_tick(
 ) -> None:
     setting = AlarmConfig("x", kind, (), "output_current", LIMIT, hysteresis, delay_s)
     book = AlarmEngine([setting], [FAN], FakeAlarmLog().put)
-    told = [
+    message = [
         (tick, change.action)
         for tick, (value, quality) in enumerate(past)
         for change in book.observe(current(value, quality), tick * TICK_S, tick)
     ]
     sign = 1.0 if kind is AlarmKind.ABOVE else -1.0
-    assert told == naive(past, sign, hysteresis, delay_s)
-    assert [word for _, word in told] == ["raised", "cleared"] * (len(told) // 2) + ["raised"] * (len(told) % 2)
-    for (up, _), (down, _) in zip(told[::2], told[1::2], strict=False):
+    assert message == naive(past, sign, hysteresis, delay_s)
+    assert [word for _, word in message] == ["raised", "cleared"] * (len(message) // 2) + ["raised"] * (
+        len(message) % 2
+    )
+    for (up, _), (down, _) in zip(message[::2], message[1::2], strict=False):
         travel = sign * (past[up][0] - past[down][0])
         assert travel > hysteresis, "no chattering inside the hysteresis"
 

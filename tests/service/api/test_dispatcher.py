@@ -200,14 +200,14 @@ def test_an_alarm_ends_with_the_next_record_that_is_written() -> None:
 
 def test_an_event_that_is_no_operation_is_recorded_with_its_actor() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        told = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "somebody else"}
-        await desk.record(told, NOBODY)
+        message = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "somebody else"}
+        await desk.record(message, NOBODY)
         assert kit.trail.entries == [
             AuditEntry("login", "eve", "s-eve", "10.0.0.9", "ann", {"how": "x"}, outcome="done")
         ]
         kit.trail.fails_silently = True
         with pytest.raises(AuditUnavailable):
-            await desk.record(told, NOBODY)
+            await desk.record(message, NOBODY)
         assert [one.what for one in kit.trail.entries] == ["login", "audit.refused"]
 
     at_a_desk(story)

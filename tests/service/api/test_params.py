@@ -87,12 +87,12 @@ def test_every_kind_of_fault_that_our_models_raise_has_its_sentence_and_no_other
 
 
 def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
-    for told, found in zip(pydantic_faults(FOUND), FOUND, strict=True):
-        assert told["path"] == ".".join(map(str, found["loc"]))
-        chinese = told["expected"]["zh"]
+    for message, found in zip(pydantic_faults(FOUND), FOUND, strict=True):
+        assert message["path"] == ".".join(map(str, found["loc"]))
+        chinese = message["expected"]["zh"]
         assert any("一" <= letter <= "鿿" for letter in chinese) and "{" not in chinese.replace("{0,63}", "")
         assert found["msg"] not in chinese and not {"should", "expected", "character"} & {*chinese.split()}
-        assert "{" not in told["expected"]["en"].replace("{0,63}", "")
+        assert "{" not in message["expected"]["en"].replace("{0,63}", "")
 
 
 @pytest.mark.parametrize(
@@ -110,9 +110,9 @@ def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
 )
 def test_a_refusal_says_it_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
     error = params_error("drive.run", pydantic_faults(refused(OPERATIONS["drive.run"].params, params)))
-    told = error_to_json(error)
-    assert told["text"] == {"en": f"drive.run: {path}: {english}", "zh": f"drive.run：{path}: {chinese}"}
-    assert [one["expected"] for one in told["params"]["faults"]] == [{"en": english, "zh": chinese}]
+    message = error_to_json(error)
+    assert message["text"] == {"en": f"drive.run: {path}: {english}", "zh": f"drive.run：{path}: {chinese}"}
+    assert [one["expected"] for one in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
 
 
 def test_a_fault_names_a_whole_time_and_the_entry_of_a_list() -> None:
@@ -125,17 +125,17 @@ def test_a_fault_names_a_whole_time_and_the_entry_of_a_list() -> None:
 
 
 def test_an_unknown_fault_has_a_sentence_too() -> None:
-    told = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
-    assert told == [param_fault("x", "1", "other")] and told[0]["expected"]["zh"] != told[0]["expected"]["en"]
+    message = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
+    assert message == [param_fault("x", "1", "other")] and message[0]["expected"]["zh"] != message[0]["expected"]["en"]
 
 
 def test_a_room_that_finds_a_fault_itself_says_it_in_both_languages() -> None:
     """A span that ends before it begins is refused by the history, not by the model."""
     with pytest.raises(InvalidParameters) as caught:
         check_time_order(5, 4)
-    told = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]
-    assert told["en"] == "history.trend: to_ms: expected 5 (from_ms) or more"
-    assert told["zh"] == "history.trend：to_ms: 应不小于 5（from_ms）"
+    message = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]
+    assert message["en"] == "history.trend: to_ms: expected 5 (from_ms) or more"
+    assert message["zh"] == "history.trend：to_ms: 应不小于 5（from_ms）"
 
 
 def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:

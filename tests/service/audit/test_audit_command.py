@@ -37,8 +37,8 @@ def test_an_edit_is_named_with_its_file_and_line(tmp_path: Path, language: str) 
     found = ask("verify", str(made.paths.folder), language=language)
     assert found.exit_code == 1
     assert ("audit.jsonl line 5" if language == "en" else "audit.jsonl 第 5 行") in found.output
-    told = json.loads(ask("verify", str(made.paths.folder), "--json").stdout)
-    assert (told["ok"], [(one["kind"], one["line"]) for one in told["problems"]]) == (False, [("changed", 5)])
+    message = json.loads(ask("verify", str(made.paths.folder), "--json").stdout)
+    assert (message["ok"], [(one["kind"], one["line"]) for one in message["problems"]]) == (False, [("changed", 5)])
 
 
 def test_without_the_key_the_report_says_that_checkpoints_prove_less(tmp_path: Path) -> None:

@@ -112,11 +112,11 @@ def test_a_replaced_record_with_a_right_hash_is_detected_by_the_next(made: Audit
 
 
 def test_a_rewritten_chain_is_detected_by_its_checkpoint(made: AuditTrail, lines: list[bytes]) -> None:
-    hash, anew = json.loads(lines[4])["hash"], []
+    hash, again = json.loads(lines[4])["hash"], []
     for n in range(6, 11):
         line, hash = records.encode_record(n, hash, 2, {"time_ms": n, "what": "x", "target": ""})
-        anew.append(line)
-    lay(made, [*lines[:5], *anew])
+        again.append(line)
+    lay(made, [*lines[:5], *again])
     assert where(made) == [("rewritten", 8), ("rewritten", 10)]
 
 

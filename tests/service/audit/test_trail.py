@@ -72,7 +72,7 @@ def test_names_with_control_characters_stay_in_their_line_and_their_string(tmp_p
 
 
 def test_no_secret_is_written(tmp_path: Path) -> None:
-    said = {
+    text = {
         "password": "hunter2",
         "new_password": ["hunter2"],
         "deep": {"Api-Token": "hunter2", "l": [{"arm_token": "hunter2"}]},
@@ -85,7 +85,7 @@ def test_no_secret_is_written(tmp_path: Path) -> None:
     async def go() -> bytes:
         made = new_trail(tmp_path)
         await made.open()
-        await made.record(AuditEntry.by(LI, "login", params=said))
+        await made.record(AuditEntry.by(LI, "login", params=text))
         await made.close()
         return made.paths.current.read_bytes()
 

@@ -43,8 +43,8 @@ async def test_without_a_plant_it_stands_in_the_trail_who_changed_what(tmp_path:
     assert after == user_file_of(plant_config(directory=tmp_path)).read() and after.find("operator") is None
     with pytest.raises(Conflict):
         await removed(tmp_path, "administrator")
-    told = [{name: one[name] for name in ("what", "target", "params", "outcome")} for one in records(tmp_path)]
-    assert told == [
+    message = [{name: one[name] for name in ("what", "target", "params", "outcome")} for one in records(tmp_path)]
+    assert message == [
         ASKED | {"outcome": "requested"},
         ASKED | {"outcome": "done"},
         REFUSED | {"outcome": "requested"},

@@ -300,9 +300,9 @@ def test_a_new_password_by_an_administrator_does_not_either(
     secret, _ = login(access)
     meanwhile(access, monkeypatch, **changed)
     body = UserChangeBody(password="a quite new pass phrase")
-    told = run(_change_user(access, "operator", body, "administrator"))
+    message = run(_change_user(access, "operator", body, "administrator"))
     found = access.database.user("operator")
-    assert told == found and {name: getattr(found, name) for name in changed} == changed
+    assert message == found and {name: getattr(found, name) for name in changed} == changed
     assert run(access.passwords.verify(found.password, "a quite new pass phrase"))
     assert access.session_credential(secret) is None
 
@@ -326,13 +326,13 @@ def test_a_user_who_is_unknown_or_disabled_takes_as_long_as_a_wrong_password(tmp
     )
     checked: list[str] = []
     verify = access.passwords._verify
-    access.passwords._verify = lambda known, said: checked.append(known) or verify(known, said)  # type: ignore[method-assign,func-returns-value]
-    told = set()
+    access.passwords._verify = lambda known, text: checked.append(known) or verify(known, text)  # type: ignore[method-assign,func-returns-value]
+    message = set()
     for name in ("operator", "nobody", "administrator"):
         with pytest.raises(NotAuthenticated) as raised:
             run(access.login(name, "wrong password", "127.0.0.1"))
-        told.add((raised.value.key, str(raised.value.params)))
-    assert len(checked) == 3 and told == {("auth.wrong_password", "{}")}
+        message.add((raised.value.key, str(raised.value.params)))
+    assert len(checked) == 3 and message == {("auth.wrong_password", "{}")}
     with pytest.raises(NotAuthenticated):
         run(access.login("operator", PASSWORD, "127.0.0.1"))
 

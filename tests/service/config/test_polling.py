@@ -70,13 +70,13 @@ async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]
             name = min(config.bus_loads(setting)[0].drives[0].periods.items(), key=lambda item: item[1])[0]
             last: list[float] = []
 
-            def heard(status: Any, id: str = one.id, name: str = name, last: list[float] = last) -> None:
+            def received(status: Any, id: str = one.id, name: str = name, last: list[float] = last) -> None:
                 at = status.readings[name].source_time
                 if at is not None and at not in last[-1:]:
                     gaps[id] = max(gaps.get(id, 0.0), at - last[-1]) if last else 0.0
                     last.append(at)
 
-            monitors.append(drive.monitor(tuple(one.signals) or None, heard, one.min_poll_interval_s))
+            monitors.append(drive.monitor(tuple(one.signals) or None, received, one.min_poll_interval_s))
         await asyncio.sleep(seconds)
         for monitor in monitors:
             monitor.close()

@@ -72,14 +72,14 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
     kinds = [one.kind for one in caught.value.params["complaints"]]
     assert kinds == ["control", "link", "pattern", "control"]
     for language in ("en", "zh"):
-        said = caught.value.text(language)
-        assert said.count("\n") == len(kinds), "a line each"
-        assert not set(said) & {"\x1b", "\u202e"}
+        reply_text = caught.value.text(language)
+        assert reply_text.count("\n") == len(kinds), "a line each"
+        assert not set(reply_text) & {"\x1b", "\u202e"}
 
 
 def test_a_password_in_a_database_url_is_not_repeated() -> None:
-    said = refusal(REFUSED / "history-url.toml").text("en")
-    assert "secret" not in said and "root" in said
+    reply_text = refusal(REFUSED / "history-url.toml").text("en")
+    assert "secret" not in reply_text and "root" in reply_text
 
 
 def test_a_missing_or_unreadable_file_is_reported(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_it_can_go_to_standard_output(answers: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "said"),
+    ("before", "after", "text"),
     [
         ('"1-2,7"', '"1-2;7"', "addresses"),
         ('"1-2,7"', '"7-2"', "7-2"),
@@ -109,11 +109,11 @@ def test_it_can_go_to_standard_output(answers: Path) -> None:
     ],
 )
 def test_answers_that_make_no_plant_are_refused_and_nothing_is_written(
-    answers: Path, tmp_path: Path, before: str, after: str, said: str
+    answers: Path, tmp_path: Path, before: str, after: str, text: str
 ) -> None:
     answers.write_text(ANSWERS.replace(before, after), encoding="utf-8")
     result = init("--answers", answers, "-o", tmp_path / "plant.toml")
-    assert result.exit_code == 2 and said in result.output
+    assert result.exit_code == 2 and text in result.output
     assert not (tmp_path / "plant.toml").exists()
 
 
@@ -125,8 +125,8 @@ def test_without_a_terminal_there_are_no_questions(tmp_path: Path) -> None:
 def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(verb, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
-    told = "Pump station\nttyUSB0\ntpc://10.0.0.7:4001\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n0-2\n1-2\nMain pump\n\nn\n"
-    result = init("-o", path, "--lang", "en", input=told)
+    message = "Pump station\nttyUSB0\ntpc://10.0.0.7:4001\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n0-2\n1-2\nMain pump\n\nn\n"
+    result = init("-o", path, "--lang", "en", input=message)
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
@@ -180,8 +180,8 @@ def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.Capt
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),
     ]
-    said = capsys.readouterr().err
-    assert said.count("address") == 1 and "address 5 (vc660/sister)" in said
+    text = capsys.readouterr().err
+    assert text.count("address") == 1 and "address 5 (vc660/sister)" in text
 
 
 titles = st.text(max_size=30)

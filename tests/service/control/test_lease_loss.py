@@ -88,6 +88,6 @@ def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
             events.extend(kit.history.events)
 
     run(story())
-    heard = [(event["outcome"], event["actor"]) for event in events]
-    assert [one for one in heard if one[1] == "ann"] == [("acknowledged", "ann")]
-    assert ("cleared", None) in heard
+    received = [(event["outcome"], event["actor"]) for event in events]
+    assert [one for one in received if one[1] == "ann"] == [("acknowledged", "ann")]
+    assert ("cleared", None) in received

@@ -63,15 +63,15 @@ HINDRANCES = {
 def found(kit: ServiceKit) -> list[str]:
     """What is said of a start; the first of it refuses one."""
     unit = kit.service.plant.drives["fan-1"]
-    said = list(start_blockers_json(kit.service.plant, unit))
-    if not said:
+    text = list(start_blockers_json(kit.service.plant, unit))
+    if not text:
         check_start(kit.service.plant, unit)
         return []
     with pytest.raises(DrivebusError) as refused:
         check_start(kit.service.plant, unit)
-    assert refused.value.key == said[0]["key"]
-    assert all(one.keys() == {"key", "params", "text"} and one["text"].keys() == {"en", "zh"} for one in said)
-    return [one["key"] for one in said]
+    assert refused.value.key == text[0]["key"]
+    assert all(one.keys() == {"key", "params", "text"} and one["text"].keys() == {"en", "zh"} for one in text)
+    return [one["key"] for one in text]
 
 
 @pytest.mark.parametrize("key", HINDRANCES)

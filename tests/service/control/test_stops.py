@@ -318,9 +318,9 @@ def test_an_ending_service_stops_what_it_started_as_its_policy_says(policy: OnSe
             kit.station("fan-2").motor.run(20.0)
             await asyncio.sleep(3)
             stations = kit.station("fan-1"), kit.station("fan-2")
-            told = await kit.service.stop()
+            message = await kit.service.stop()
             stopped = policy is OnServiceStop.STOP
-            assert [*told] == (["fan-1"] if stopped else [])
+            assert [*message] == (["fan-1"] if stopped else [])
             assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
 
     run(story())
@@ -332,9 +332,9 @@ def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -
             await ready(kit, "fan-1")
             kit.service.plant.drives["fan-1"].bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
             begun = kit.service.plant.now()
-            told = await kit.service.stop()
+            message = await kit.service.stop()
             assert kit.service.plant.now() - begun <= 3.0
-            assert told["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in told["fan-1"]
+            assert message["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in message["fan-1"]
 
     run(story())
 
@@ -554,9 +554,9 @@ def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_ca
             await asyncio.sleep(20)
             assert (await kit.call("drives.get", drive="fan-1"))["presence"] == "online"
             assert "port_lost" not in kinds(kit)
-            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert sum("can't be opened" in text for text in told) == 1
-            assert sum("bus a is open" in text for text in told) == 1
+            message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert sum("can't be opened" in text for text in message) == 1
+            assert sum("bus a is open" in text for text in message) == 1
 
     run(story())
 

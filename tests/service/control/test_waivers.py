@@ -52,8 +52,8 @@ def test_a_waiver_of_another_drive_of_this_name_is_ignored_and_said_in_both_lang
         with pytest.raises(WaiverRequired) as error:
             await start(kit)
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
-        (told,) = about(kit)
-        assert "is ignored" in told["en"] and BUSES[0].link in told["en"] and "不予采用" in told["zh"]
+        (message,) = about(kit)
+        assert "is ignored" in message["en"] and BUSES[0].link in message["en"] and "不予采用" in message["zh"]
         assert kit.station("fan-1").motor.starts == 0
 
     async def mended(kit: ServiceKit) -> None:

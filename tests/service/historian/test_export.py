@@ -49,8 +49,8 @@ async def test_csv_tells_time_value_unit_and_quality(database: HistoryDatabase) 
     async with database.historian() as historian:
         await filled(historian)
         found = await rows(historian)
-    told = [(row["time"], row["tag"], row["value"], row["quality"], row["number"]) for row in found]
-    assert told == [
+    message = [(row["time"], row["tag"], row["value"], row["quality"], row["number"]) for row in found]
+    assert message == [
         ("2026-01-01T12:00:00.000Z", TAGS[0], "-1.5", "good", "0"),
         ("2026-01-01T12:00:00.500Z", TAGS[1], "20.0", "good", "0"),
         ("2026-01-01T12:00:01.000Z", TAGS[0], "", "bad", "1"),
@@ -75,8 +75,10 @@ async def test_rollups_are_exported_with_how_many_values_they_stand_for(database
     async with database.historian() as historian:
         await filled(historian)
         found = await rows(historian, resolution="1min", tags=TAGS[:1])
-    told = [(row["time"], row["minimum"], row["mean"], row["maximum"], row["quality"], row["values"]) for row in found]
-    assert told == [
+    message = [
+        (row["time"], row["minimum"], row["mean"], row["maximum"], row["quality"], row["values"]) for row in found
+    ]
+    assert message == [
         ("2026-01-01T12:00:00.000Z", "-1.5", "0.875", "3.25", "uncertain", "2"),
         ("2026-01-01T13:00:00.000Z", "9.0", "9.0", "9.0", "good", "1"),
     ]

@@ -82,8 +82,8 @@ async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database:
         assert (hours["min"], hours["mean"], hours["max"]) == ([0.0], [19.5], [39.0]), n
     assert n > 15
     async with database.historian() as historian:
-        told = [item["id"] for item in (await historian.queries.events(TimeRangeParams(limit=1000)))["items"]]
-        assert sorted(told) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
+        message = [item["id"] for item in (await historian.queries.events(TimeRangeParams(limit=1000)))["items"]]
+        assert sorted(message) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
 
 
 async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() -> None:

@@ -45,8 +45,8 @@ class Nursery:
         time.sleep(after_s)
         os.kill(pid, signal.SIGKILL)
         acknowledged = 0
-        while said := json.loads(self._from.readline()):
-            acknowledged = said["flushed"]
+        while text := json.loads(self._from.readline()):
+            acknowledged = text["flushed"]
         return acknowledged
 
     def close(self) -> None:
@@ -83,9 +83,9 @@ async def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path
                 values = (await samples_of(historian, tag, start, start + LIFE_MS - 1)).samples[1]
                 assert values == [float(n) for n in range(len(values))]
                 assert len(values) >= count
-            told = await events_of(historian, start, start + LIFE_MS - 1)
-            assert len(told) == len(set(told))
-            assert {f"{start}-{n}" for n in range(count)} <= set(told)
+            message = await events_of(historian, start, start + LIFE_MS - 1)
+            assert len(message) == len(set(message))
+            assert {f"{start}-{n}" for n in range(count)} <= set(message)
         everything = await samples_of(historian, "drive-0.speed", 0, 2**60)
         hours = await trend(historian, NOON_MS, NOON_MS + KILLS * LIFE_MS + 60 * DAY_MS, tag="drive-0.speed")
     assert everything.number == list(range(len(everything.number)))

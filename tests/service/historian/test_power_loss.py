@@ -104,20 +104,20 @@ def images(log: bytes, chance: random.Random, count: int) -> Iterator[tuple[dict
     moments = sorted(chance.choices(range(1, len(known) + 1), k=count))
     names: dict[int, str] = {}
     disks: dict[int, Disk] = {}
-    told = done = 0
+    message = done = 0
     for moment in moments:
         for kind, file, offset, what in known[done:moment]:
             if kind == "N":
                 assert isinstance(what, bytes)
                 names[file], disks[file] = Path(what.decode()).name, Disk()
             elif names[file] == "history.told":
-                told += 1
+                message += 1
             elif kind == "S":
                 disks[file].sync()
             else:
                 disks[file].since.append((kind, offset, what))
         done = moment
-        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.told"}, told
+        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.told"}, message
 
 
 @pytest.fixture(scope="module")
@@ -128,16 +128,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     gcc = need_program("gcc", "gcc")
     subprocess.run([gcc, "-O1", "-shared", "-fPIC", "-o", library, HERE / "synclog.c", "-ldl"], check=True)
     (folder / "plant").mkdir()
-    told = {"LD_PRELOAD": str(library), "SYNCLOG": str(folder / "log"), "SYNCLOG_MATCH": str(folder / "plant/history.")}
+    message = {
+        "LD_PRELOAD": str(library),
+        "SYNCLOG": str(folder / "log"),
+        "SYNCLOG_MATCH": str(folder / "plant/history."),
+    }
     command = [sys.executable, "-c", STORY, folder / "plant"]
-    subprocess.run(command, env={**os.environ, **told}, check=True)
+    subprocess.run(command, env={**os.environ, **message}, check=True)
     return (folder / "log").read_bytes()
 
 
 async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: bytes, tmp_path: Path) -> None:
     chance = random.Random(11)
     unsynced = 0
-    for n, (files, told) in enumerate(images(log, chance, CUTS)):
+    for n, (files, message) in enumerate(images(log, chance, CUTS)):
         folder = tmp_path / str(n)
         folder.mkdir()
         for name, content in files.items():
@@ -148,12 +152,12 @@ async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: by
                 found = await samples_of(historian, tag["tag"], 0, 2**60)
                 assert found.number == list(range(len(found.number)))
                 assert found.samples[1] == [float(number) for number in found.number]
-                assert len(found.number) >= 10 * told
-            assert told == 0 or len(historian.queries.tags()["tags"]) == 4
+                assert len(found.number) >= 10 * message
+            assert message == 0 or len(historian.queries.tags()["tags"]) == 4
         database = sqlite3.connect(folder / "history.db")
         assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         database.close()
-        unsynced += told < BATCHES
+        unsynced += message < BATCHES
     assert unsynced > CUTS // 2
 
 

@@ -55,10 +55,10 @@ def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_pat
         async with plant(tmp_path) as kit:
             alarm = await trip(kit)
             assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "critical", 5)
-            told = [
+            message = [
                 one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
             ]
-            assert told == ["raised"], "once, though it got its case afterwards"
+            assert message == ["raised"], "once, though it got its case afterwards"
             (listed,) = (await kit.call("incidents.list"))["items"]
             assert listed["id"] == alarm["incident"] == "000001-fan-1"
             case = await kit.call("incidents.get", incident=alarm["incident"])

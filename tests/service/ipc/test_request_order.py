@@ -102,8 +102,8 @@ def test_t13_a_hand_on_a_key_waits_for_nobodys_questions() -> None:
 
 
 def test_what_waits_is_what_nothing_comes_of() -> None:
-    told = {name for name, operation in OPERATIONS.items() if not operation.yields}
-    assert told == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
+    message = {name for name, operation in OPERATIONS.items() if not operation.yields}
+    assert message == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
 
 
 def test_a_live_message_overtakes_long_answers() -> None:

@@ -14,8 +14,8 @@ def test_a_bus_that_opens_with_its_plant_is_no_news() -> None:
         async with running_service() as kit:
             await asyncio.sleep(10)
             assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
-            told = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert not [text for text in told if text.startswith("bus ")]
+            message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert not [text for text in message if text.startswith("bus ")]
 
     run(story())
 

@@ -60,9 +60,9 @@ TOLD += [(model, data[:-1] + b"?", True) for model, data in commanded()]  # with
 
 def test_a_frame_is_told_in_words_in_both_languages() -> None:
     for model, data, asked in TOLD:
-        told = _decode(model, data, asked)
-        assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", told["zh"])))) <= UNITS, told["zh"]
-        assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", told["en"]), told["en"]
+        message = _decode(model, data, asked)
+        assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", message["zh"])))) <= UNITS, message["zh"]
+        assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", message["en"]), message["en"]
 
 
 def test_a_saved_write_and_its_commands_are_among_them() -> None:

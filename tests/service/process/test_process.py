@@ -90,8 +90,8 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
     manager.settimeout(20)
     asked = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
     with served(file, "--no-web", "--log", "json", **asked) as process:
-        said = [manager.recv(100).decode() for _ in range(3)]
-        assert "READY=1" in said and "WATCHDOG=1" in said
+        text = [manager.recv(100).decode() for _ in range(3)]
+        assert "READY=1" in text and "WATCHDOG=1" in text
         second = verb("serve", str(file), "--no-web")
         assert second.returncode == 2 and "runs already" in second.stderr
 
@@ -141,9 +141,9 @@ def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(
     )
     try:
         os.close(slave)
-        said = b""
-        while b"Plant hall is running" not in said:
-            said += os.read(master, 1000)
+        text = b""
+        while b"Plant hall is running" not in text:
+            text += os.read(master, 1000)
         os.close(master)
         assert process.wait(20) == 0
     finally:

@@ -46,5 +46,5 @@ def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:
     copy = tmp_path / UNIT.name
     copy.write_text(UNIT.read_text().replace("/usr/local/bin/drivebus", sys.executable))
     done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True, check=False)
-    told = [line for line in done.stderr.splitlines() if UNIT.name in line]
-    assert not told, told
+    message = [line for line in done.stderr.splitlines() if UNIT.name in line]
+    assert not message, message

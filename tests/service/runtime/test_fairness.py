@@ -98,7 +98,7 @@ def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
     """A hundred questions wait, and more come all the time; none of both kinds starves."""
 
     async def story() -> tuple[int, int]:
-        asked, told = 0, 0
+        asked, message = 0, 0
 
         async def ask() -> None:
             nonlocal asked
@@ -109,10 +109,10 @@ def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
         questions = [asyncio.ensure_future(ask()) for _ in range(100)]
         await asyncio.sleep(0)
         async for _ in iter_cooperatively(range(20), 1, internal=True):
-            told += 1
+            message += 1
         for question in questions:
             question.cancel()
-        return asked, told
+        return asked, message
 
-    asked, told = virtual_time.run(story())
-    assert told == 20 and 15 <= asked <= 25
+    asked, message = virtual_time.run(story())
+    assert message == 20 and 15 <= asked <= 25

@@ -142,9 +142,9 @@ async def test_an_operation_without_its_right_is_denied() -> None:
 )
 async def test_an_error_of_the_drive_has_its_status_and_both_languages(error: Any, status: int) -> None:
     answer = await ask(FakeService(**{"drive.run": error}), "POST", RUN, json={"frequency_hz": 60.0})
-    told = answer.json()["error"]
-    assert (answer.status_code, told["code"]) == (status, error.key)
-    assert told["text"] == {"en": error.text("en"), "zh": error.text("zh")}
+    message = answer.json()["error"]
+    assert (answer.status_code, message["code"]) == (status, error.key)
+    assert message["text"] == {"en": error.text("en"), "zh": error.text("zh")}
 
 
 async def test_an_unexpected_error_shows_nothing_of_the_inside() -> None:
@@ -198,11 +198,11 @@ async def test_the_description_names_every_route_with_errors_and_who_may() -> No
     answer = await ask(FakeService(), "GET", f"{API_PREFIX}/openapi.json")
     paths = answer.json()["paths"]
     for route in OPERATIONS.values():
-        told = paths[API_PREFIX + route.path][route.method.lower()]
-        assert str(route.right) in told["description"]
-        assert {"200", "401", "403", "422", "503"} <= told["responses"].keys()
-        assert {"token": []} in told["security"]
-        assert [one["name"] for one in told["parameters"] if one["in"] == "path"] == list(route.path_params)
+        message = paths[API_PREFIX + route.path][route.method.lower()]
+        assert str(route.right) in message["description"]
+        assert {"200", "401", "403", "422", "503"} <= message["responses"].keys()
+        assert {"token": []} in message["security"]
+        assert [one["name"] for one in message["parameters"] if one["in"] == "path"] == list(route.path_params)
     assert json.dumps(paths).count("HTTPValidationError") == 0
 
 

@@ -88,7 +88,7 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
         page = context.new_page()
         page.set_default_timeout(15_000)
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda said: _note(said, wrong))
+        page.on("console", lambda text: _note(text, wrong))
         page.goto(f"{stage.at}/{way}")
         if role is not None:
             log_in(page, role)

@@ -109,8 +109,8 @@ def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, lan
     page.click(".morepicks")
     page.locator(".tile").nth(1).wait_for(state="detached")
     words = [i18n.text("page.filter_search", language, text="extract"), {"en": "Air", "zh": "送引风"}[language]]
-    said = i18n.text("page.filtered", language, n=1, total=5, by=i18n.text("page.comma", language).join(words))
-    assert page.locator(".filtered [role=status]").inner_text() == said
+    reply_text = i18n.text("page.filtered", language, n=1, total=5, by=i18n.text("page.comma", language).join(words))
+    assert page.locator(".filtered [role=status]").inner_text() == reply_text
     page.click(".filtered button")
     page.locator(".tile").nth(4).wait_for()
     assert page.locator(".filtered").count() == 0 and page.input_value("input[type=search]") == ""

@@ -73,8 +73,8 @@ def test_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, visit:
     with unplugged(stage, "pumps"):
         expect(card).to_contain_text(word("bus_closed"))
         expect(page.locator(".notice.bad").first).to_contain_text(word("bus_closed_why", link="sim://vc660@1,2?ramp=2"))
-        said = i18n.text("alarms.text.port_lost", "en", subject="pumps", reason="")
-        expect(page.locator(".banner.alarm a", has_text=said).first).to_be_visible()
+        reply_text = i18n.text("alarms.text.port_lost", "en", subject="pumps", reason="")
+        expect(page.locator(".banner.alarm a", has_text=reply_text).first).to_be_visible()
     expect(card).to_contain_text(word("bus_open"))
 
 

@@ -17,15 +17,15 @@ TAKE = (
 )
 
 
-@pytest.mark.parametrize(("language", "told"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
+@pytest.mark.parametrize(("language", "message"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
 def test_after_sleep_the_page_tells_how_long_it_heard_nothing(
-    stage: Stage, visit: Any, language: str, told: str
+    stage: Stage, visit: Any, language: str, message: str
 ) -> None:
     page = visit(language=language)
     stage.lose_server()
     page.wait_for_selector(".line.lost")
     page.evaluate(SLEEP, SLEPT_MS)
-    page.wait_for_function("(told) => document.querySelector('[role=timer]').textContent === told", arg=told)
+    page.wait_for_function("(told) => document.querySelector('[role=timer]').textContent === told", arg=message)
     stage.regain_server()
     page.wait_for_selector(".line.live")
 
@@ -88,9 +88,9 @@ def test_that_nothing_is_live_or_yours_any_more_is_in_sight_wherever_the_page_is
     page.wait_for_selector(".lease.mine")
     page.evaluate("scrollTo(0, 500)")
     visit("#/drive/fan-1", role="administrator").evaluate(TAKE)
-    told = page.locator(".takeovers .banner")
-    told.wait_for()
-    assert 0 <= told.bounding_box()["y"] < 700
+    message = page.locator(".takeovers .banner")
+    message.wait_for()
+    assert 0 <= message.bounding_box()["y"] < 700
     stage.lose_server()
     lost = page.locator(".banner.bad")
     lost.wait_for()

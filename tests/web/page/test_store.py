@@ -64,8 +64,8 @@ STOPS = (
 
 def test_only_a_confirmed_stop_is_told_as_one(page: Any) -> None:
     """What is not confirmed is said so, drive by drive."""
-    told = {answer: ask(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
-    assert told == dict(STOPS)
+    message = {answer: ask(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
+    assert message == dict(STOPS)
 
 
 def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
@@ -118,7 +118,7 @@ def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) ->
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)
-    told = page.locator(".takeovers .banner")
+    message = page.locator(".takeovers .banner")
     for taken in (False, True):
         page.click("[data-do=take]")
         page.locator(".lease.mine").wait_for()
@@ -127,20 +127,20 @@ def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit
         stage.wait(lambda taken=taken: bool(stage.view("fan-1")["lease"]) is taken, "no lease")  # type: ignore[misc]
         stage.call("lease.take", drive="fan-1")
         page.locator(".lease:not(.mine) .who", has_text="tester").wait_for()
-        assert told.count() == taken
+        assert message.count() == taken
         if not taken:
             stage.call("lease.release", drive="fan-1")
     name = {"en": "Supply fan", "zh": "送风机"}[language]
-    said = i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d")
+    reply_text = i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d")
     page.evaluate("location.hash = '#/alarms'")
     page.reload()
     page.locator(".line.live").wait_for()
-    assert re.search(said, told.inner_text()) and page.get_attribute(".takeovers", "role") == "status"
+    assert re.search(reply_text, message.inner_text()) and page.get_attribute(".takeovers", "role") == "status"
     page.click("[data-do=read]")
-    told.wait_for(state="detached")
+    message.wait_for(state="detached")
     page.reload()
     page.locator(".line.live").wait_for()
-    assert told.count() == 0
+    assert message.count() == 0
 
 
 def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: Any) -> None:

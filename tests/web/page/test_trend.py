@@ -143,10 +143,10 @@ def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
 
 
 @pytest.mark.parametrize(
-    ("span", "told"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
+    ("span", "message"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
 )
-def test_a_duration_is_told_by_its_two_biggest_parts(page: Any, span: int, told: str) -> None:
-    assert module(page, "labels", f"m.duration({span}, name => name)") == told
+def test_a_duration_is_told_by_its_two_biggest_parts(page: Any, span: int, message: str) -> None:
+    assert module(page, "labels", f"m.duration({span}, name => name)") == message
 
 
 # --- on the screen ------------------------------------------------------------------------------------------------

@@ -44,9 +44,9 @@ def test_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str]
     assert session_cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
 
 
-@pytest.mark.parametrize(("client", "told"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
-def test_an_address_is_the_connections(client: tuple[str, int] | None, told: str) -> None:
-    assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == told
+@pytest.mark.parametrize(("client", "message"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
+def test_an_address_is_the_connections(client: tuple[str, int] | None, message: str) -> None:
+    assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == message
     assert client_address({}) == "local"
 
 
@@ -71,14 +71,14 @@ def test_a_denied_request_gets_a_reason_and_is_recorded(
         assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
         assert answer.headers["connection"] == "close"
         assert answer.headers.get("allow") == {"PUT": "POST", "FETCH": "GET, POST"}.get(method)
-        (told,) = harness.service.records
-        assert told[0] == {
+        (message,) = harness.service.records
+        assert message[0] == {
             "what": "refused",
             "target": f"{method} {path if status == 401 else '-'}",
             "outcome": key,
             "params": {"who": "@127.0.0.1", "times": 1},
         }
-        assert (told[1].name, told[1].rights, told[1].remote) == ("", frozenset(), True)
+        assert (message[1].name, message[1].rights, message[1].remote) == ("", frozenset(), True)
 
     run(story())
 
@@ -131,10 +131,10 @@ def test_a_login_with_an_old_cookie_needs_no_csrf_token(tmp_path: Path) -> None:
 
 
 def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_origin(tmp_path: Path) -> None:
-    harness, heard = WebAppHarness(tmp_path), list[str]()
+    harness, received = WebAppHarness(tmp_path), list[str]()
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
-        heard.append(scope["type"])
+        received.append(scope["type"])
 
     async def nothing(*_: Any) -> Any:
         raise AssertionError
@@ -148,7 +148,7 @@ def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_ori
             routes=RouteTable([]),
         )
         await guard({"type": "lifespan"}, nothing, nothing)
-        assert heard == ["lifespan"]
+        assert received == ["lifespan"]
         client = await harness.log_in("operator")
         wire = AppWebSocket(
             harness.app, {"host": "127.0.0.1", "cookie": f"drivebus_session={client.cookies['drivebus_session']}"}

@@ -61,9 +61,9 @@ def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
     """Every route with nothing, with something forged, and as each weaker role: the buses carry their polls only."""
 
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
-        heard = Heard(kit)
+        received = Heard(kit)
         await asyncio.sleep(10)
-        polls = set(heard.sent)
+        polls = set(received.sent)
         assert polls
         strangers = [
             harness.client(),
@@ -84,7 +84,7 @@ def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
                 answer = await client.request(entry.method, path, json={"frequency_hz": 20.0, "values": {"F0.1": 1.0}})
                 assert answer.status_code == (401 if rights is None else 403), (entry, answer.text)
         await asyncio.sleep(2)
-        assert heard.sent == polls
+        assert received.sent == polls
         assert [entry for entry in kit.trail.entries if entry.what == "refused"]
 
     on_a_plant(tmp_path, story)
@@ -141,12 +141,12 @@ def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) 
         when = formatdate(kit.service.plant.wall_ms() / 1000)
         client.headers.update({"date": when, "x-request-time": when, "if-unmodified-since": when})
         assert (await started(client)).json()["outcome"]["status"] == "confirmed"
-        told = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0, "time_ms": 0})
-        assert told.status_code == 422, "nobody tells the plant what time it is"
+        message = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0, "time_ms": 0})
+        assert message.status_code == 422, "nobody tells the plant what time it is"
         await client.post("/api/v1/drives/fan-1/lease/renew")
         kit.service.plant.wall_ms = real
-        told = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0})
-        assert told.status_code == 200 and kit.station("fan-1").motor.target_hz == 21.0, told.text
+        message = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0})
+        assert message.status_code == 200 and kit.station("fan-1").motor.target_hz == 21.0, message.text
         assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 
     on_a_plant(tmp_path, story)
@@ -175,15 +175,15 @@ def test_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_path: P
     async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
-        heard = Heard(kit)
+        received = Heard(kit)
         await asyncio.sleep(5)
-        polls = set(heard.sent)
+        polls = set(received.sent)
         await client.post("/api/v1/drives/fan-1/lease/renew")
         for method, path, body in FIELDS:
             answer = await client.request(method, f"/api/v1{path}", json=body)
             assert answer.status_code in (403, 422), (path, body, answer.text)
         await asyncio.sleep(1)
-        assert heard.sent == polls
+        assert received.sent == polls
 
     on_a_plant(tmp_path, story)
 

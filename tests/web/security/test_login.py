@@ -67,12 +67,12 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
     async def story() -> None:
         for n in range(500):
             await guess(harness, f"user{n % 100}")
-        told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
-        assert {entry["outcome"] for entry in told} == {"auth.wrong_password", "auth.too_many"}
-        assert len(told) <= 1 + MAX_KINDS_PER_PERIOD
+        message = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
+        assert {entry["outcome"] for entry in message} == {"auth.wrong_password", "auth.too_many"}
+        assert len(message) <= 1 + MAX_KINDS_PER_PERIOD
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        told = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
-        assert sum(entry["params"]["times"] for entry in told) == 500
+        message = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
+        assert sum(entry["params"]["times"] for entry in message) == 500
 
     run(story())
 
@@ -210,8 +210,10 @@ def test_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Pat
         assert answer.status_code == 200 and harness.service.calls[-1][2].session == before["session"]
         harness.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S
         assert (await client.get("/api/v1/drives")).status_code == 401, "twelve hours are twelve hours"
-        told = [(entry["what"], entry["outcome"]) for entry, _ in harness.service.records if entry["what"] == "unlock"]
-        assert told == [("unlock", "done")]
+        message = [
+            (entry["what"], entry["outcome"]) for entry, _ in harness.service.records if entry["what"] == "unlock"
+        ]
+        assert message == [("unlock", "done")]
 
     run(story())
 
@@ -303,8 +305,10 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
         assert (await admin.delete("/api/v1/users/王伟")).status_code == 200
         assert (await wang.get("/api/v1/drives")).status_code == 401
         assert (await admin.delete("/api/v1/users/王伟")).status_code == 404
-        told = [(entry["what"], entry["outcome"]) for entry, _ in harness.service.records if "user." in entry["what"]]
-        assert told[:4] == [
+        message = [
+            (entry["what"], entry["outcome"]) for entry, _ in harness.service.records if "user." in entry["what"]
+        ]
+        assert message[:4] == [
             ("user.add", "requested"),
             ("user.add", "done"),
             ("user.add", "requested"),

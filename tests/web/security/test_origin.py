@@ -300,12 +300,12 @@ def test_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_pa
         await asyncio.sleep(5)
         assert wire.is_open
         await end(harness, client)
-        told = len(wire.sent)
+        message = len(wire.sent)
         await asyncio.sleep(1)
         assert wire.close_code == 4401 and wire.route.done()
         last = json.loads(wire.sent[-2]["text"])
         assert last["type"] == "closed" and last["text"].keys() == {"en", "zh"}
-        assert len(wire.sent) - told <= 2, "nothing of the plant is told any more"
+        assert len(wire.sent) - message <= 2, "nothing of the plant is told any more"
 
     run(story())
 

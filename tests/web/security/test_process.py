@@ -87,8 +87,8 @@ async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None
         process.send_signal(signal.SIGTERM)
         assert await asyncio.to_thread(process.wait, PATIENCE_S) == 0
         assert process.stderr is not None
-        said = process.stderr.read()
-        assert secret in said and "Traceback" not in said
+        reply_text = process.stderr.read()
+        assert secret in reply_text and "Traceback" not in reply_text
 
 
 async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_path: Path) -> None:

@@ -145,9 +145,9 @@ def test_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: s
             assert answer.status_code == 401, (route, answer.text)
             assert answer.json()["error"]["kind"] == "NotAuthenticated"
         assert harness.service.calls == []
-        told = [entry["target"] for entry, _ in harness.service.records if entry["what"] == "refused"]
+        message = [entry["target"] for entry, _ in harness.service.records if entry["what"] == "refused"]
         assert counted(harness) == len(CLOSED_ROUTES)
-        assert told[0] == f"{CLOSED_ROUTES[0].method} {CLOSED_ROUTES[0].path}"
+        assert message[0] == f"{CLOSED_ROUTES[0].method} {CLOSED_ROUTES[0].path}"
 
     run(story())
 
@@ -155,8 +155,8 @@ def test_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: s
 def counted(harness: WebAppHarness) -> int:
     """Refusals that the audit trail has, repetitions and what is still being counted among them."""
     refusals = harness.denials
-    told = sum(entry["params"]["times"] for entry, _ in harness.service.records if entry["what"] == "refused")
-    return told + sum(refusals._counts.values())
+    message = sum(entry["params"]["times"] for entry, _ in harness.service.records if entry["what"] == "refused")
+    return message + sum(refusals._counts.values())
 
 
 async def expired_session(harness: WebAppHarness) -> AsyncClient:
@@ -351,8 +351,8 @@ def test_a_rejected_body_is_explained_in_both_languages(body: str, path: str, ch
         admin = await harness.log_in("administrator")
         kind = {"content-type": "application/json"}
         error = (await admin.post("/api/v1/tokens", content=body, headers=kind)).json()["error"]
-        told = error["params"]["faults"][0]
-        assert (told["path"], told["expected"]["zh"][: len(chinese)]) == (path, chinese)
-        assert chinese in error["text"]["zh"] and told["expected"]["en"] in error["text"]["en"]
+        message = error["params"]["faults"][0]
+        assert (message["path"], message["expected"]["zh"][: len(chinese)]) == (path, chinese)
+        assert chinese in error["text"]["zh"] and message["expected"]["en"] in error["text"]["en"]
 
     run(story())

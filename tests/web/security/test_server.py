@@ -30,18 +30,18 @@ from fixtures.web_app import PASSWORD, WebAppHarness
 @contextlib.asynccontextmanager
 async def serving(harness: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
     """The addresses that it listened at, the newest last."""
-    said: list[str] = []
-    told = asyncio.Event()
+    text: list[str] = []
+    message = asyncio.Event()
 
     def say(at: str) -> None:
-        said.append(at)
-        told.set()
+        text.append(at)
+        message.set()
 
     listening = HttpServer(harness.app, harness.auth, web, say)
     task = asyncio.create_task(listening.run())
-    await asyncio.wait({asyncio.create_task(told.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait({asyncio.create_task(message.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
     try:
-        yield said
+        yield text
     finally:
         listening.stop()
         await task
@@ -78,11 +78,11 @@ def test_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, t
 
 async def test_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
-    async with serving(harness, WebConfig(host="0.0.0.0", port=0)) as said:
-        assert where(said[0])[0] == "127.0.0.1"
+    async with serving(harness, WebConfig(host="0.0.0.0", port=0)) as text:
+        assert where(text[0])[0] == "127.0.0.1"
         sockets = await asyncio.to_thread(Path("/proc/self/net/tcp").read_text)
         listening = [line.split()[1] for line in sockets.splitlines()[1:]]
-        port = f"{where(said[0])[1]:04X}"
+        port = f"{where(text[0])[1]:04X}"
         assert [one.partition(":")[0] for one in listening if one.endswith(port)] == ["0100007F"]
 
 
@@ -95,15 +95,15 @@ async def test_it_moves_to_its_address_when_the_first_administrator_is_there(
     moved = replace(web, host="127.0.0.2")
     with pytest.MonkeyPatch.context() as context:
         context.setattr("drivebus.web.server.is_loopback", lambda host: host == "127.0.0.1")
-        async with serving(harness, moved) as said, asyncio.timeout(10):
-            assert where(said[0])[0] == "127.0.0.1"
+        async with serving(harness, moved) as text, asyncio.timeout(10):
+            assert where(text[0])[0] == "127.0.0.1"
             secret = harness.auth.setup_secret.issue()
-            async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
+            async with httpx.AsyncClient(verify=trusting, base_url=text[0]) as client:
                 body = {"secret": secret, "name": "ann", "password": PASSWORD}
                 assert (await client.post("/api/v1/setup", json=body)).status_code == 200
-            while len(said) < 2:  # noqa: ASYNC110  asyncio.timeout ends it
+            while len(text) < 2:  # noqa: ASYNC110  asyncio.timeout ends it
                 await asyncio.sleep(0.05)
-            assert where(said[1])[0] == "127.0.0.2"
+            assert where(text[1])[0] == "127.0.0.2"
 
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
@@ -112,10 +112,10 @@ async def test_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
 ) -> None:
     web, trusting = certificate
     harness = WebAppHarness(tmp_path / "state", web=web)
-    async with serving(harness, web) as said:
-        host, port = where(said[0])
-        assert said[0].startswith("https://")
-        async with httpx.AsyncClient(verify=trusting, base_url=said[0]) as client:
+    async with serving(harness, web) as text:
+        host, port = where(text[0])
+        assert text[0].startswith("https://")
+        async with httpx.AsyncClient(verify=trusting, base_url=text[0]) as client:
             answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
             assert answer.headers["set-cookie"].startswith("__Host-drivebus=")
             assert "max-age=31536000" in answer.headers["strict-transport-security"]
@@ -159,51 +159,51 @@ async def answered(host: str, port: int, said: bytes) -> bytes:
 async def test_unfinished_headers_end_the_connection(head: bytes, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 0.2)
-        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
+        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
             begun = asyncio.get_running_loop().time()
-            found = await answered(*where(said[0]), head)
+            found = await answered(*where(text[0]), head)
             assert asyncio.get_running_loop().time() - begun < 4
             assert found.count(b"200 OK") == head.count(b"\r\n\r\n")
 
 
 async def test_a_head_without_end_is_cut(tmp_path: Path) -> None:
-    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
+    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
         head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (connection_limits.MAX_HEADER_BYTES + 1)
-        assert await answered(*where(said[0]), head) == b""
+        assert await answered(*where(text[0]), head) == b""
         fits = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nX-A: " + b"a" * 20_000
-        assert b"200 OK" in await answered(*where(said[0]), fits + b"\r\n\r\n")
+        assert b"200 OK" in await answered(*where(text[0]), fits + b"\r\n\r\n")
 
 
 async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: Path) -> None:
     """A mebibyte is allowed where a right is needed, however the system cuts it up."""
     harness = WebAppHarness(tmp_path)
     secret = await harness.token("operator", "stop")
-    async with serving(harness, WebConfig(port=0)) as said:
+    async with serving(harness, WebConfig(port=0)) as text:
         body = b"{" + b" " * 200_000 + b"}"
         kind = b"Content-Type: application/json\r\nConnection: close\r\n"
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer %b\r\n" % secret.encode() + kind
-        found = await answered(*where(said[0]), head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
+        found = await answered(*where(text[0]), head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
         assert found.startswith(b"HTTP/1.1 200 ")
 
 
 async def test_an_unwanted_body_is_not_awaited(tmp_path: Path) -> None:
-    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
+    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
         begun = asyncio.get_running_loop().time()
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
-        assert b" 401 " in await answered(*where(said[0]), head)
+        assert b" 401 " in await answered(*where(text[0]), head)
         get = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
-        assert b" 200 " in await answered(*where(said[0]), get)
+        assert b" 200 " in await answered(*where(text[0]), get)
         assert asyncio.get_running_loop().time() - begun < 4
 
 
 async def test_an_unread_response_ends_the_connection(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "WRITE_STALL_TIMEOUT_S", 0.2)
-        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as said:
+        async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
             lazy = socket.socket()  # its kernel takes 4 kB, the server's a few hundred: then nothing moves
             lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             lazy.setblocking(False)
-            await asyncio.get_running_loop().sock_connect(lazy, where(said[0]))
+            await asyncio.get_running_loop().sock_connect(lazy, where(text[0]))
             ask = b"GET /i18n/zh.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
             for _ in range(200):
                 with contextlib.suppress(OSError):
@@ -285,9 +285,9 @@ async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 1.0)
-        async with serving(harness, WebConfig(port=0)) as said:
-            idle = [await asyncio.open_connection(*where(said[0])) for _ in range(500)]
-            async with httpx.AsyncClient(base_url=said[0]) as client:
+        async with serving(harness, WebConfig(port=0)) as text:
+            idle = [await asyncio.open_connection(*where(text[0])) for _ in range(500)]
+            async with httpx.AsyncClient(base_url=text[0]) as client:
                 login = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
                 headers = {"x-drivebus-csrf": login.json()["csrf"]}
                 assert (await client.post("/api/v1/stop", headers=headers)).status_code == 200

@@ -75,13 +75,13 @@ def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(acce
         guest.over.set()
         await watching
         assert got == [{"type": "websocket.receive", "text": "a"}, GONE, GONE]
-        *said, closed = line.sent[len(before) :]
+        *text, closed = line.sent[len(before) :]
         assert closed == {"type": "websocket.close", "code": 4401, "reason": "expired"}
-        assert [one["type"] for one in said] == ["websocket.send"] * accepted
-        for one in said:
-            told = json.loads(one["text"])
-            assert told == {"type": "closed", "reason": "expired", "text": localized("auth.closed.expired")}
-            assert told["text"]["en"] != "auth.closed.expired"
+        assert [one["type"] for one in text] == ["websocket.send"] * accepted
+        for one in text:
+            report = json.loads(one["text"])
+            assert report == {"type": "closed", "reason": "expired", "text": localized("auth.closed.expired")}
+            assert report["text"]["en"] != "auth.closed.expired"
             assert "\\u" not in one["text"], "as short as it can be"
 
     run(story(), max_s=60.0)

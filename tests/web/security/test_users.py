@@ -237,10 +237,10 @@ def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -
 
 def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
-    nobody = {"setup": False, "user": None, "rights": [], "csrf": None}
+    no_user = {"setup": False, "user": None, "rights": [], "csrf": None}
 
     async def story() -> None:
-        assert await done(harness.client(), "GET", "/session") == nobody
+        assert await done(harness.client(), "GET", "/session") == no_user
         client = await harness.log_in("operator")
         harness.clock.now += 0.25
         found = await done(client, "GET", "/session")
@@ -261,7 +261,7 @@ def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path)
         assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["stop", "view"])
         token = harness.client(authorization=f"Bearer {await harness.token('operator', 'view')}")
         told = await done(token, "GET", "/session")
-        assert (told.keys(), told["user"]) == ({*nobody, "session"}, "operator/t")
+        assert (told.keys(), told["user"]) == ({*no_user, "session"}, "operator/t")
 
     run(story())
 
