@@ -23,8 +23,7 @@ from typing import Any
 
 from benchmarks import web
 from benchmarks.__main__ import current_commit, print_figures
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 FRAME_TIMES_SCRIPT = """(seconds) => new Promise((done) => {
   const found = []; const begun = performance.now(); let last = begun;

@@ -25,8 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.__main__ import current_commit, print_figures
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 SIGNALS = 10
 WEB_TOKEN = "dbt_benchmark"

@@ -20,7 +20,6 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from benchmarks.clients.plain_http import PlainHttpConnection
 from benchmarks.service_fixture import drive_id
@@ -28,6 +27,7 @@ from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
+from drivebus.types import Json
 
 STOP_LOAD_ACTOR = local_actor("bench", "stopper")
 READERS = 1
@@ -37,7 +37,6 @@ PAUSE_S = 0.2
 """At most, between a stop that was answered and the next one on its line."""
 WARM_UP_S, ONLINE_TIMEOUT_S = 2.0, 20.0
 LONGEST_LINE = 4 * 1024 * 1024
-Json = dict[str, Any]
 TimedStop = tuple[str, int, int, int, str]
 
 

@@ -13,8 +13,8 @@ from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.drives.state import Direction
 from drivebus.errors import DrivebusError, NotFound, StartInhibited
 from drivebus.testing import virtual_time
+from drivebus.types import Json
 
-Json = dict[str, Any]
 TEXT = {"en": "done", "zh": "完成"}
 OUTCOME = {"status": "confirmed", "key": "x", "text": TEXT, "params": {}, "notes": [], "frames": []}
 

@@ -19,6 +19,7 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.config.model import BusConfig
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from drivebus.web.metrics import (
     METRIC_PREFIX,
     METRICS,
@@ -32,7 +33,6 @@ from fixtures.running_service import http_service, real_service, token
 from fixtures.service import DRIVES, ServiceKit, plant_config, running_service
 from fixtures.web_app import WebAppHarness
 
-Json = dict[str, Any]
 Series = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 VIEWER = Actor("scraper", ROLE_RIGHTS[Role.VIEWER], "token-1", remote=True)
 LABELS = {

@@ -28,9 +28,9 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.config.model import GroupConfig
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from fixtures.service import LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
-Json = dict[str, Any]
 NOBODY = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
 FAN = {"drive": "fan-1"}
 

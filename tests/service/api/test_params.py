@@ -21,10 +21,10 @@ from drivebus.service.api.errors import (
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.historian.queries import check_time_order
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from drivebus.web.routes import schemas
 from fixtures.service import running_service
 
-Json = dict[str, Any]
 MODELS: list[type[BaseModel]] = [
     *dict.fromkeys(operation.params for operation in OPERATIONS.values()),
     *(one for one in vars(schemas).values() if isinstance(one, type) and issubclass(one, schemas.RequestBody)),

@@ -12,9 +12,9 @@ import pytest
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.ipc.server import SocketServer, _ClientConnection
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from fixtures.service import LOCAL, ServiceKit, running_service
 
-Json = dict[str, Any]
 QUESTIONS = [("buses.list", {})] * 20
 
 

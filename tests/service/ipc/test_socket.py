@@ -18,9 +18,8 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.ipc.client import MAX_QUEUED_LIVE_MESSAGES, SocketClient
 from drivebus.service.ipc.protocol import STOP_RECEIVED
 from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer
+from drivebus.types import Json
 from fixtures.service import LOCAL, remote_actor, running_service
-
-Json = dict[str, Any]
 
 
 def real(coroutine: Coroutine[Any, Any, None]) -> None:

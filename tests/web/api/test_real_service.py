@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -16,10 +15,9 @@ from drivebus.service.api.operations import API_PREFIX, OPERATIONS
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.ipc.client import SocketClient
+from drivebus.types import Json
 from fixtures.running_service import RunningService, http_service, token
 from fixtures.web_app import WebAppHarness
-
-Json = dict[str, Any]
 
 
 async def test_an_unknown_method_is_answered_with_the_known_ones(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -16,9 +15,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
+from drivebus.types import Json
 from fixtures.running_service import PASSWORD, RunningService, http_service, token
 
-Json = dict[str, Any]
 PATIENCE_S = 30.0
 
 

@@ -12,10 +12,10 @@ from starlette.responses import JSONResponse
 
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from drivebus.web.routes.session import with_session_cookie
 from fixtures.web_app import PASSWORD, WebAppHarness
 
-Json = dict[str, Any]
 DAY_MS = 86_400_000
 NEW = "a quite new pass phrase"
 

@@ -8,11 +8,10 @@ import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from drivebus.errors import ConfigurationError
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 TOKEN_VARIABLE = "DRIVEBUS_TOKEN"
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, FrameExchange, Outcome, OutcomeStatus
 from drivebus.profiles.model import Text
+from drivebus.types import Json
 from drivebus.values import Quality, Reading
-
-Json = dict[str, Any]
 
 SERVICE_TEXT_KEY = "service.told"
 """The service's own sentence, in both languages."""

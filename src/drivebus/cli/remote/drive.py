@@ -8,20 +8,18 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterable, Mapping
-from types import SimpleNamespace
+from types import SimpleNamespace, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
-from drivebus.errors import DrivebusError, OutcomeUnknown, ServiceUnavailable
+from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable
+from drivebus.types import Json
 
 if TYPE_CHECKING:
-    from drivebus.cli.remote.jog import RemoteJog
     from drivebus.drives.state import Direction, DriveStatus, Outcome
     from drivebus.profiles import DriveProfile
     from drivebus.values import Reading
-
-Json = dict[str, Any]
 
 LEASE_RENEW_PERIOD_S = 3.0
 """A lease lasts ten seconds."""
@@ -103,8 +101,6 @@ class RemoteDrive:
         return await self._call_with_control("parameters.write", values=dict(values), save=save)
 
     def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
-        from drivebus.cli.remote.jog import RemoteJog
-
         return RemoteJog(self, frequency_hz, direction)
 
     async def stop(self, wait: bool = True) -> Outcome:
@@ -161,3 +157,47 @@ class RemoteDrive:
                 await self.call("lease.release")
             except DrivebusError:
                 return
+
+
+class RemoteJog:
+    """Jog of a remote drive, used as a ``JogSession``: the service ends it half a second after the last renewal."""
+
+    def __init__(self, drive: RemoteDrive, frequency_hz: float | None, direction: Direction) -> None:
+        self._drive, self._frequency_hz, self._direction = drive, frequency_hz, direction
+        self._jog_id = ""
+        self._renewal_due = asyncio.Event()
+        self._renewal: asyncio.Task[None] | None = None
+        self.start_outcome: Outcome | None = None
+        self.stop_outcome: Outcome | None = None
+
+    async def __aenter__(self) -> RemoteJog:
+        given = {"direction": str(self._direction), **await self._drive.arm()}
+        given |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
+        found = await self._drive.call("drive.jog", **given)
+        self._jog_id, self.start_outcome = found["jog"], parse_outcome(found)
+        self._renewal = asyncio.create_task(self._renew(), name="jog")
+        return self
+
+    def renew(self) -> None:
+        """Request a renewal. Raises StartInhibited once the service has ended the jog."""
+        if self._renewal is not None and self._renewal.done():
+            self._renewal.result()
+        self._renewal_due.set()
+
+    async def _renew(self) -> None:
+        """Send the renewals; requests that come while one is being sent are sent as one."""
+        while True:
+            await self._renewal_due.wait()
+            self._renewal_due.clear()
+            await self._drive.call("drive.jog_renew", jog=self._jog_id)
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._renewal is not None:
+            self._renewal.cancel()
+            await asyncio.gather(self._renewal, return_exceptions=True)
+        try:
+            self.stop_outcome = parse_outcome(await self._drive.call("drive.jog_end", jog=self._jog_id))
+        except NotFound:
+            self.stop_outcome = await self._drive.stop()

@@ -11,14 +11,12 @@ import http.client
 import json
 import re
 import ssl
-from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
 from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.service.config.loopback import is_loopback
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 CONNECT_TIMEOUT_S = 5.0
 RESPONSE_TIMEOUT_S = 60.0

@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import Any
 
 from drivebus.cli import output
 from drivebus.cli.remote.client import RemoteClient, open_client
 from drivebus.cli.remote.convert import parse_status
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 from drivebus.errors import DrivebusError
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 SERVICE_POLL_PERIOD_S = 1.0
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from typing import Any
 
 from drivebus.drives.state import DriveState, OutcomeStatus
 from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
@@ -22,8 +21,8 @@ from drivebus.service.control.tickets import CommandTicket, MotionHandler, Opera
 from drivebus.service.live.views import text_json
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
-Json = dict[str, Any]
 SLOT_POLL_INTERVAL_S = 0.1
 ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
 DEFAULT_RAMP_S = 10.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import secrets
 from dataclasses import dataclass
-from typing import Any
 
 from drivebus.drives.jog_session import JogSession
 from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
@@ -16,8 +15,7 @@ from drivebus.service.control.permissives import check_start
 from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 
 @dataclass(frozen=True, slots=True)

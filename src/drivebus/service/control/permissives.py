@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from drivebus.drives import permissives
 from drivebus.drives.runner import bus_conditions
@@ -11,8 +10,7 @@ from drivebus.errors import AuditUnavailable, DrivebusError, Interlocked, Servic
 from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
-
-Json = dict[str, Any]
+from drivebus.types import Json
 
 
 def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:

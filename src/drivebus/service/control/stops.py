@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
@@ -20,8 +19,8 @@ from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.types import Json
 
-Json = dict[str, Any]
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
 

@@ -22,8 +22,8 @@ from drivebus.service.auth.actor import Actor, local_actor
 from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_RECEIVED, STOP_REQUEST, short_socket_path
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
+from drivebus.types import Json
 
-Json = dict[str, Any]
 MAX_CONCURRENT_REQUESTS = 1000  # of one connection; stops do not count
 MAX_UNSENT_BYTES = 16 * 1024 * 1024
 """A client that lets so much lie unread is cut off: its web part hangs, and is started again."""

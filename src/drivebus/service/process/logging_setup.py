@@ -13,8 +13,8 @@ from typing import Any, TextIO
 
 from drivebus import i18n
 from drivebus.clock import wall_clock
+from drivebus.types import Json
 
-Json = dict[str, Any]
 LOG = logging.getLogger("drivebus.service")
 MAX_QUEUED_RECORDS = 10_000  # while the log hangs; further lines are dropped
 FLUSH_TIMEOUT_S = 1.0
