@@ -179,18 +179,18 @@ class Oracle:
             self.frame_rules.on_stop_command(command, bool(self.bench.masters))
         return command
 
-    def on_command_ended(self, wish: UserCommand) -> None:
-        """The user has been told; was it true?"""
-        wish.ended_at = self.now()
-        self.open_commands[wish.address].remove(wish)
-        self.session.count(f"{wish.method}: {wish.result_word}")
-        self.trace(f"= {wish} {wish.result_word}")
+    def on_command_ended(self, command: UserCommand) -> None:
+        """Check the result that the user got against what happened."""
+        command.ended_at = self.now()
+        self.open_commands[command.address].remove(command)
+        self.session.count(f"{command.method}: {command.result_word}")
+        self.trace(f"= {command} {command.result_word}")
         self.bench.advance()
-        deeds = self.histories.get(wish.address)
-        if deeds is None and wish.result_word in ("confirmed", "acknowledged"):
-            self.violation(f"G19 {wish}: {wish.result_word}, and there is no such drive")
+        deeds = self.histories.get(command.address)
+        if deeds is None and command.result_word in ("confirmed", "acknowledged"):
+            self.violation(f"G19 {command}: {command.result_word}, and there is no such drive")
         elif deeds is not None:
-            check_outcome(wish, deeds, self.kind.reports_running, self.violation)
+            check_outcome(command, deeds, self.kind.reports_running, self.violation)
 
     def on_reply_accepted(self, answer: BusResult) -> None:
         """I5: an accepted reply is the one that the station gave to this very request."""
