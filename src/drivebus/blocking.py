@@ -27,7 +27,8 @@ from drivebus.drives.context import DriveLimits, Preflight
 from drivebus.drives.jog_session import JogSession as AsyncJogSession
 from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
 from drivebus.drives.operations.status import CommLossReport, Identity
-from drivebus.drives.state import Direction, DriveStatus, Outcome
+from drivebus.drives.outcome import Outcome
+from drivebus.drives.state import Direction, DriveStatus
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Reading
 

@@ -63,7 +63,7 @@ class DrivebusError(Exception):
     scope: ClassVar[ErrorScope] = ErrorScope.REQUEST
     retryable: ClassVar[bool] = False
     outcome: Any = None
-    """The ``drives.state.Outcome`` of a command that ended in this error: status and evidence."""
+    """The ``drives.outcome.Outcome`` of a command that ended in this error: status and evidence."""
 
     def __init__(self, key: str, /, **params: Any) -> None:
         self.key = key

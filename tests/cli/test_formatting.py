@@ -15,7 +15,8 @@ from drivebus.cli.formatting import format_reading, format_value, outcome_text, 
 from drivebus.cli.output import format_duration
 from drivebus.cli.scanning import print_scan
 from drivebus.commissioning.scan import ScanProgress, SniffResult
-from drivebus.drives.state import DriveState, DriveStatus, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.values import Reading, missing_reading
 
 VC660 = profiles.load("vc660")

@@ -11,7 +11,8 @@ import pytest
 import drivebus
 from drivebus import blocking
 from drivebus.drives import Monitor
-from drivebus.drives.state import Direction, OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import StartInhibited, TargetNotReached
 
 LOOP_ONLY = {

@@ -17,9 +17,10 @@ from drivebus.drives.operations.parameters import write_values
 from drivebus.drives.operations.reset import reset_fault
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.start import run
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.runner import bus_conditions
-from drivebus.drives.state import Direction, OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import Expired, StartInhibited
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect

@@ -9,7 +9,8 @@ import pytest
 
 from drivebus import profiles
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S, begin_jog, check_jog_lease, end_jog
-from drivebus.drives.state import Direction, OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, LimitError, StartInhibited
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
-from drivebus.drives.state import Direction, Outcome
+from drivebus.drives.outcome import Outcome
+from drivebus.drives.state import Direction
 from drivebus.errors import (
     CapabilityError,
     DrivebusError,

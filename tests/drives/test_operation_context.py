@@ -14,8 +14,9 @@ from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import DriveState, OutcomeStatus
+from drivebus.drives.state import DriveState
 from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
 from drivebus.service.api.errors import exchange_json

@@ -17,7 +17,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import read_values, write_values
 from drivebus.drives.operations.preflight import read_preflight
 from drivebus.drives.operations.status import comm_loss_behaviour
-from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.store import FileStore, MemoryStore
 from drivebus.errors import (
     CapabilityError,

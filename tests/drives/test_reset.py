@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.drives.operations.reset import reset_fault
-from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import StartInhibited
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for

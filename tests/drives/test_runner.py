@@ -13,8 +13,7 @@ import pytest
 
 import drivebus
 from drivebus import blocking
-from drivebus.drives.outcome import raise_for_status
-from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import (
     DrivebusError,
     DriveRejected,

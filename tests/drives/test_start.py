@@ -10,7 +10,8 @@ import pytest
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import run
-from drivebus.drives.state import Direction, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import (
     CapabilityError,
     Expired,

@@ -9,7 +9,7 @@ import pytest
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, stop
-from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import Superseded
 from drivebus.protocols import dzb100, modbus, sunfar
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for

@@ -11,7 +11,7 @@ import pytest
 from drivebus.drives import FileStore, MemoryStore
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import write_values
-from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import ConfigurationError, TargetNotReached
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual

@@ -9,7 +9,7 @@ import pytest
 
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
-from drivebus.drives.state import Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.errors import Superseded, TargetNotReached
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for

@@ -15,7 +15,8 @@ import pytest
 from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.drives import Drive
-from drivebus.drives.state import Direction, DriveState, DriveStatus, OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction, DriveState, DriveStatus
 from drivebus.drives.store import MemoryStore
 from drivebus.errors import DriveError, LimitError
 from drivebus.ports import open_port

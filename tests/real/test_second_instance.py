@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.bus import Bus
-from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import StartInhibited
 from drivebus.ports import open_port
 from real.conftest import Start

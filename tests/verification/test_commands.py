@@ -10,7 +10,7 @@ from drivebus.bus.echo import EchoDetector
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.drives import permissives
 from drivebus.drives.operations import parameters, start, stop
-from drivebus.drives.state import OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import commands

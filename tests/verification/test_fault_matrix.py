@@ -29,8 +29,8 @@ from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations import setpoint
 from drivebus.drives.operations import status as comm_loss
 from drivebus.drives.operations.status import CommLossReport
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.readings import ReadingPairs
-from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import StationTiming

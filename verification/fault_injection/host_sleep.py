@@ -12,7 +12,7 @@ from random import Random
 from typing import Any
 
 from drivebus.bus import timer as timers
-from drivebus.drives.state import Outcome
+from drivebus.drives.outcome import Outcome
 from drivebus.errors import StartInhibited
 from drivebus.simulator.timer import LoopTimer
 from drivebus.testing.virtual_time import VirtualTimer

@@ -21,7 +21,7 @@ from drivebus.errors import ConfigurationError
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive, DriveLimits
-    from drivebus.drives.state import Outcome
+    from drivebus.drives.outcome import Outcome
 
 _PORT_OPTIONS = ("port", "model", "address", "baud", "format", "encoding", "option", "record")
 _LOCAL_OPTIONS = ("dry_run", "wait", "eeprom_writes_per_day")  # options of some commands that a service does not take

@@ -11,7 +11,8 @@ from drivebus.types import Json
 from drivebus.values import Quality, Reading
 
 if TYPE_CHECKING:
-    from drivebus.drives.state import DriveStatus, FrameExchange, Outcome
+    from drivebus.drives.outcome import FrameExchange, Outcome
+    from drivebus.drives.state import DriveStatus
     from drivebus.profiles.model import DriveProfile, Parameter, Signal
 
 MISSING_VALUE = "–"

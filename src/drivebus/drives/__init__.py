@@ -5,7 +5,8 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.drive import Drive
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.drives.store import FileStore, MemoryStore
 
 __all__ = [

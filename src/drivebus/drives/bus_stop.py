@@ -13,7 +13,7 @@ from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.context import frame_exchange
-from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
+from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, StopUnconfirmed
 
 BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost

@@ -10,9 +10,9 @@ from typing import Any
 from drivebus.drives.operations import calibration
 from drivebus.drives.operations.calibration import ScalingResult
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
-from drivebus.drives.state import Direction, Outcome
+from drivebus.drives.state import Direction
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import Store, drive_key
 

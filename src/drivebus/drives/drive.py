@@ -23,9 +23,9 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 from drivebus.drives.operations.start import wait_at_speed
 from drivebus.drives.operations.status import CommLossReport, Identity
-from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
-from drivebus.drives.state import Direction, DriveStatus, Outcome
+from drivebus.drives.state import Direction, DriveStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key
 from drivebus.profiles.model import DriveProfile

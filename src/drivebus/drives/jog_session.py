@@ -8,9 +8,9 @@ from types import TracebackType
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.jog import begin_jog, check_jog_lease, end_jog
-from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
-from drivebus.drives.state import Direction, Outcome
+from drivebus.drives.state import Direction
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.errors import StartInhibited
 

@@ -1,9 +1,67 @@
-"""Turn an outcome into a return value or an error that carries it."""
+"""Outcome of a command: how it ended and the frames that show it."""
 
 from __future__ import annotations
 
-from drivebus.drives.state import Outcome, OutcomeStatus
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from drivebus import i18n
+from drivebus.drives.state import DriveStatus
 from drivebus.errors import DriveError, DriveRejected, OutcomeUnknown, StopUnconfirmed, TargetNotReached
+
+
+class OutcomeStatus(StrEnum):
+    """How a command ended."""
+
+    CONFIRMED = "confirmed"
+    """A later verified read shows the effect."""
+    ACKNOWLEDGED = "acknowledged"
+    """The drive accepted the command and no read can show the effect."""
+    REFUSED = "refused"
+    """The drive rejected the command."""
+    FAILED = "failed"
+    """The command was not executed."""
+    UNKNOWN = "unknown"
+    """The command was sent, and nothing shows whether it was executed."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameExchange:
+    """One frame of an operation and its reply: the evidence of an outcome."""
+
+    sent: bytes
+    received: bytes
+    sent_at: float | None
+    received_at: float | None
+    error: str | None = None  # i18n key
+    params: Mapping[str, Any] = field(default_factory=dict)  # of the error
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of a command: status, sentence (``key`` and ``params``), frames and drive status."""
+
+    status: OutcomeStatus
+    key: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+    exchanges: tuple[FrameExchange, ...] = ()
+    drive_status: DriveStatus | None = None
+    notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()  # further sentences: key and parameters
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the command is confirmed, or acknowledged where no more can be known."""
+        return self.status in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
+
+    def text(self, language: str = "en") -> str:
+        """Return the sentence in ``language`` ("en" or "zh")."""
+        return i18n.text(self.key, language, **self.params)
+
+    def __str__(self) -> str:
+        return f"{self.status}: {self.text()}"
+
 
 _ERROR_CLASSES: dict[OutcomeStatus, type[DriveError]] = {
     OutcomeStatus.REFUSED: DriveRejected,
@@ -15,8 +73,8 @@ _ERROR_CLASSES: dict[OutcomeStatus, type[DriveError]] = {
 def raise_for_status(outcome: Outcome, *, stop: bool = False) -> Outcome:
     """Return a confirmed or acknowledged outcome.
 
-    Raises Refused, TargetNotReached, OutcomeUnknown, StopUnconfirmed, so that a caller
-    who ignores the return value cannot take a failed command for a done one.
+    Raises DriveRejected, TargetNotReached, OutcomeUnknown or StopUnconfirmed, so that a caller who ignores the return
+    value can't take a failed command for an executed one.
     """
     if outcome.succeeded:
         return outcome

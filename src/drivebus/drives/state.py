@@ -1,11 +1,10 @@
-"""Values: the state that a drive reports and the outcome of a command."""
+"""State of a drive as it reports it: state, direction, fault and readings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.model import Text
@@ -113,54 +112,3 @@ class DriveStatus:
     readings: Mapping[str, Reading] = field(default_factory=dict)
     reason: str | None = None  # i18n key of why the state is unknown
     at: float | None = None  # monotonic time of the oldest reply that the state was derived from
-
-
-class OutcomeStatus(StrEnum):
-    """How a command ended."""
-
-    CONFIRMED = "confirmed"
-    """A later verified read shows the effect."""
-    ACKNOWLEDGED = "acknowledged"
-    """The drive accepted the command and no read can show the effect."""
-    REFUSED = "refused"
-    """The drive rejected the command."""
-    FAILED = "failed"
-    """The command was not executed."""
-    UNKNOWN = "unknown"
-    """The command was sent, and nothing shows whether it was executed."""
-
-
-@dataclass(frozen=True, slots=True)
-class FrameExchange:
-    """One frame of an operation and its reply: the evidence of an outcome."""
-
-    sent: bytes
-    received: bytes
-    sent_at: float | None
-    received_at: float | None
-    error: str | None = None  # i18n key
-    params: Mapping[str, Any] = field(default_factory=dict)  # of the error
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of a command: status, sentence (``key`` and ``params``), frames and drive status."""
-
-    status: OutcomeStatus
-    key: str
-    params: Mapping[str, Any] = field(default_factory=dict)
-    exchanges: tuple[FrameExchange, ...] = ()
-    drive_status: DriveStatus | None = None
-    notes: tuple[tuple[str, Mapping[str, Any]], ...] = ()  # further sentences: key and parameters
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the command is confirmed, or acknowledged where no more can be known."""
-        return self.status in (OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED)
-
-    def text(self, language: str = "en") -> str:
-        """Return the sentence in ``language`` ("en" or "zh")."""
-        return i18n.text(self.key, language, **self.params)
-
-    def __str__(self) -> str:
-        return f"{self.status}: {self.text()}"

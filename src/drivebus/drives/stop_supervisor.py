@@ -13,9 +13,8 @@ from drivebus.drives.operations import stop as stop_operation
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.operations.stop import StopProgress
-from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
-from drivebus.drives.state import Outcome
 
 T = TypeVar("T")
 

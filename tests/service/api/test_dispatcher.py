@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives.state import FrameExchange, Outcome, OutcomeStatus
+from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import (
     AuditUnavailable,
     DrivebusError,

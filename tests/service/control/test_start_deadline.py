@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from drivebus.drives.operations import context
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
-from drivebus.drives.state import Outcome
 from drivebus.errors import Expired
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.tickets import START_DEADLINE_S

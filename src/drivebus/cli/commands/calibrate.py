@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
     from drivebus.drives.operations.calibration import ScalingResult
-    from drivebus.drives.state import Direction, Outcome
+    from drivebus.drives.outcome import Outcome
+    from drivebus.drives.state import Direction
 
 T = TypeVar("T")
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from drivebus.cli.keyboard import KeyQueue
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
-    from drivebus.drives.state import Direction, Outcome
+    from drivebus.drives.outcome import Outcome
+    from drivebus.drives.state import Direction
 
 DEAD_MAN_TIMEOUT_S = 0.5  # the motor stops this long after the last key at the latest
 FIRST_REPEAT_TIMEOUT_S = 1.0  # terminals repeat a held key after 0.25 to 0.66 s

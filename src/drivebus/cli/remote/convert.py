@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault, FrameExchange, Outcome, OutcomeStatus
+from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
+from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.profiles.model import Text
 from drivebus.types import Json
 from drivebus.values import Quality, Reading

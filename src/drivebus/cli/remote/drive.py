@@ -17,7 +17,8 @@ from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnav
 from drivebus.types import Json
 
 if TYPE_CHECKING:
-    from drivebus.drives.state import Direction, DriveStatus, Outcome
+    from drivebus.drives.outcome import Outcome
+    from drivebus.drives.state import Direction, DriveStatus
     from drivebus.profiles import DriveProfile
     from drivebus.values import Reading
 

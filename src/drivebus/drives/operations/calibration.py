@@ -24,8 +24,9 @@ from drivebus.drives.operations.setpoint import write_setpoint
 from drivebus.drives.operations.start import confirm_start, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import Direction, Outcome, OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, LimitError, StartInhibited, TargetNotReached
 
 DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C

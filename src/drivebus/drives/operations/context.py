@@ -12,17 +12,10 @@ from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, fault_from_code
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
+from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import (
-    STATE_NOT_READ,
-    DerivedState,
-    DriveState,
-    DriveStatus,
-    FrameExchange,
-    Outcome,
-    OutcomeStatus,
-)
+from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
 from drivebus.errors import DrivebusError, Expired, NotPermitted, Superseded
 from drivebus.protocols.codec import Effect
 

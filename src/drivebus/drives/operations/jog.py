@@ -10,8 +10,9 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import check_readiness, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
 from drivebus.drives.operations.stop import send_stop, stop
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import Direction, Outcome, OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import LimitError
 
 MAX_JOG_LEASE_S = 0.5  # longest time that the motor turns after the last renewal

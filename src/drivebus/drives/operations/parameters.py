@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import read_raw_parameter
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import Outcome, OutcomeStatus
 from drivebus.errors import (
     CapabilityError,
     ConfigurationError,

@@ -6,8 +6,9 @@ from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import COMMAND_SETTLE_S, MAX_RESENDS, resend_frames, send_frames
 from drivebus.drives.operations.steps import DriveOperation, wait
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
-from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
+from drivebus.drives.state import DriveState
 from drivebus.errors import StartInhibited
 
 FAULT_STATES = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})

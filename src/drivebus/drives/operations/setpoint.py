@@ -6,8 +6,9 @@ from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.steps import DriveOperation, wait
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand
-from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
+from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, StartInhibited
 
 SETPOINT_READ_TRIES = 4  # a drive may take a moment to show a new set frequency

@@ -13,9 +13,9 @@ from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.outcome import raise_for_status
+from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
-from drivebus.drives.state import Direction, DriveState, Outcome, OutcomeStatus
+from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import CapabilityError, DrivebusError, Expired, StartInhibited, Superseded, TargetNotReached
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates

@@ -11,7 +11,8 @@ from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.state import DriveState, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import DriveState
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
 STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # or for two verified states and two stops, on a slow bus (300 baud: 10 s)

@@ -7,7 +7,7 @@ from enum import Enum
 from typing import Any
 
 from drivebus import errors, i18n
-from drivebus.drives.state import FrameExchange, Outcome
+from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceError
 from drivebus.profiles.model import Text
 from drivebus.service.auth.rights import Right

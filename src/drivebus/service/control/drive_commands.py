@@ -10,7 +10,7 @@ from math import inf
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
-from drivebus.drives.state import Outcome
+from drivebus.drives.outcome import Outcome
 from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json

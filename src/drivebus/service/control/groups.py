@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 
-from drivebus.drives.state import DriveState, OutcomeStatus
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import DriveState
 from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.operations.groups import GroupParams, GroupSetFrequencyParams, GroupStartParams

@@ -10,7 +10,8 @@ from functools import partial
 from typing import Any, TypeVar
 
 from drivebus.drives.context import DriveLimits
-from drivebus.drives.state import DriveStatus, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import NotFound
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
