@@ -5,8 +5,8 @@ from __future__ import annotations
 from drivebus import profiles
 from drivebus.bus import Poll, estimate_bus_load
 from drivebus.drives import create_dialect
-from drivebus.profiles.model import Text
 from drivebus.serial_settings import SerialSettings
+from drivebus.values import Text
 from generator.words import side, table
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivebus import errors, i18n
 from drivebus.cli.errors import exit_code_of
 from drivebus.errors import DrivebusError
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 from generator.words import side, table
 
 CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "errors.zh.json").read_text(encoding="utf-8"))

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 from generator import words
 from verification.drive_variants import DRIVE_VARIANTS
 from verification.fault_matrix.table import TABLE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 
 HEAD, ADDRESS, END = Text("head", "帧头"), Text("address", "站号"), Text("end mark", "帧尾")
 KIND, OPERATION = Text("class", "命令类别"), Text("operation", "操作命令")

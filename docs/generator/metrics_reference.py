@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 from drivebus.web.metrics import BUS_METRICS, DRIVE_METRICS, PLANT_METRICS, Metric
 from generator.words import say, side, table
 

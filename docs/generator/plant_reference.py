@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from drivebus import i18n
-from drivebus.profiles.model import Text
 from drivebus.service import config
 from drivebus.service.config.schema import PlantFile
 from drivebus.service.interlocks.evaluation import UNIT_MEASURES
 from drivebus.service.interlocks.expression import STATE_WORDS
+from drivebus.values import Text
 from generator.words import colon, say, side, table
 
 _SCHEMA = PlantFile.model_json_schema()

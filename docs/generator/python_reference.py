@@ -14,7 +14,7 @@ from typing import Any
 
 from drivebus import blocking, drives
 from drivebus.drives.store import Store
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 from generator.words import colon, side
 
 MODULES = ("drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles")

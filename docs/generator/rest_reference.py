@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations import API_PREFIX, OPERATIONS, Operation
 from drivebus.service.api.operations.operation import ApiObject
 from drivebus.types import Json
+from drivebus.values import Text
 from drivebus.web.api.openapi import STATUS_MEANINGS
 from drivebus.web.app import declared_routes
 from generator.words import side, table

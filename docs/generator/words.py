@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from drivebus.profiles.model import Evidence, Text
+from drivebus.profiles.model import Evidence
+from drivebus.values import Text
 
 PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
 """Sentences that vectors and evidence have in English only → Chinese."""

@@ -1,4 +1,4 @@
-"""Values of a drive: readings with their quality, and the scaling of 16-bit words to quantities."""
+"""Values of a drive: readings with their quality, the scaling of 16-bit words to quantities, and bilingual texts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from enum import StrEnum
 from typing import Literal
 
 Coding = Literal["binary", "signed", "bcd"]
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """Text in both languages; as a parameter of a message, ``i18n.text`` picks the language."""
+
+    en: str
+    zh: str
 
 
 class Quality(StrEnum):

@@ -19,7 +19,6 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.profiles.model import Text
 from drivebus.protocols.family import (
     clear_registry,
     default_scan_models,
@@ -31,6 +30,7 @@ from drivebus.protocols.family import (
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.ipc.client import SocketClient
+from drivebus.values import Text
 from fixtures.child_process import COMMAND
 from fixtures.service import plant_config, running_service
 from fixtures.web_app import WebAppHarness

@@ -11,8 +11,9 @@ import pytest
 
 from drivebus import i18n, profiles
 from drivebus.profiles import notation
-from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
+from drivebus.values import Text
 
 MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
 DRAFTS = ("c300", "e300", "e500", "e550")

@@ -11,8 +11,9 @@ import pytest
 from drivebus import i18n
 from drivebus.protocols import dzb100, sunfar
 from drivebus.protocols.checksum import STRICT_HEX_DIGITS
-from drivebus.protocols.describe import BilingualText, FrameDescription
+from drivebus.protocols.describe import FrameDescription
 from drivebus.protocols.sunfar.frame import CONTROL_LAYOUT, READ_LAYOUT, WRITE_LAYOUT, AsciiFormat
+from drivebus.values import Text
 from fixtures.vectors import Vector, vectors_by_id
 
 C320, DZB100 = vectors_by_id("c320"), vectors_by_id("dzb100")
@@ -71,7 +72,7 @@ def test_a_reply_of_group_0_may_be_the_model_or_item_40h() -> None:
 def test_an_operation_in_a_read_is_reported_to_start_the_motor() -> None:
     found = described(C320["c320-4.2-request-ascii"])
     assert [key for key, _ in found.hazards] == ["protocols.sunfar.hazard.starts"]
-    assert found.hazards[0][1] == {"operation": 1, "name": BilingualText("run forward", "正转运行"), "kind": 1}
+    assert found.hazards[0][1] == {"operation": 1, "name": Text("run forward", "正转运行"), "kind": 1}
     stop = sunfar.describe(b"*001030000184\r")
     assert [key for key, _ in stop.hazards] == ["protocols.sunfar.hazard.acts"]
 

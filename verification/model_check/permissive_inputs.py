@@ -19,8 +19,7 @@ from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
-from drivebus.profiles.model import Text
-from drivebus.values import Reading
+from drivebus.values import Reading, Text
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject
 from verification.model_check.permit_monitor import (
     DAMAGE_COUNT_MIN,

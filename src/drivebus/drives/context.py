@@ -13,7 +13,7 @@ from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import Direction
 from drivebus.drives.store import Store
 from drivebus.errors import CapabilityError, ConfigurationError, EepromBudgetExceeded, LimitError
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 
 DEFAULT_EEPROM_WRITES_PER_DAY = 20  # of one parameter: an EEPROM of 100,000 writes lasts 13 years, of 10,000 1.4
 

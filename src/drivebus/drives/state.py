@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from drivebus import i18n
-from drivebus.profiles.model import Text
-from drivebus.values import Reading
+from drivebus.values import Reading, Text
 
 
 class LocalizedEnum(StrEnum):

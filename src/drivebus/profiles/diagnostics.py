@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
 from drivebus.errors import ProfileError
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 
 KeyPath = tuple[str | int, ...]
 CONTROL_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")

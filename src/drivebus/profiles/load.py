@@ -46,7 +46,7 @@ from drivebus.profiles.schema import (
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
 from drivebus.protocols.family import Locator, protocol_families
 from drivebus.serial_settings import StationTiming
-from drivebus.values import Scale
+from drivebus.values import Scale, Text
 
 DATA_DIRECTORY = Path(__file__).parent / "data"
 
@@ -320,8 +320,8 @@ def parse_evidence(line: str) -> m.Evidence:
     return m.Evidence(cast("Any", kind.rstrip(",:")), source)
 
 
-def _build_text(parsed: BilingualTextIn) -> m.Text:
-    return m.Text(parsed.en, parsed.zh)
+def _build_text(parsed: BilingualTextIn) -> Text:
+    return Text(parsed.en, parsed.zh)
 
 
 def _build_scale(parsed: ScaleIn) -> Scale:
@@ -359,10 +359,10 @@ def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
     )
 
 
-def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.Text]]:
+def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, Text]]:
     """Build the parameters with an address, and the reason for each that has none."""
     placed: dict[str, m.Parameter] = {}
-    unplaced: dict[str, m.Text] = {}
+    unplaced: dict[str, Text] = {}
     for notation, parameter in parsed.parameters.items():
         locator = resolve_locator(parsed, notation, parameter.register_)
         if isinstance(locator, tuple):
@@ -370,7 +370,7 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
             maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
             placed[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
-            unplaced[notation] = m.Text(locator.text("en"), locator.text("zh"))
+            unplaced[notation] = Text(locator.text("en"), locator.text("zh"))
     return placed, unplaced
 
 
@@ -398,7 +398,7 @@ def _uncertain_reason(parsed: ValueIn) -> str | None:
     return None if parsed.scale_published else "profiles.scale_unpublished"
 
 
-def _build_preconditions(parsed: ProfileIn, unplaced: dict[str, m.Text]) -> tuple[m.Precondition, ...]:
+def _build_preconditions(parsed: ProfileIn, unplaced: dict[str, Text]) -> tuple[m.Precondition, ...]:
     return tuple(
         m.Precondition(notation, tuple(wanted.accepted), _build_text(wanted.keypad), unplaced.get(notation))
         for notation, wanted in parsed.preconditions.items()

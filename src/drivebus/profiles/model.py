@@ -13,15 +13,7 @@ from typing import Any, Literal
 from drivebus import i18n
 from drivebus.protocols.family import JogFrequency, Locator, protocol_family
 from drivebus.serial_settings import StationTiming
-from drivebus.values import Scale
-
-
-@dataclass(frozen=True, slots=True)
-class Text:
-    """Text in both languages."""
-
-    en: str
-    zh: str
+from drivebus.values import Scale, Text
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from drivebus import i18n
 from drivebus.errors import LengthError, ProtocolError, TrailingError
 from drivebus.protocols.codec import DecodeResult, Incomplete
+from drivebus.values import Text
 
 Direction = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
@@ -49,17 +50,9 @@ def note(key: str, **params: Any) -> Note:
     return key, params
 
 
-@dataclass(frozen=True, slots=True)
-class BilingualText:
-    """Term in both languages, as a parameter of a note; ``i18n.text`` picks the language."""
-
-    en: str
-    zh: str
-
-
-def bilingual(key: str) -> BilingualText:
+def bilingual(key: str) -> Text:
     """Return the term of an i18n key, as a parameter of a note."""
-    return BilingualText(i18n.text(key, "en"), i18n.text(key, "zh"))
+    return Text(i18n.text(key, "en"), i18n.text(key, "zh"))
 
 
 def error_note(error: ProtocolError) -> Note:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import NotFound
-from drivebus.profiles.model import Text
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, current, signal, view
 
 HIGH = AlarmConfig(

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from drivebus.errors import AuditUnavailable, InvalidParameters
-from drivebus.profiles.model import Text
 from drivebus.service.api.errors import os_reason
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage import append_log, batch_writer
 from drivebus.service.storage.storage import Storage
+from drivebus.values import Text
 from fixtures.audit import LI, counting_clock, new_trail, problem_kinds, sample_entry, verify_report, written_trail
 
 EVER = (0, 10**14)

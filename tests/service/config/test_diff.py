@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivebus.drives.context import DriveLimits
-from drivebus.profiles.model import Text
 from drivebus.service import config
 from drivebus.service.config import ReloadAction, apply_diff, config_diff
 from drivebus.service.config.model import (
@@ -26,6 +25,7 @@ from drivebus.service.config.model import (
     PlantConfig,
     WebConfig,
 )
+from drivebus.values import Text
 
 titles = st.sampled_from([Text("", ""), Text("Fan", "风机")])
 

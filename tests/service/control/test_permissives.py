@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from drivebus.errors import DrivebusError
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import InterlockConfig
 from drivebus.service.control.permissives import check_start, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import ServiceKit, running_service
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from drivebus.errors import InvalidParameters
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.history import ExportParams
 from drivebus.service.historian import Historian, export
+from drivebus.values import Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples
 from peers import need_module
 

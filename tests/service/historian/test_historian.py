@@ -12,13 +12,12 @@ from pathlib import Path
 import pytest
 
 from drivebus.errors import InvalidParameters, NotFound
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.history import TimeRangeParams, TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import FLUSH_INTERVAL_S, Historian
 from drivebus.service.live.views import Sample
 from drivebus.testing import virtual_time
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, file_names, samples, samples_of, trend
 
 HOUR = 3_600_000

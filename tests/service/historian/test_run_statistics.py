@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
-from drivebus.profiles.model import Text
 from drivebus.service.live.views import CommLossView, DriveView, SignalView
 from drivebus.service.runtime.run_statistics import (
     DOCUMENT_KIND,
@@ -19,7 +18,7 @@ from drivebus.service.runtime.run_statistics import (
     RunStatisticsStore,
 )
 from drivebus.testing import virtual_time
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 from fixtures.historian import NOON_MS, HistoryDatabase
 
 NOTHING = Text("", "")

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.service.interlocks.engine import STARTUP_GRACE_S, InterlockEngine
 from drivebus.service.live.views import CommLossView, DriveView, SignalView
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 
 
 def view(drive: str, state: str = "running", **signals: tuple[Any, str, Quality]) -> DriveView:

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from drivebus.errors import Interlocked
-from drivebus.profiles.model import Text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.simulator.motor import OutputPhase
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import plant_config, running_service
 
 AIR = InterlockConfig(

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import WaiverRequired
-from drivebus.profiles.model import Text
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import COMM_LOSS_NOT_READ
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import ServiceKit, plant_config, remote_actor, running_service
 
 ENGINEER = remote_actor("eve", Role.ENGINEER)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from drivebus.cli.remote.http_client import http_request
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation
 from drivebus.service.api.operations.drives import DriveParams, OutcomeResponse
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 from drivebus.web.api.routes import API_PREFIX
 from drivebus.web.app import declared_routes
 from fixtures.web_app import WebAppHarness

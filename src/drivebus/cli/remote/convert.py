@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
-from drivebus.profiles.model import Text
 from drivebus.types import Json
-from drivebus.values import Quality, Reading
+from drivebus.values import Quality, Reading, Text
 
 SERVICE_TEXT_KEY = "service.told"
 """The service's own sentence, in both languages."""

@@ -14,9 +14,9 @@ from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import LimitError, ProtocolError
-from drivebus.profiles.model import DriveProfile, Parameter, Signal, Text
+from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete
-from drivebus.values import Quality, Reading
+from drivebus.values import Quality, Reading, Text
 
 
 class StopMode(StrEnum):

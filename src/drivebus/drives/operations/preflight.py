@@ -6,8 +6,8 @@ from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError
-from drivebus.profiles.model import Parameter, Precondition, Text
-from drivebus.values import Quality
+from drivebus.profiles.model import Parameter, Precondition
+from drivebus.values import Quality, Text
 
 
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:

@@ -13,7 +13,6 @@ from typing import Any
 from drivebus import i18n
 from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.profiles.model import Text
 from drivebus.service.alarms.condition import AlarmCondition, Observation
 from drivebus.service.alarms.model import (
     SYSTEM_ALARM_KINDS,
@@ -26,6 +25,7 @@ from drivebus.service.alarms.model import (
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig
 from drivebus.service.live.views import DriveView
 from drivebus.types import Json
+from drivebus.values import Text
 
 MAX_SHELVED_MS = 86_400_000
 """After a restart an alarm stays shelved for a day at most, even if the wall clock was set in between."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import AlarmPriority
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
+from drivebus.values import Text
 
 
 class SystemAlarm(StrEnum):

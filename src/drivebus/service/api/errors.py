@@ -9,9 +9,9 @@ from typing import Any
 from drivebus import errors, i18n
 from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceError
-from drivebus.profiles.model import Text
 from drivebus.service.auth.rights import Right
 from drivebus.types import Json
+from drivebus.values import Text
 
 # --- sentences and their parameters -----------------------------------------------------------------------------------
 

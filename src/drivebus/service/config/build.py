@@ -13,7 +13,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.dialects.base import Dialect
 from drivebus.errors import ProfileError
 from drivebus.ports.url import PortUrl
-from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of, with_sufficient_interval
 from drivebus.service.config.model import (
     AlarmConfig,
@@ -34,6 +34,7 @@ from drivebus.service.config.model import (
     WebConfig,
 )
 from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, TitleIn
+from drivebus.values import Text
 
 
 @dataclass(slots=True)

@@ -17,9 +17,10 @@ from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.monitor import status_polls
 from drivebus.ports.url import parse_port_url
-from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
+from drivebus.values import Text
 
 FULL_LOAD_PERCENT = 100.0
 CANDIDATE_INTERVALS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 60.0)

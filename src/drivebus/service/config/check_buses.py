@@ -20,7 +20,7 @@ from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.ports.url import NETWORK_SCHEMES, PortUrl, parse_port_url
 from drivebus.profiles.diagnostics import Diagnostic, Issue, issue, nearest_names
-from drivebus.profiles.model import DriveProfile, Text
+from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.config import build
 from drivebus.service.config.build import ParsedPlant, is_model_path, polled_signals
@@ -33,6 +33,7 @@ from drivebus.service.config.bus_load import (
 )
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.config.schema import BusTable, DriveTable
+from drivebus.values import Text
 
 _UNOPENED_SCHEMES = ("memory", "replay")
 """Ports of these schemes cannot be created for a check: they take one end of a connection or read a file."""

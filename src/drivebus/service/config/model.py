@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
-from drivebus.profiles.model import Text
+from drivebus.values import Text
 
 
 class OnClientLost(StrEnum):

@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 from drivebus import clock
 from drivebus.errors import ConfigurationError, ServiceUnavailable
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian.queries import HistoryQueries
 from drivebus.service.historian.sqlite import SqliteConnection
@@ -26,6 +25,7 @@ from drivebus.service.historian.store import Document, EventRow, HistoryStore, S
 from drivebus.service.historian.writer import HistoryWriter, WriteQueue
 from drivebus.service.live.views import Sample
 from drivebus.types import Json
+from drivebus.values import Text
 
 T = TypeVar("T")
 

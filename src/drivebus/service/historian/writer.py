@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from drivebus import clock
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
 from drivebus.service.historian.blocks import DamagedBlock, SampleColumns, decode_batch, encode_batch
@@ -34,7 +33,7 @@ from drivebus.service.historian.store import (
     Tag,
 )
 from drivebus.service.live.views import Sample
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 
 MAX_QUEUED_SAMPLES = 200_000
 """Half an hour of 12 drives with 10 signals a second: a full disk that is cleared in that time loses nothing."""

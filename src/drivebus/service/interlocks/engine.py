@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.profiles.model import Text
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.service.interlocks.evaluation import ValueLookup, compare, evaluate
 from drivebus.service.interlocks.expression import (
@@ -26,7 +25,7 @@ from drivebus.service.interlocks.expression import (
     parse,
 )
 from drivebus.service.live.views import DriveView
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 
 STARTUP_GRACE_S = 10.0
 """Time in which a slow bus has polled every drive once."""

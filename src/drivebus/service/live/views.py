@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivebus.drives.state import Fault
-from drivebus.profiles.model import FaultEntry, Text
+from drivebus.profiles.model import FaultEntry
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.types import Json
-from drivebus.values import Quality, Reading
+from drivebus.values import Quality, Reading, Text
 
 
 def text_json(text: Text | None) -> Json | None:

@@ -14,13 +14,12 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import CommLossReport, complete_status
 from drivebus.drives.store import Store
-from drivebus.profiles.model import Text
 from drivebus.service.api.errors import localized
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView, Sample
-from drivebus.values import Quality, Reading
+from drivebus.values import Quality, Reading, Text
 
 COMM_LOSS_NOT_READ = Text(**localized("plant.host_dies_not_read"))
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from drivebus.bus.station import Presence
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
-from drivebus.profiles.model import Text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.config.model import GroupConfig
@@ -27,6 +26,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
+from drivebus.values import Text
 
 CYCLE_S = 0.25
 BUS_VIEW_CYCLES = 4  # buses are published once a second

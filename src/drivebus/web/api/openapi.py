@@ -6,11 +6,11 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.drives import OutcomeObject
 from drivebus.service.api.operations.operation import ApiObject, LocalizedText
 from drivebus.types import Json
+from drivebus.values import Text
 
 
 class ErrorObject(ApiObject):

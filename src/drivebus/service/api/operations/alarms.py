@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.operations.operation import (
     ApiObject,
@@ -18,6 +17,7 @@ from drivebus.service.api.operations.operation import (
     Reason,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 
 class AlarmParams(OperationParams):

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.operation import ApiObject, Id, Operation, OperationParams, PageSize
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 
 class BusParams(OperationParams):

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
@@ -19,6 +18,7 @@ from drivebus.service.api.operations.operation import (
     Reason,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 Direction = Literal["forward", "reverse"]
 ArmToken = Annotated[Name | None, Field(examples=["5b1f0c52d1"])]

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.drives import ArmResponse, ArmToken, Direction
 from drivebus.service.api.operations.operation import (
     ApiObject,
@@ -17,6 +16,7 @@ from drivebus.service.api.operations.operation import (
     OperationParams,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 
 class GroupParams(OperationParams):

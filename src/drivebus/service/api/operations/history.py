@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.operation import (
     MAX_TIME_MS,
     ApiObject,
@@ -20,6 +19,7 @@ from drivebus.service.api.operations.operation import (
     TimeMs,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 FromMs = Annotated[TimeMs, Field(examples=[1_700_000_000_000])]
 ToMs = Annotated[TimeMs, Field(examples=[1_700_003_600_000])]

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.auth.rights import Right
 from drivebus.types import Json
+from drivebus.values import Text
 
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"

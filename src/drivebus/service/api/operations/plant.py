@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivebus.profiles.model import Text
 from drivebus.service.api.operations.groups import OutcomesResponse
 from drivebus.service.api.operations.operation import ApiObject, Audit, Operation, OperationParams
 from drivebus.service.auth.rights import Right
+from drivebus.values import Text
 
 
 class ConfigurationParams(OperationParams):
