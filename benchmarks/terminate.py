@@ -15,8 +15,14 @@ from pathlib import Path
 from benchmarks.harness import Figures
 
 RUN_COMMAND = [sys.executable, "-m", "drivebus"]
-TERMINATE_PROFILE = 'format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n'
-"""The simulated drive is a process like the others here, and may be kept from its core: so late it may answer."""
+TERMINATE_PROFILE = """format = 1
+extends = "c320"
+model = "patient"
+[timing]
+adapter_latency_s = 0.3
+evidence = "user"
+"""
+"""A C320 whose reply may come 0.3 s late: the simulated drive shares the processor with the commands."""
 GOAL_S = 3.0
 RAMP_S = 2.0
 """From 50 Hz; the drive runs at 20 Hz, so that 0.8 s of each figure are its own."""

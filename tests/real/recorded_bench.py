@@ -19,6 +19,13 @@ PROCESS_TIMEOUT_S = 20.0
 COMM_LOSS_TIMER_S = 2.0
 C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
 """F9.3 = 2: trip; F9.4: after so many tenths of a second without a frame."""
+SLOW_MACHINE_PROFILE = """format = 1
+extends = "c320"
+model = "patient"
+[timing]
+adapter_latency_s = 0.3
+evidence = "user"
+"""
 STEP_S = 0.01
 """The plant looks at its motors in such steps."""
 
@@ -146,9 +153,9 @@ def vc660(baud: int = 19200, **more: Any) -> dict[str, Any]:
 
 
 def slow_machine_c320(folder: Path) -> Path:
-    """The C320 for a machine that may be busy: a reply may come a third of a second late."""
+    """The C320 for a busy machine: a reply may come a third of a second late."""
     own = folder / "patient.toml"
-    own.write_text('format = 1\nextends = "c320"\nmodel = "patient"\n[timing]\nadapter_s = 0.3\nevidence = "user"\n')
+    own.write_text(SLOW_MACHINE_PROFILE)
     return own
 
 
