@@ -24,9 +24,10 @@ from drivebus import drives
 from drivebus.bus import Bus as AsyncBus
 from drivebus.bus import BusStatistics, StationHealth
 from drivebus.drives.context import DriveLimits, Preflight
+from drivebus.drives.dialects.base import Identity
 from drivebus.drives.jog_session import JogSession as AsyncJogSession
-from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
-from drivebus.drives.operations.status import CommLossReport, Identity
+from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
+from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.profiles.model import DriveProfile
@@ -305,27 +306,26 @@ class Drive:
     def comm_loss_behaviour(self) -> CommLossReport:
         return self._bus.run(self.drive.comm_loss_behaviour())
 
-    def calibrate_query_coding(self, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> ScalingResult:
-        return self._bus.run(self.drive.calibrate_query_coding(keypad_hz))
+    def open_calibrations(self) -> tuple[CalibrationStep, ...]:
+        """Return the calibration steps that are still to be done on this drive, in their order."""
+        steps: tuple[CalibrationStep, ...] = self._bus.call(self.drive.open_calibrations)
+        return steps
 
-    def calibrate_setpoint_coding(self, direction: Direction | str | None = None) -> ScalingResult:
-        return self._bus.run(self.drive.calibrate_setpoint_coding(direction))
+    def calibrate(self, step: str, observe: Callable[[], Any] | None = None, **inputs: Any) -> CalibrationResult:
+        """Run a calibration step, then call ``observe`` on the caller's own thread (it may use ``input``)."""
+        moved: futures.Future[None] = futures.Future()
+        observation: futures.Future[Any] = futures.Future()
 
-    def calibrate_direction(self, frequency_hz: float, watched: Callable[[], Direction | None]) -> Outcome:
-        """Jog once, then call ``watched`` on the caller's own thread (it may use ``input``)."""
-        jogged: futures.Future[None] = futures.Future()
-        watched_direction: futures.Future[Direction | None] = futures.Future()
+        async def answer() -> Any:
+            moved.set_result(None)
+            return await asyncio.wrap_future(observation)
 
-        async def answer() -> Direction | None:
-            jogged.set_result(None)
-            return await asyncio.wrap_future(watched_direction)
-
-        calibration = self._bus.start(self.drive.calibrate_direction(frequency_hz, answer))
-        ends: tuple[futures.Future[Any], ...] = (jogged, calibration)
+        calibration = self._bus.start(self.drive.calibrate(step, None if observe is None else answer, **inputs))
+        ends: tuple[futures.Future[Any], ...] = (moved, calibration)
         try:
             futures.wait(ends, return_when=futures.FIRST_COMPLETED)
-            if jogged.done():
-                watched_direction.set_result(watched())
+            if moved.done() and observe is not None:
+                observation.set_result(observe())
             return calibration.result()
         except BaseException:
             calibration.cancel()

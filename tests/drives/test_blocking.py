@@ -92,7 +92,8 @@ def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
 
     with blocking.open_bus("sim://df800@1") as bus:
         drive = blocking.Drive(bus, "df800", 1)
-        assert drive.calibrate_direction(5.0, watched).status is OutcomeStatus.ACKNOWLEDGED
+        outcome = drive.calibrate("direction", watched).outcome
+        assert outcome is not None and outcome.status is OutcomeStatus.ACKNOWLEDGED
         assert asked_on == [threading.main_thread()]
         assert drive.run(10.0, "reverse").status is OutcomeStatus.ACKNOWLEDGED
         drive.stop()
@@ -100,7 +101,7 @@ def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
 
 def test_a_proof_that_is_refused_asks_nobody() -> None:
     with blocking.open_bus("sim://vc660@1?baud=38400") as bus, pytest.raises(drivebus.DrivebusError):
-        blocking.Drive(bus, "vc660", 1).calibrate_direction(5.0, lambda: pytest.fail("asked"))
+        blocking.Drive(bus, "vc660", 1).calibrate("direction", lambda: pytest.fail("asked"))
 
 
 def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
@@ -110,7 +111,7 @@ def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
     with blocking.open_bus("sim://df800@1") as bus:
         drive = blocking.Drive(bus, "df800", 1)
         with pytest.raises(KeyboardInterrupt):
-            drive.calibrate_direction(5.0, away)
+            drive.calibrate("direction", away)
         with pytest.raises(StartInhibited):
             drive.run(10.0, "reverse")
 
@@ -120,6 +121,6 @@ def test_a_coding_that_the_drive_does_not_show_is_not_settled() -> None:
     with blocking.open_bus("sim://dzb100@1?baud=9600") as bus:
         drive = blocking.Drive(bus, "dzb100", 1)
         with pytest.raises(TargetNotReached):
-            drive.calibrate_query_coding(12.3)
+            drive.calibrate("query_coding", keypad_hz=12.3)
         with pytest.raises(StartInhibited):
-            drive.calibrate_setpoint_coding()
+            drive.calibrate("setpoint_coding")

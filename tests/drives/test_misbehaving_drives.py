@@ -88,7 +88,7 @@ def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive(settings={"query_coding": "hex-0.1"})
-            task = asyncio.ensure_future(drive.calibrate_setpoint_coding())
+            task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
             await until_turning(bench, task)
             await asyncio.sleep(1.0)
             task.cancel()
@@ -202,8 +202,8 @@ def test_what_was_proved_behind_a_device_name_is_not_believed_behind_another_ada
 
     async def scenario() -> None:
         store = MemoryStore()
-        store.put("proof/device:/dev/ttyUSB0/1/dzb100/setpoint_coding", '"hex-1"')
-        store.put("proof/usb:0403:6001:B/1/dzb100/query_coding", '"hex-0.1"')
+        store.put("calibration/device:/dev/ttyUSB0/1/dzb100/setpoint_coding", '"hex-1"')
+        store.put("calibration/usb:0403:6001:B/1/dzb100/query_coding", '"hex-0.1"')
         port: Any = Renumbered(open_port("sim://dzb100@1"))
         bus = Bus(port)
         drive = Drive(bus, "dzb100", 1, store=store)
@@ -213,7 +213,7 @@ def test_what_was_proved_behind_a_device_name_is_not_believed_behind_another_ada
         assert drive.dialect.settings["setpoint_coding"] == "unknown"
         assert drive.dialect.settings["query_coding"] == "hex-0.1"
         await drive.write({"10": 12.0}, save=True)
-        assert store.get("wear/usb:0403:6001:B/1/10") and not store.get("wear/device:/dev/ttyUSB0/1/10")
+        assert store.get("eeprom/usb:0403:6001:B/1/10") and not store.get("eeprom/device:/dev/ttyUSB0/1/10")
         await bus.close()
 
     run_virtual(scenario())

@@ -618,12 +618,12 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
             drive = bench.drive()
             bench.station().setpoint_hz = 12.3
             message = watch(bench)
-            assert (await drive.calibrate_query_coding()).coding == query
+            assert (await drive.calibrate("query_coding")).options == {"query_coding": query}
             if setpoint == "hex-0.01" and query != "hex-0.01":
                 await nothing_is_proved(drive)
                 return
-            found = await drive.calibrate_setpoint_coding()
-            assert found.coding == setpoint
+            found = await drive.calibrate("setpoint_coding")
+            assert found.options == {"setpoint_coding": setpoint}
             assert max(message) <= 5.0
             assert not bench.station().running
             await drive.run(20.0)
@@ -638,7 +638,7 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
 async def nothing_is_proved(drive: Drive) -> None:
     """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is settled."""
     with pytest.raises(TargetNotReached):
-        await drive.calibrate_setpoint_coding()
+        await drive.calibrate("setpoint_coding")
     assert drive.dialect.settings["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
@@ -650,7 +650,7 @@ def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
             "dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}
         ) as bench:
             with pytest.raises(LimitError):
-                await bench.drive().calibrate_setpoint_coding()
+                await bench.drive().calibrate("setpoint_coding")
             assert not bench.station().running
 
     run_virtual(scenario())
@@ -660,7 +660,7 @@ def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             with pytest.raises(StartInhibited):
-                await bench.drive().calibrate_setpoint_coding()
+                await bench.drive().calibrate("setpoint_coding")
             assert not bench.station().running
 
     run_virtual(scenario())
@@ -681,9 +681,9 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
                 await drive.run(10.0, Direction.FORWARD)
             for hz in (0.0, 5.01):
                 with pytest.raises(LimitError):
-                    await drive.calibrate_direction(hz, person)
+                    await drive.calibrate("direction", person, frequency_hz=hz)
             assert not seen
-            await drive.calibrate_direction(5.0, person)
+            await drive.calibrate("direction", person)
             assert drive.dialect.settings["direction_field"] == field
             assert all(abs(hz) <= 5.0 for hz in seen)
             await asyncio.sleep(10)

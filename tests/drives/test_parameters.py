@@ -195,7 +195,7 @@ def test_a_save_is_counted_before_it_is_sent() -> None:
 
 def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
     store = MemoryStore()
-    store.put("wear/port/1/F0.2", "{broken")
+    store.put("eeprom/port/1/F0.2", "{broken")
     with pytest.raises(EepromBudgetExceeded):
         Desk("c320", FakeC320(), store).write({"F0.2": 10.0}, save=True)
 

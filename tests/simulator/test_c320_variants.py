@@ -8,7 +8,7 @@ import contextlib
 import pytest
 
 from drivebus import Bus, Drive
-from drivebus.drives.operations.status import Identity
+from drivebus.drives.dialects.base import Identity
 from drivebus.errors import NoReply, ProtocolError
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar

@@ -76,22 +76,22 @@ def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed
         async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
             highest = HighestSetpoint(here)
             with pytest.raises(StartInhibited):
-                await here.drive.calibrate_setpoint_coding()
+                await here.drive.calibrate("setpoint_coding")
             here.station().setpoint_hz = 12.3
-            found = await here.drive.calibrate_query_coding(12.3)
-            assert found.coding == query
+            found = await here.drive.calibrate("query_coding", keypad_hz=12.3)
+            assert found.options == {"query_coding": query}
             assert here.motor.starts == 0, "this proof moves nothing"
             try:
-                proof = await here.drive.calibrate_setpoint_coding()
+                proof = await here.drive.calibrate("setpoint_coding")
             except DriveError:
                 proof = None
             assert highest.hz <= CAP_HZ and not here.motor.energised
-            if proof is None or proof.coding is None:
+            if proof is None or not proof.options:
                 assert query == "hex-1" or (setpoint == "hex-0.01" and query != "hex-0.01"), "the query is too coarse"
                 with pytest.raises(LimitError):
                     await here.drive.run(20.0)
                 return
-            assert proof.coding == setpoint
+            assert proof.options == {"setpoint_coding": setpoint}
             assert (await here.drive.run(20.0)).status == "confirmed"
             await asyncio.sleep(3.0)
             assert here.motor.output_hz == pytest.approx(20.0, abs=0.51 if setpoint == "hex-1" else 0.06)
@@ -104,8 +104,8 @@ def test_a_coding_that_was_proved_is_remembered_for_that_drive_only() -> None:
     async def scenario() -> None:
         async with system_bench(DZB100, "1-2", settings=OPEN_OPTIONS) as here:
             here.station(1).setpoint_hz = 12.3
-            await here.drives[1].calibrate_query_coding()
-            await here.drives[1].calibrate_setpoint_coding()
+            await here.drives[1].calibrate("query_coding")
+            await here.drives[1].calibrate("setpoint_coding")
             assert (await here.drives[1].run(20.0)).status == "confirmed"
             with pytest.raises(LimitError):
                 await here.drives[2].run(20.0)
@@ -142,8 +142,8 @@ def test_a_df800_turns_the_asked_way_once_a_watched_jog_has_settled_its_field(ki
                 turned.append(here.motor.target_hz)
 
             station.run_towards = seen
-            outcome = await here.drive.calibrate_direction(5.0, watched)
-            assert outcome.succeeded and here.motor.starts == 1
+            found = await here.drive.calibrate("direction", watched)
+            assert found.outcome is not None and found.outcome.succeeded and here.motor.starts == 1
             assert max(abs(hz) for hz in turned) <= 5.0
             await asyncio.sleep(3.0)
             assert not here.motor.energised, "half a second of jog and no more"
@@ -185,7 +185,7 @@ def test_a_proof_that_nobody_watched_settles_nothing() -> None:
             async def away() -> Direction | None:
                 return None
 
-            await here.drive.calibrate_direction(5.0, away)
+            await here.drive.calibrate("direction", away)
             with pytest.raises(StartInhibited):
                 await here.drive.run(10.0, Direction.FORWARD)
             assert store.get("anything") is None

@@ -81,7 +81,7 @@ def _check_count(stand: Scenario, path: Path, written: int) -> None:
     """Read without the product's help, then with it."""
     try:
         values = json.loads(path.read_text())["values"] if path.exists() else {}
-        counts = sum(json.loads(text)["total"] for name, text in values.items() if name.startswith("wear/"))
+        counts = sum(json.loads(text)["total"] for name, text in values.items() if name.startswith("eeprom/"))
     except (ValueError, KeyError) as error:
         stand.oracle.violation(f"G12 the store is torn: {error!r}")
         return

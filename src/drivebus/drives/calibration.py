@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
-from drivebus.drives.operations import calibration
-from drivebus.drives.operations.calibration import ScalingResult
+from drivebus.drives.operations.calibration import (
+    CalibrationResult,
+    CalibrationStep,
+    calibration_step,
+    calibration_steps,
+)
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.outcome import Outcome, raise_for_status
+from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.runner import OperationRunner
-from drivebus.drives.state import Direction
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import Store, drive_key
 
@@ -28,34 +32,33 @@ class Calibration:
         self._dialect = runner.drive.dialect
         self._explicit_options = explicit_options
 
-    async def query_coding(self, keypad_hz: float) -> ScalingResult:
-        """Determine the query coding of a DZB100 from Q00 while the keypad shows ``keypad_hz``; nothing moves."""
-        found = await self._runner.run(
-            calibration.calibrate_query_coding(OperationContext(self._runner.drive), keypad_hz)
-        )
-        if found.coding is not None:
-            await self._save("query_coding", found.coding)
+    def open_steps(self) -> tuple[CalibrationStep, ...]:
+        """Return the steps that are still to be done on this drive."""
+        return tuple(step for step in calibration_steps(self._dialect) if step.is_open(self._dialect.settings))
+
+    async def run(
+        self, name: str, observe: Callable[[], Awaitable[Any]] | None, inputs: Mapping[str, Any]
+    ) -> CalibrationResult:
+        """Run a step and store the options that it determines."""
+        step = calibration_step(self._dialect, name)
+        found = await (self._run_motion(step, inputs) if step.moves else self._run_reads(step, inputs))
+        if step.observation_question is not None and observe is not None:
+            observed = await observe()
+            found = replace(found, options={} if observed is None else step.options_observed(observed))
+        for option, value in found.options.items():
+            await self._save(option, value)
         return found
 
-    async def setpoint_coding(self, direction: Direction | None) -> ScalingResult:
-        """Determine the setpoint coding of a DZB100 by runs at 5 Hz or less."""
-        op = self._runner.new_command()
-        with self._stops.stop_on_failure(op):
-            found = await self._stops.run_motion(calibration.calibrate_setpoint_coding(op, direction))
-        if found.coding is not None:
-            await self._save("setpoint_coding", found.coding)
-        return found
+    async def _run_reads(self, step: CalibrationStep, inputs: Mapping[str, Any]) -> CalibrationResult:
+        return await self._runner.run(step.operation(OperationContext(self._runner.drive), **inputs))
 
-    async def direction(self, frequency_hz: float, observe: Callable[[], Awaitable[Direction | None]]) -> Outcome:
-        """Determine the direction field of a DF800 by one jog of 0.5 s, after which ``observe`` asks a person."""
+    async def _run_motion(self, step: CalibrationStep, inputs: Mapping[str, Any]) -> CalibrationResult:
         op = self._runner.new_command()
         with self._stops.stop_on_failure(op):
-            outcome = raise_for_status(await self._stops.run_motion(calibration.calibration_jog(op, frequency_hz)))
-        observed = await observe()
-        if observed is not None:
-            await self._save("direction_field", calibration.direction_field_for(observed))
-            await self._save("direction_proved", True)
-        return outcome
+            found = await self._stops.run_motion(step.operation(op, **inputs))
+            if found.outcome is not None:
+                raise_for_status(found.outcome)
+        return found
 
     async def _save(self, option: str, value: Any) -> None:
         self._dialect.set_option(option, value)
@@ -63,7 +66,9 @@ class Calibration:
 
     def _key(self, option: str) -> str:
         profile = self._dialect.profile
-        return f"proof/{drive_key(self._runner.bus.port.identity, self._dialect.address)}/{profile.model}/{option}"
+        return (
+            f"calibration/{drive_key(self._runner.bus.port.identity, self._dialect.address)}/{profile.model}/{option}"
+        )
 
     def load(self) -> None:
         """Apply the stored options. A record that can't be read determines nothing."""

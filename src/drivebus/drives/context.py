@@ -47,7 +47,7 @@ class EepromBudget:
             return SaveCount("9999-12-31", self.budget, 0, True)
 
     def _key_of(self, notation: str) -> str:
-        return f"wear/{self._key}/{notation}"
+        return f"eeprom/{self._key}/{notation}"
 
     def consume(self, notation: str, day: str) -> DriveOperation[None]:
         """Count one save before it is sent, as a write that may have happened counts. Raises EepromBudgetExceeded.

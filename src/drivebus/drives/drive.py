@@ -12,17 +12,17 @@ from drivebus.bus import Bus
 from drivebus.bus.messages import BusResult
 from drivebus.drives.calibration import Calibration
 from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget, Preflight
-from drivebus.drives.dialects.base import Dialect, StopMode
+from drivebus.drives.dialects.base import Dialect, Identity, StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations import parameters, reset, setpoint, start, status
 from drivebus.drives.operations import preflight as preflights
-from drivebus.drives.operations.calibration import DEFAULT_KEYPAD_HZ, ScalingResult
+from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 from drivebus.drives.operations.start import wait_at_speed
-from drivebus.drives.operations.status import CommLossReport, Identity
+from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
@@ -248,19 +248,20 @@ class Drive:
         operation = parameters.write_values(self._read_context(), values, save)
         return raise_for_status(await self._runner.run_command(operation))
 
-    async def calibrate_query_coding(self, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> ScalingResult:
-        """DZB100: determine and store the query coding from Q00 while the keypad shows ``keypad_hz``."""
-        return await self._calibration.query_coding(keypad_hz)
+    def open_calibrations(self) -> tuple[CalibrationStep, ...]:
+        """Return the calibration steps that are still to be done on this drive, in their order."""
+        self._load_stored()
+        return self._calibration.open_steps()
 
-    async def calibrate_setpoint_coding(self, direction: Direction | str | None = None) -> ScalingResult:
-        """DZB100: determine and store the setpoint coding by runs at 5 Hz or less that a person watches."""
-        return await self._calibration.setpoint_coding(None if direction is None else Direction(direction))
+    async def calibrate(
+        self, step: str, observe: Callable[[], Awaitable[Any]] | None = None, **inputs: Any
+    ) -> CalibrationResult:
+        """Run a calibration step, beside a person who watches the drive, and store the options that it determines.
 
-    async def calibrate_direction(
-        self, frequency_hz: float, watched: Callable[[], Awaitable[Direction | None]]
-    ) -> Outcome:
-        """DF800: jog for 0.5 s; ``watched`` asks a person which way the motor turned (None: could not tell)."""
-        return await self._calibration.direction(frequency_hz, watched)
+        ``observe`` is called after a motion and asks the person for the observation, None where it was not seen.
+        ``inputs``: of the step's operation. Raises CapabilityError where the drive has no such step.
+        """
+        return await self._calibration.run(step, observe, inputs)
 
 
 def _store_for(bus: Bus) -> Store:

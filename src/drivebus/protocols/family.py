@@ -78,6 +78,8 @@ class ProtocolFamily:
     """``(profile, data, encoding, direction, request) -> FrameDescription``; never raises for any bytes."""
     dialect: Any
     """``(profile, address, encoding, options, timing) -> drives.dialects.Dialect``."""
+    calibrations: Any = ()
+    """Tuple of ``drives.operations.calibration.CalibrationStep``, in the order of their dependencies."""
     simulated_models: tuple[Any, ...] = ()
     """Mappings of model name to ``simulator.models.SimulatedModel``."""
     scan_models: tuple[str, ...] = ()

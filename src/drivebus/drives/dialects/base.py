@@ -44,6 +44,20 @@ class Rejection:
     code: int | None
 
 
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Identity of a drive. ``reported`` False: the model has none that can be read, it only answers."""
+
+    model: str
+    reported: bool
+    voltage_class_v: int | None = None
+    power_kw: float | None = None
+    digits: tuple[tuple[str, str], ...] = ()
+    """Part (model, series, version, control) and its six digits; "-" where a fault hides one."""
+    host_controls: bool | None = None
+    host_sets_frequency: bool | None = None
+
+
 class Dialect(Protocol):
     """Protocol of one drive, without clock: it keeps only counters and the levels that were sent last."""
 
@@ -159,6 +173,10 @@ class Dialect(Protocol):
 
     def identity_reads(self) -> tuple[Any, ...]:
         """Return the reads of model, series, version and control source; empty where the drive reports none."""
+        ...
+
+    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
+        """Return the identity in the replies to ``identity_reads``; None stands for a read without a valid reply."""
         ...
 
     def read_parameter(self, parameter: Parameter) -> Any:

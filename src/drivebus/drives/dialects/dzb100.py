@@ -12,6 +12,7 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
+    Identity,
     Rejection,
     StopMode,
     decode_whole_request,
@@ -282,6 +283,9 @@ class Dzb100Dialect:
 
     def identity_reads(self) -> tuple[Any, ...]:
         return ()
+
+    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
+        return Identity(self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         space, index = parameter.locator

@@ -12,6 +12,7 @@ from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     UNNAMED_FAULT_CODE,
     CommandFrame,
+    Identity,
     Rejection,
     StopMode,
     frequency_word,
@@ -501,6 +502,9 @@ class ModbusDialect:
 
     def identity_reads(self) -> tuple[Any, ...]:
         return ()
+
+    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
+        return Identity(self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         return ReadRegisters(self.address, parameter.locator[1], 1)

@@ -11,6 +11,7 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
+    Identity,
     Rejection,
     StopMode,
     decode_whole_request,
@@ -27,6 +28,7 @@ from drivebus.errors import CapabilityError, ConfigurationError
 from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.sunfar import (
+    VOLTAGE_CLASSES,
     ReadIdentity,
     ReadMonitor,
     SunfarCodec,
@@ -115,6 +117,9 @@ def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
 
 MIN_TAGS_TO_SHARE = 4
 """With so many fence tags the bus and our conversations have their own; draft profiles list fewer and share them."""
+
+
+IDENTITY_PARTS = ("model", "series", "version", "control")  # groups 0 to 3 of frame class 0
 
 
 class SunfarDialect:
@@ -346,7 +351,26 @@ class SunfarDialect:
 
     def identity_reads(self) -> tuple[ReadIdentity, ...]:
         """Return the reads of class 0, groups 0 to 3."""
-        return tuple(ReadIdentity(self.address, group) for group in range(4))
+        return tuple(ReadIdentity(self.address, group) for group in range(len(IDENTITY_PARTS)))
+
+    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
+        """Decode voltage class and power from group 0, the control source from group 3 (C320 manual 3 (1))."""
+        parts = zip(IDENTITY_PARTS, replies, strict=True)
+        digits = {part: reply.info for part, reply in parts if reply is not None and reply.info}
+        first, control = digits.get("model", "------"), digits.get("control", "--")
+        return Identity(
+            self.profile.model,
+            reported=bool(digits),
+            voltage_class_v=VOLTAGE_CLASSES.get(first[0]),
+            power_kw=int(first[2:]) / 10 if first[2:].isdecimal() else None,
+            digits=tuple(digits.items()),
+            host_controls=_flag(control[0]),
+            host_sets_frequency=_flag(control[1]),
+        )
+
+
+def _flag(digit: str) -> bool | None:
+    return {"0": False, "1": True}.get(digit)
 
 
 def _without_item_echo(reading: Reading) -> Reading:

@@ -1,197 +1,77 @@
-"""Calibration: determine on the bench what the manual leaves open, with a person watching the drive.
+"""Calibration steps: a person beside the drive helps to determine what its manual leaves open.
 
-DZB100: the coding of frequencies. DF800: the order of the bits in the direction field.
+A family lists its steps in ``ProtocolFamily.calibrations``; each step determines an undocumented option of one drive.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.dialects.dzb100 import (
-    CODINGS,
-    UNCALIBRATED_CAP_HZ,
-    Dzb100Dialect,
-    decode_or_none,
-    highest_safe_word,
-    possible_codings,
-)
-from drivebus.drives.dialects.modbus import ModbusDialect
-from drivebus.drives.operations.context import EXTRA_VERIFICATION_ROUNDS, VERIFICATION_ROUNDS, OperationContext
-from drivebus.drives.operations.jog import send_jog
-from drivebus.drives.operations.preflight import ensure_preflight
-from drivebus.drives.operations.setpoint import write_setpoint
-from drivebus.drives.operations.start import confirm_start, send_frames
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.operations.stop import stop
-from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import Direction
-from drivebus.errors import CapabilityError, LimitError, StartInhibited, TargetNotReached
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.operations.steps import DriveOperation
+from drivebus.drives.outcome import Outcome
+from drivebus.errors import CapabilityError
+from drivebus.protocols.family import protocol_family, resolve
 
-DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C
-CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
-MAX_CALIBRATION_JOG_HZ = 5.0
-CALIBRATION_JOG_S = 0.5  # as long as a jog may turn without renewal
+PlannedRequests = tuple[tuple[str, tuple[Any, ...]], ...]
+"""Purpose (a catalogue key without its ``dry.``) and requests, in the order of sending."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScalingResult:
-    """Result of a calibration: the words that were read and the codings that are still possible."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationResult:
+    """Result of a calibration step."""
 
-    words: tuple[int, ...]
-    codings: tuple[str, ...]
-
-    @property
-    def coding(self) -> str | None:
-        return self.codings[0] if len(self.codings) == 1 else None
-
-
-def calibrate_query_coding(op: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ) -> DriveOperation[ScalingResult]:
-    """Determine the query coding from Q00 while the keypad is set to ``keypad_hz``. Nothing moves."""
-    dialect = _require_dzb100(op)
-    word = yield from _read_agreed_word(op, dialect, 0)
-    step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
-    fits = tuple(coding for coding in CODINGS if step[coding] <= _half_resolution_hz(coding))
-    if not fits:
-        raise TargetNotReached("drives.coding_not_named", word=f"{word:04X}H", keypad_hz=keypad_hz)
-    return ScalingResult((word,), fits)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options that the step determined; empty where they stay open."""
+    candidates: tuple[str, ...] = ()
+    """Values that are still possible."""
+    words: tuple[int, ...] = ()
+    """Raw words that were read or sent."""
+    outcome: Outcome | None = None
+    """Outcome of the motion of a step that a person observes."""
 
 
-def calibrate_setpoint_coding(
-    op: OperationContext, direction: Direction | None = None
-) -> DriveOperation[ScalingResult]:
-    """Run at 5 Hz or less, read Q00 and Q01 back and exclude codings until one is left. Always stops.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationStep:
+    """One calibration step of a family."""
 
-    Raises StartInhibited without the query coding, and every error of ``run``.
-    """
-    dialect = _require_dzb100(op)
-    if not dialect.can_confirm_speed():
-        raise StartInhibited("drives.query_coding_first")
-    left = possible_codings(dialect.settings)
-    words: list[int] = []
-    while len(left) > 1:
-        word = highest_safe_word(left)
-        seen_hz = yield from _measure_at_word(op, dialect, word, direction)
-        words.append(word)
-        fits = tuple(
-            coding for coding in left if abs(_decode_hz(word, coding) - seen_hz) <= _query_resolution_hz(dialect)
-        )
-        if not fits:
-            raise TargetNotReached("drives.setpoint_not_named", word=f"{word:04X}H", found_hz=seen_hz)
-        if fits == left:
-            break
-        left = fits
-    return ScalingResult(tuple(words), left)
+    name: str
+    option: str
+    """Option of the drive that this step determines."""
+    undetermined: Any
+    """Value of the option until this step has determined it."""
+    moves: bool
+    """The motor turns: the drive is stopped until that is confirmed, however the step ends."""
+    operation: Callable[..., DriveOperation[CalibrationResult]]
+    """``(operation context, **inputs)``; every input has a default."""
+    plan: Callable[[Any], PlannedRequests]
+    """``(dialect)`` to the requests that it would send, for ``--dry-run``."""
+    question: str
+    """Catalogue key of the question that a person confirms first."""
+    question_params: Mapping[str, Any] = field(default_factory=dict)
+    observation_question: str | None = None
+    """Catalogue key of the question about the motion; None where the step needs no observation."""
+    observations: Mapping[str, Any] = field(default_factory=dict)
+    """Key of the keyboard to the observation that it stands for."""
+    options_observed: Callable[[Any], Mapping[str, Any]] = lambda observation: {}
+    """Options that an observation determines."""
 
-
-def _measure_at_word(
-    op: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
-) -> DriveOperation[float]:
-    """Run once at a raw word and return the frequency on which Q00 and Q01 agree. Always stops."""
-    op.drive.require_capability("run")
-    op.drive.check_direction(direction)
-    if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
-        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=op.drive.maximum_hz)
-    op.limits_checked = True  # the word is at most 5 Hz under every coding that is left
-    yield from ensure_preflight(op)
-    error = yield from op.read_verified_state()
-    if error is not None:
-        raise error
-    conditions = yield from get_bus_conditions()
-    command = op.create_command(CommandKind.START, conditions)
-    frames = dialect.start(direction, word)
-    answer = yield from send_frames(op, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    begun = yield from confirm_start(op, command, frames, direction, answer.error is None)
-    seen: float | None = None
-    if begun.status is OutcomeStatus.CONFIRMED:
-        yield from wait(CALIBRATION_RUN_S)
-        yield from op.check_not_superseded(command)
-        seen = yield from _read_agreeing_hz(op, dialect)
-    stopped = yield from stop(op, StopMode.STOP)
-    if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
-        failure = TargetNotReached(
-            "drives.proof_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
-        )
-        failure.outcome = stopped
-        raise failure
-    return seen
+    def is_open(self, options: Mapping[str, Any]) -> bool:
+        """Return whether these options of a drive leave the step to be done."""
+        return self.option in options and options[self.option] == self.undetermined
 
 
-def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:
-    """Read Q00 and Q01, each verified; None where they do not agree."""
-    command = yield from _read_agreed_word(op, dialect, 0)
-    output = yield from _read_agreed_word(op, dialect, 1)
-    coding = str(dialect.settings["query_coding"])
-    first, second = _decode_hz(command, coding), _decode_hz(output, coding)
-    return second if abs(first - second) <= 2 * _query_resolution_hz(dialect) else None
+def calibration_steps(dialect: Dialect) -> tuple[CalibrationStep, ...]:
+    """Return the steps of a drive, determined or not, in the order of their dependencies."""
+    steps: tuple[CalibrationStep, ...] = resolve(protocol_family(dialect.profile.family).calibrations)
+    return tuple(step for step in steps if step.option in dialect.settings)
 
 
-def _read_agreed_word(op: OperationContext, dialect: Dzb100Dialect, item: int) -> DriveOperation[int]:
-    """Read the raw word of Q00 or Q01, verified. Raises the error of the bus or TargetNotReached."""
-    requests = (dialect.query(item),)
-    name = ("set_frequency", "output_frequency")[item]
-    op.reading_pairs.clear(name)
-    for _ in range(VERIFICATION_ROUNDS + EXTRA_VERIFICATION_ROUNDS):
-        error = yield from op.verified_reads(requests)
-        if error is not None:
-            raise error
-        word = op.reading_pairs.agreed_raw(name)
-        if word is not None:
-            return word
-    raise TargetNotReached("drives.no_agreement", item=f"Q{item:02d}")
-
-
-def _decode_hz(word: int, coding: str) -> float:
-    """Return a word in Hz, infinity where the coding can't decode it."""
-    value = decode_or_none(word, coding)
-    return float("inf") if value is None else value
-
-
-def _half_resolution_hz(coding: str) -> float:
-    """Return half the step of a coding in Hz: under hex-1, 12.3 Hz shows as 12 Hz."""
-    return {"hex-1": 0.5, "hex-0.01": 0.005}.get(coding, 0.05)
-
-
-def _query_resolution_hz(dialect: Dzb100Dialect) -> float:
-    """Return the step of the query coding in Hz."""
-    return 2 * _half_resolution_hz(str(dialect.settings["query_coding"]))
-
-
-def _require_dzb100(op: OperationContext) -> Dzb100Dialect:
-    if not isinstance(op.dialect, Dzb100Dialect):
-        raise CapabilityError("drives.cannot", model=op.dialect.profile.model, what="coding proof")
-    return op.dialect
-
-
-def calibration_jog(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
-    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2.
-
-    The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first.
-    """
-    dialect = op.dialect
-    if not isinstance(dialect, ModbusDialect) or "direction_field" not in dialect.settings:
-        raise CapabilityError("drives.cannot", model=dialect.profile.model, what="direction proof")
-    if not 0.0 < frequency_hz <= MAX_CALIBRATION_JOG_HZ:
-        raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=MAX_CALIBRATION_JOG_HZ)
-    word, actual_hz = op.check_frequency(frequency_hz)
-    yield from ensure_preflight(op)
-    conditions = yield from get_bus_conditions()
-    command = op.create_command(CommandKind.JOG, conditions)
-    outcome = yield from write_setpoint(op, command, word, actual_hz)
-    if not outcome.succeeded:
-        return outcome
-    outcome = yield from send_jog(op, dialect.calibration_jog())
-    if outcome.succeeded:
-        yield from wait(CALIBRATION_JOG_S)
-        stopped = yield from stop(op, StopMode.STOP)
-        if not stopped.succeeded:
-            return stopped
-    return outcome
-
-
-def direction_field_for(seen: Direction) -> str:
-    """Return the bit order of the direction field that an observed direction proves."""
-    return "b3b2" if seen is Direction.FORWARD else "b2b3"
+def calibration_step(dialect: Dialect, name: str) -> CalibrationStep:
+    """Return a step by name. Raises CapabilityError where the drive has none of this name."""
+    for step in calibration_steps(dialect):
+        if step.name == name:
+            return step
+    raise CapabilityError("drives.cannot", model=dialect.profile.model, what=f"calibrate {name}")

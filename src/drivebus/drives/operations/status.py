@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from drivebus import i18n
-from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.base import Dialect, Identity
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import read_values
 from drivebus.drives.operations.steps import DriveOperation
@@ -16,23 +16,6 @@ from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Quality, Reading, missing_reading
 
-VOLTAGE_CLASSES = {"2": 220, "4": 380}  # first digit of group 0 (C320 manual 3 (1))
-IDENTITY_PARTS = ("model", "series", "version", "control")
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """Identity of a drive. ``reported`` False: the model has none that can be read, it only answers."""
-
-    model: str
-    reported: bool
-    voltage_class_v: int | None = None
-    power_kw: float | None = None
-    digits: tuple[tuple[str, str], ...] = ()
-    """Part (model, series, version, control) and its six digits; "-" where a fault hides one."""
-    host_controls: bool | None = None
-    host_sets_frequency: bool | None = None
-
 
 def identify(op: OperationContext) -> DriveOperation[Identity]:
     """Read the identity. Raises the error of the bus where the drive does not answer."""
@@ -40,30 +23,12 @@ def identify(op: OperationContext) -> DriveOperation[Identity]:
     error = yield from op.sync()
     if error is not None:
         raise error
-    reads = dialect.identity_reads()
-    if not reads:
-        return Identity(dialect.profile.model, reported=False)
-    digits: list[tuple[str, str]] = []
-    for part, request in zip(IDENTITY_PARTS, reads, strict=True):
+    replies: list[Any] = []
+    for request in dialect.identity_reads():
         answer = yield from op.transact(request)
-        info = getattr(answer.reply, "info", None)
-        if answer.error is None and info and dialect.rejection(answer.reply) is None:
-            digits.append((part, info))
-    return _from_digits(dialect.profile.model, tuple(digits))
-
-
-def _from_digits(model: str, digits: tuple[tuple[str, str], ...]) -> Identity:
-    """Decode the identity digits: voltage class and power in group 0, control source in group 3 (C320 manual 3 (1))."""
-    found = dict(digits)
-    first, control = found.get("model", "------"), found.get("control", "--")
-    power = int(first[2:]) / 10 if first[2:].isdecimal() else None
-    return Identity(
-        model, bool(digits), VOLTAGE_CLASSES.get(first[0]), power, digits, _flag(control[0]), _flag(control[1])
-    )
-
-
-def _flag(digit: str) -> bool | None:
-    return {"0": False, "1": True}.get(digit)
+        valid = answer.error is None and answer.reply is not None and dialect.rejection(answer.reply) is None
+        replies.append(answer.reply if valid else None)
+    return dialect.decode_identity(tuple(replies))
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,7 @@ FAMILY: Final = ProtocolFamily(
     notations={"dzb100": NotationStyle(examples="10, Q01", parse=_parse, format=_format)},
     describe="drivebus.commissioning.decode.dzb100:describe",
     dialect="drivebus.drives.dialects.dzb100:Dzb100Dialect",
+    calibrations="drivebus.drives.operations.dzb100_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.dzb100:MODELS",),
     scan_models=("dzb100",),
 )

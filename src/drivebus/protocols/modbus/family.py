@@ -112,6 +112,7 @@ FAMILY: Final = ProtocolFamily(
     register_based=True,
     describe="drivebus.commissioning.decode.modbus:describe",
     dialect="drivebus.drives.dialects.modbus:ModbusDialect",
+    calibrations="drivebus.drives.operations.direction_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.vc660:MODELS", "drivebus.simulator.models.df800:MODELS"),
     scan_models=("vc660", "df800"),
 )

@@ -11,6 +11,7 @@ from drivebus.protocols.sunfar.codec import SunfarCodec, classify_frame
 from drivebus.protocols.sunfar.describe import SunfarDecodeOptions, describe
 from drivebus.protocols.sunfar.messages import (
     BROADCAST,
+    VOLTAGE_CLASSES,
     ReadIdentity,
     ReadMonitor,
     ReceivedRequest,
@@ -32,6 +33,7 @@ from drivebus.protocols.sunfar.messages import (
 
 __all__ = [
     "BROADCAST",
+    "VOLTAGE_CLASSES",
     "ReadIdentity",
     "ReadMonitor",
     "ReceivedRequest",

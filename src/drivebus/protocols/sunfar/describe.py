@@ -49,6 +49,7 @@ from drivebus.protocols.sunfar.messages import (
     OPERATION_BY_CODE,
     RESPONSE_BY_CODE,
     STATE_BY_CODE,
+    VOLTAGE_CLASSES,
     MonitorIndexCoding,
     ReadIdentity,
     ReceivedRequest,
@@ -60,8 +61,6 @@ from drivebus.protocols.sunfar.messages import (
     monitor_index,
     parameter_name,
 )
-
-_VOLTAGE_CLASSES = {"2": 220, "4": 380}
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +299,8 @@ def _identity_fields(values: tuple[int, ...]) -> dict[str, Any]:
         head = f"{digits[0]:X}{digits[1]:X}" if len(digits) == 3 else f"{digits[0]:02X}"
     rest = f"{digits[-1]:04X}"
     fields: dict[str, Any] = {"info": head + rest}
-    if group == 0 and head[0] in _VOLTAGE_CLASSES:
-        fields["voltage_class"] = _VOLTAGE_CLASSES[head[0]]
+    if group == 0 and head[0] in VOLTAGE_CLASSES:
+        fields["voltage_class"] = VOLTAGE_CLASSES[head[0]]
     if group == 0 and rest.isdecimal():
         fields["power_kw"] = int(rest) / 10
     return fields

@@ -15,6 +15,8 @@ from drivebus.errors import AlphabetError, CodeError, ProtocolError
 BROADCAST = 31
 """Every station obeys it and none answers (2.4.2)."""
 
+VOLTAGE_CLASSES = {"2": 220, "4": 380}  # first digit of identity group 0 (3 (1)), in V
+
 MonitorIndexCoding = Literal["binary", "bcd"]
 
 
