@@ -20,6 +20,7 @@ from drivebus.errors import AuditUnavailable
 from drivebus.service.audit.chain import MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditEntry, entry_json
+from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
@@ -51,6 +52,11 @@ class AuditTrail:
         """Whether records that a checkpoint covers were missing when the trail was opened: its end was cut off."""
         self.checkpoint_error: OSError | None = None
         """Error of the last checkpoint; it does not prevent starts."""
+
+    @classmethod
+    def of(cls, config: PlantConfig) -> AuditTrail:
+        """Return the trail of a plant, with the checkpoint file and key of its configuration. Not opened yet."""
+        return cls(config.directory, config.audit.checkpoints, config.audit.key)
 
     @property
     def ok(self) -> bool:

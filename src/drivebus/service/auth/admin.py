@@ -63,7 +63,7 @@ async def _audit_writer(setting: PlantConfig) -> AsyncIterator[WriteAuditRecord]
         finally:
             await client.close()
         return
-    trail = AuditTrail(setting.directory)
+    trail = AuditTrail.of(setting)
     try:
         await trail.open()
         yield lambda entry: trail.record_json(

@@ -36,7 +36,7 @@ class Storage:
         directory = config.directory
         historian = Historian(config.history, directory, wall_ms=wall_ms)
         return cls(
-            audit=AuditTrail(directory, config.audit.checkpoints, config.audit.key),
+            audit=AuditTrail.of(config),
             historian=historian,
             run_statistics=RunStatisticsStore(historian),
             alarm_log=AlarmLog(directory / "alarms.jsonl"),
