@@ -1,4 +1,4 @@
-"""The plant's sockets: the same answers as in process, nobody in front of a stop, mode 0600."""
+"""Sockets of the service: the same answers as in its process, no request delays a stop, file mode 0600."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivebus.errors import InvalidParameters, LimitError, NotFound, PermissionD
 from drivebus.service.api.errors import error_from_json, error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
-from drivebus.service.ipc.client import MAX_QUEUED_LIVE_MESSAGES, SocketClient
+from drivebus.service.ipc.client import MAX_UNREAD_LIVE_BYTES, SocketClient
 from drivebus.service.ipc.protocol import STOP_RECEIVED
 from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer
 from drivebus.types import Json
@@ -23,33 +23,37 @@ from fixtures.service import LOCAL, remote_actor, running_service
 
 
 def real(coroutine: Coroutine[Any, Any, None]) -> None:
-    """Sockets need a real loop."""
+    """Run in a real event loop: virtual time has no sockets."""
     asyncio.run(coroutine)
 
 
-async def until(fact: Callable[[], bool]) -> None:
-    """What another task does is done soon."""
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait up to ten seconds for what another task does."""
     for _ in range(2000):
-        if fact():
+        if condition():
             return
         await asyncio.sleep(0.005)
-    raise AssertionError("it never came")
+    raise AssertionError("the condition did not become true")
 
 
-class Paper:
-    """A plant that answers what it is told, or waits."""
+HALL_OF_300_DRIVES = "x" * 300 * 2500
+"""In the place of topics: as long as the objects of 300 drives."""
+
+
+class ScriptedService:
+    """Service that answers from a script. ``drives.list`` waits for ``released``; live messages are those queued."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[str, Json, Actor]] = []
-        self.recorded: list[Json] = []
-        self.held = asyncio.Event()
+        self.calls: list[tuple[str, Json, Actor]] = []
+        self.records: list[Json] = []
+        self.released = asyncio.Event()
         self.messages: asyncio.Queue[Json] = asyncio.Queue()
         self.ended = 0
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
-        self.asked.append((operation, params, actor))
+        self.calls.append((operation, params, actor))
         if operation == "drives.list":
-            await self.held.wait()
+            await self.released.wait()
         if operation == "drive.run":
             raise LimitError("drives.above_maximum", frequency_hz=99.0, limit_hz=50.0)
         return {"operation": operation, "buses": {}, "outcomes": {}}
@@ -62,130 +66,156 @@ class Paper:
             self.ended += 1
 
     async def record(self, entry: Json, actor: Actor) -> None:
-        self.recorded.append(entry)
+        self.records.append(entry)
 
 
-def test_a_call_comes_with_its_actor_and_its_error_comes_back_whole(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+def test_a_call_carries_its_actor_and_returns_the_whole_error(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
         ann = remote_actor()
         assert (await client.call("buses.list", {"a": 1}, ann))["operation"] == "buses.list"
-        assert paper.asked == [("buses.list", {"a": 1}, ann)]
-        with pytest.raises(LimitError) as refused:
+        assert service.calls == [("buses.list", {"a": 1}, ann)]
+        with pytest.raises(LimitError) as rejected:
             await client.call("drive.run", {}, ann)
-        assert refused.value.params == {"frequency_hz": 99.0, "limit_hz": 50.0}
+        assert rejected.value.params == {"frequency_hz": 99.0, "limit_hz": 50.0}
         await client.record({"what": "login"}, ann)
-        assert paper.recorded == [{"what": "login"}]
+        assert service.records == [{"what": "login"}]
         await client.close()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_nothing_stands_in_front_of_a_stop(tmp_path: Path) -> None:
-    """A thousand requests hang; a further one is refused, a stop comes in at once."""
+def test_a_stop_is_answered_while_a_thousand_requests_wait(tmp_path: Path) -> None:
+    """A further request is rejected as too busy."""
 
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
         hanging = [asyncio.create_task(client.call("drives.list", {}, LOCAL)) for _ in range(MAX_CONCURRENT_REQUESTS)]
-        await until(lambda: len(paper.asked) == MAX_CONCURRENT_REQUESTS)
+        await until(lambda: len(service.calls) == MAX_CONCURRENT_REQUESTS)
         with pytest.raises(ServiceUnavailable):
             await client.call("drives.list", {}, LOCAL)
         assert (await client.call("plant.stop", {}, LOCAL))["operation"] == "plant.stop"
-        paper.held.set()
+        service.released.set()
         await asyncio.gather(*hanging)
         await client.close()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_a_client_that_goes_takes_no_command_back_and_ends_its_live_values(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+def test_the_end_of_a_client_cancels_its_live_streams_and_no_command(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
-        listening = asyncio.create_task(anext(client.live("state", LOCAL)))  # type: ignore[arg-type]
-        paper.messages.put_nowait({"type": "snapshot"})
+        listening = asyncio.create_task(anext(client.live("state", LOCAL)))
+        service.messages.put_nowait({"type": "snapshot"})
         assert (await listening)["type"] == "snapshot"
-        asked = asyncio.create_task(client.call("drives.list", {}, LOCAL))
-        await until(lambda: bool(paper.asked))
+        pending = asyncio.create_task(client.call("drives.list", {}, LOCAL))
+        await until(lambda: bool(service.calls))
         await client.close()
         with pytest.raises(ServiceUnavailable):
-            await asked
-        await until(lambda: bool(paper.ended))
-        paper.held.set()
+            await pending
+        await until(lambda: bool(service.ended))
+        service.released.set()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_a_reader_of_live_values_that_hangs_is_closed_and_keeps_nobody_waiting(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+async def opened_live_stream(service: ScriptedService, client: SocketClient) -> AsyncIterator[Json]:
+    live = client.live("state", LOCAL)
+    service.messages.put_nowait({"type": "snapshot"})
+    assert (await anext(live))["type"] == "snapshot"
+    return live
+
+
+def test_a_slow_reader_of_live_values_is_closed_with_the_reason_and_delays_no_request(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
-        live = client.live("state", LOCAL)
-        paper.messages.put_nowait({"type": "snapshot"})
-        assert (await anext(live))["type"] == "snapshot"
-        for number in range(MAX_QUEUED_LIVE_MESSAGES + 10):
-            paper.messages.put_nowait({"type": "update", "number": number})
-        while not paper.ended:
+        live = await opened_live_stream(service, client)
+        for number in range(MAX_UNREAD_LIVE_BYTES // len(HALL_OF_300_DRIVES) + 2):
+            service.messages.put_nowait({"type": "update", "number": number, "topics": HALL_OF_300_DRIVES})
+        while not service.ended:
             assert await client.call("buses.list", {}, LOCAL)
         assert [message["reason"] async for message in live] == ["slow"]
         await client.close()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_a_plant_that_is_not_there_or_goes_is_said_so_and_found_again(tmp_path: Path) -> None:
-    async def story() -> None:
+def test_a_reader_that_pauses_while_300_drives_change_gets_every_message(tmp_path: Path) -> None:
+    """Three changes of each drive, one in a message, as after a page's pause of a second."""
+
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+        await server.open()
+        live = await opened_live_stream(service, client)
+        for number in range(900):
+            service.messages.put_nowait({"type": "update", "number": number, "topics": "x" * 2500})
+        await until(service.messages.empty)
+        assert await client.call("buses.list", {}, LOCAL)
+        assert [(await anext(live))["number"] for _ in range(900)] == [*range(900)]
+        assert not service.ended
+        await live.aclose()  # type: ignore[attr-defined]
+        await client.close()
+        await server.close()
+
+    real(scenario())
+
+
+def test_a_missing_or_ended_service_is_reported_and_a_new_one_is_connected(tmp_path: Path) -> None:
+    async def scenario() -> None:
         client = SocketClient(tmp_path / "plant.sock")
         with pytest.raises(ServiceUnavailable):
             await client.call("buses.list", {}, LOCAL)
         for _ in range(2):
-            server = SocketServer(Paper(), tmp_path / "plant.sock")
+            server = SocketServer(ScriptedService(), tmp_path / "plant.sock")
             await server.open()
             assert await client.call("buses.list", {}, LOCAL)
             live = client.live("state", LOCAL)
-            waiting = asyncio.create_task(anext(live))  # type: ignore[arg-type]
+            waiting = asyncio.create_task(anext(live))
             await asyncio.sleep(0.05)
             await server.close()
             with pytest.raises(ServiceUnavailable):
                 await waiting
         await client.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_what_is_no_request_ends_the_connection_and_nothing_else(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
         for line in (b"hello\n", b'{"id": 1, "op": "plant.stop"}\n', b"[]\n", b'{"id": 1, "actor": {}}\n'):
             reader, writer = await asyncio.open_unix_connection(str(tmp_path / "plant.sock"))
             writer.write(line)
             assert await reader.read() == b""
             writer.close()
-        assert paper.asked == []
+        assert service.calls == []
         assert await client.call("buses.list", {}, LOCAL)
         await client.close()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_only_the_user_that_runs_the_plant_may_open_its_sockets_however_deep_they_lie(tmp_path: Path) -> None:
-    async def story() -> None:
+def test_only_the_user_of_the_service_may_open_its_sockets_also_at_a_long_path(tmp_path: Path) -> None:
+    async def scenario() -> None:
         deep = tmp_path / ("d" * 60) / ("e" * 60)
         deep.mkdir(parents=True)
-        server, client = SocketServer(Paper(), deep / "plant.sock"), SocketClient(deep / "plant.sock")
+        server, client = SocketServer(ScriptedService(), deep / "plant.sock"), SocketClient(deep / "plant.sock")
         await server.open()
         assert stat.S_IMODE((deep / "plant.sock").stat().st_mode) == 0o600
         assert await client.call("buses.list", {}, LOCAL)
@@ -193,13 +223,13 @@ def test_only_the_user_that_runs_the_plant_may_open_its_sockets_however_deep_the
         await server.close()
         assert not [*deep.iterdir()]
 
-    real(story())
+    real(scenario())
 
 
-def test_the_stop_socket_takes_nothing_but_stop_all(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server = StopServer(paper, tmp_path / "stop.sock")
+def test_the_stop_socket_accepts_nothing_but_stop_all(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server = StopServer(service, tmp_path / "stop.sock")
         await server.open()
         for line in (b'{"id": 1, "op": "drive.run"}\n', b"start all\n", b""):
             reader, writer = await asyncio.open_unix_connection(str(tmp_path / "stop.sock"))
@@ -207,22 +237,20 @@ def test_the_stop_socket_takes_nothing_but_stop_all(tmp_path: Path) -> None:
             writer.write_eof()
             assert await reader.read() == b""
             writer.close()
-        assert paper.asked == []
+        assert service.calls == []
         reader, writer = await asyncio.open_unix_connection(str(tmp_path / "stop.sock"))
         writer.write(b"stop all\n")
         assert await reader.readline() == STOP_RECEIVED, "at once, before anything has stopped"
         assert json.loads(await reader.readline())["operation"] == "plant.stop"
-        assert [asked[0] for asked in paper.asked] == ["plant.stop"]
+        assert [operation for operation, _, _ in service.calls] == ["plant.stop"]
         writer.close()
         await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_the_same_refusals_through_the_socket_as_in_process(tmp_path: Path) -> None:
-    """One gate, whatever the door."""
-
-    async def story() -> None:
+def test_the_socket_returns_the_same_errors_as_the_service_in_process(tmp_path: Path) -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             server, client = SocketServer(kit.service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
             await server.open()
@@ -232,18 +260,18 @@ def test_the_same_refusals_through_the_socket_as_in_process(tmp_path: Path) -> N
                 (NotFound, "drives.get", {"drive": "x"}, LOCAL),
                 (InvalidParameters, "drive.run", {"drive": "fan-1", "frequency_hz": "1"}, LOCAL),
             ):
-                with pytest.raises(kind) as near:
+                with pytest.raises(kind) as in_process:
                     await kit.service.call(operation, params, actor)
-                with pytest.raises(kind) as far:
+                with pytest.raises(kind) as over_socket:
                     await client.call(operation, params, actor)
-                assert error_to_json(far.value) == error_to_json(near.value)
+                assert error_to_json(over_socket.value) == error_to_json(in_process.value)
             await client.close()
             await server.close()
 
-    real(story())
+    real(scenario())
 
 
-def test_an_error_told_and_raised_again_says_the_same() -> None:
+def test_an_error_keeps_its_content_through_json() -> None:
     error = LimitError("drives.above_maximum", frequency_hz=99.0, limit_hz=50.0)
     inner = NotFound("plant.no_drive", id="x")
     for one in (
@@ -252,22 +280,22 @@ def test_an_error_told_and_raised_again_says_the_same() -> None:
         InvalidParameters("plant.params", faults=[{"a": 1}]),
     ):
         assert error_to_json(error_from_json(error_to_json(one))) == error_to_json(one)
-    strange = error_to_json(error) | {"kind": "Exception"}
-    assert error_to_json(error_from_json(strange))["code"] == "drives.above_maximum"
+    unknown = error_to_json(error) | {"kind": "Exception"}
+    assert error_to_json(error_from_json(unknown))["code"] == "drives.above_maximum"
 
 
-def test_a_stop_goes_before_the_questions_that_came_with_it(tmp_path: Path) -> None:
-    async def story() -> None:
-        paper = Paper()
-        server, client = SocketServer(paper, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+def test_a_stop_is_called_before_the_queries_sent_with_it(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
         await client.call("plant.get", {}, LOCAL)
-        given = ["buses.list"] * 50 + ["waiver.grant", "drive.stop"]
-        await asyncio.gather(*(client.call(name, {}, LOCAL) for name in given))
-        asked = [operation for operation, _, _ in paper.asked]
-        assert len(asked) == 53 and asked.index("drive.stop") < 5
-        assert asked.index("waiver.grant") < asked.index("drive.stop")  # no start that comes after its stop
+        operations = ["buses.list"] * 50 + ["waiver.grant", "drive.stop"]
+        await asyncio.gather(*(client.call(name, {}, LOCAL) for name in operations))
+        called = [operation for operation, _, _ in service.calls]
+        assert len(called) == 53 and called.index("drive.stop") < 5
+        assert called.index("waiver.grant") < called.index("drive.stop")  # no start that comes after its stop
         await client.close()
         await server.close()
 
-    real(story())
+    real(scenario())

@@ -1,4 +1,7 @@
-"""``ServiceClient`` over the plant's socket. Connects when first asked, and again when the plant was away meanwhile."""
+"""``ServiceClient`` over the service's socket.
+
+It connects with the first request, and again with the next one after the service was away.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +23,46 @@ from drivebus.types import Json
 Reply = tuple[str, bytes]
 """Kind of a reply and its JSON text."""
 CONNECTION_LOST: Reply = ("lost", b"")
-MAX_QUEUED_LIVE_MESSAGES = 1000  # a reader that leaves more unread is closed as slow
+MAX_UNREAD_LIVE_BYTES = 16 * 1024 * 1024
+"""A reader of live messages that leaves more unread is closed as slow.
+
+In bytes, because a message holds one drive (about 2 kB) or all of them: 300 drives need about 1 MB a second.
+"""
+
+
+class ReplyQueue:
+    """Unread replies to one request."""
+
+    def __init__(self) -> None:
+        self._replies: asyncio.Queue[Reply] = asyncio.Queue()
+        self.unread_bytes = 0
+
+    def put(self, reply: Reply) -> None:
+        self._replies.put_nowait(reply)
+        self.unread_bytes += len(reply[1])
+
+    async def get(self) -> Reply:
+        reply = await self._replies.get()
+        self.unread_bytes -= len(reply[1])
+        return reply
+
+    def replace(self, last: Reply) -> None:
+        """Leave ``last`` as the only reply."""
+        while not self._replies.empty():
+            self._replies.get_nowait()
+        self.unread_bytes = 0
+        self.put(last)
 
 
 class SocketClient:
-    """One connection for everything. Belongs to one event loop."""
+    """Client with one connection for all its requests. Belongs to one event loop."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
         self._numbers = itertools.count(1)
-        self._pending: dict[int, asyncio.Queue[Reply]] = {}
+        self._pending: dict[int, ReplyQueue] = {}
         self._connecting = asyncio.Lock()
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
@@ -54,12 +85,15 @@ class SocketClient:
             raise error_from_json(json.loads(error.payload)) from None
 
     async def live(self, stream: str, actor: Actor) -> AsyncIterator[Json]:
-        """See ``ServiceClient.live``. Raises ServiceUnavailable where the plant does not answer, or goes."""
-        asked = {"live": stream, "actor": actor.as_json()}
-        number, answers = await self._send(asked, MAX_QUEUED_LIVE_MESSAGES)
+        """See ``ServiceClient.live``. Raises ServiceUnavailable where the service does not answer, or ends.
+
+        A reader that leaves more than ``MAX_UNREAD_LIVE_BYTES`` unread gets nothing but a ``closed`` message with the
+        reason ``slow``.
+        """
+        number, replies = await self._send({"live": stream, "actor": actor.as_json()})
         try:
             while True:
-                message: Json = json.loads(_payload(await answers.get()))
+                message: Json = json.loads(_payload(await replies.get()))
                 yield message
                 if message["type"] == "closed":
                     return
@@ -70,7 +104,7 @@ class SocketClient:
             self._write({"id": number, "end": True})
 
     async def close(self) -> None:
-        """No more. Idempotent."""
+        """Close the connection; pending requests raise ServiceUnavailable. Idempotent."""
         reading, self._reading = self._reading, None
         if reading is not None:
             reading.cancel()
@@ -78,20 +112,20 @@ class SocketClient:
                 await reading
 
     async def _request(self, message: Json) -> bytes:
-        number, answers = await self._send(message, 1)
+        number, replies = await self._send(message)
         try:
-            return _payload(await answers.get())
+            return _payload(await replies.get())
         finally:
             self._pending.pop(number, None)
 
-    async def _send(self, message: Json, waiting: int) -> tuple[int, asyncio.Queue[Reply]]:
+    async def _send(self, message: Json) -> tuple[int, ReplyQueue]:
         async with self._connecting:
             if self._writer is None:
                 await self._connect()
         number = next(self._numbers)
-        answers = self._pending[number] = asyncio.Queue(waiting)
+        replies = self._pending[number] = ReplyQueue()
         self._write({"id": number, **message})
-        return number, answers
+        return number, replies
 
     def _write(self, message: Json) -> None:
         if self._writer is not None:
@@ -103,7 +137,7 @@ class SocketClient:
                 reader, self._writer = await asyncio.open_unix_connection(short, limit=MAX_MESSAGE_BYTES)
         except OSError as error:
             raise ServiceUnavailable("plant.not_there", socket=str(self.path)) from error
-        self._reading = asyncio.create_task(self._read(reader, self._writer), name="plant socket")
+        self._reading = asyncio.create_task(self._read(reader, self._writer), name="service socket")
 
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
@@ -111,33 +145,26 @@ class SocketClient:
                 number, kind, payload = split_reply(line)
                 self._dispatch(number, kind, payload)
                 if kind == "live":
-                    await asyncio.sleep(0)  # its reader takes it before the next one
+                    await asyncio.sleep(0)  # let the reader take this message before the next one arrives
         except (OSError, ValueError):
             pass
         finally:
             self._writer = None
             writer.close()
-            for answers in self._pending.values():
-                _replace_queued(answers, CONNECTION_LOST)
+            for replies in self._pending.values():
+                replies.replace(CONNECTION_LOST)
 
     def _dispatch(self, number: int, kind: str, payload: bytes) -> None:
-        """Queue a reply. A reader of live messages that takes none is closed, so that it blocks no other request."""
+        """Queue a reply. A slow reader of live messages is closed, so that it fills no memory."""
         replies = self._pending.get(number)
         if replies is None:
             return
-        if replies.full():
+        if replies.unread_bytes + len(payload) > MAX_UNREAD_LIVE_BYTES:
             self._pending.pop(number)
-            _replace_queued(replies, ("live", json.dumps(closed_message("slow")).encode()))
+            replies.replace(("live", json.dumps(closed_message("slow")).encode()))
             self._write({"id": number, "end": True})
         else:
-            replies.put_nowait((kind, payload))
-
-
-def _replace_queued(replies: asyncio.Queue[Reply], last: Reply) -> None:
-    """Leave ``last`` as the only reply."""
-    while not replies.empty():
-        replies.get_nowait()
-    replies.put_nowait(last)
+            replies.put((kind, payload))
 
 
 def _payload(reply: Reply) -> bytes:
