@@ -15,7 +15,7 @@ from drivebus.profiles.diagnostics import Issue, KeyPath, issue, nearest_names
 from drivebus.profiles.model import NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import BitIn, OptionIn, ParameterIn, ProfileIn, SignalIn
-from drivebus.protocols.family import protocol_families, protocol_family
+from drivebus.protocols.family import protocol_family
 from drivebus.serial_settings import SerialSettings
 
 REQUIRED_COMMANDS = {
@@ -101,12 +101,8 @@ def _check_addresses(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_family(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the family exists and has the encodings and the notation."""
-    known = {family.name: family for family in protocol_families()}
-    family = known.get(profile.family)
-    if family is None:
-        yield issue("choice", ("family",), profile.family, choices=_join(known))
-        return
+    """Check that the family has the encodings and the notation."""
+    family = protocol_family(profile.family)
     for encoding in profile.encodings:
         if encoding not in family.encodings:
             yield issue("choice", ("encodings",), encoding, choices=_join(family.encodings))

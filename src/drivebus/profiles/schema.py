@@ -6,13 +6,33 @@ preconditions by notation, faults by code, caveats by id), so that ``extends`` i
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic_core import PydanticKnownError
+
+from drivebus.protocols.family import ProtocolFamily, protocol_families
 
 NEWEST_FORMAT = 1
 """Newest file format that this version reads."""
 
+
+def _registered(names: Callable[[ProtocolFamily], Iterable[str]]) -> AfterValidator:
+    """Return a check that some registered family has a name; it reports an unknown one as a literal type does."""
+
+    def check(value: str) -> str:
+        known = {name: None for family in protocol_families() for name in names(family)}
+        if value not in known:
+            raise PydanticKnownError("literal_error", {"expected": ", ".join(known) or "-"})
+        return value
+
+    return AfterValidator(check)
+
+
+FamilyName = Annotated[str, _registered(lambda family: [family.name])]
+Encoding = Annotated[str, _registered(lambda family: family.encodings)]
+NotationName = Annotated[str, _registered(lambda family: family.notations)]
 Capability = Literal[
     "run",
     "reverse",
@@ -228,7 +248,7 @@ class CommLossIn(StrictTable):
 
 
 class NotationIn(StrictTable):
-    style: str
+    style: NotationName
     """A key of the family's ``ProtocolFamily.notations``."""
     highest: Word = 0xFFFF
 
@@ -245,10 +265,9 @@ class ProfileIn(StrictTable):
     model: Name
     maker: BilingualTextIn
     title: BilingualTextIn
-    family: str
-    """Name of a ``ProtocolFamily``."""
+    family: FamilyName
     grade: Literal["draft", "simulated", "verified"]
-    encodings: Annotated[list[str], Field(min_length=1)]
+    encodings: Annotated[list[Encoding], Field(min_length=1)]
     addresses: Annotated[list[Annotated[int, Field(ge=0, le=247)]], Field(min_length=2, max_length=2)]
     broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
     capabilities: list[Capability]
