@@ -1,4 +1,4 @@
-"""`make bench`: every figure beside its peers, in one run; writes docs/reports/benchmarks.json and .md."""
+"""`make bench`: every figure beside its peers in one run; --write writes docs/reports/benchmarks.json and .md."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ PROJECT_FOLDER = Path(__file__).resolve().parents[1]
 
 
 def current_commit() -> str:
-    """The commit that was measured, with a mark where the tree differs from it."""
+    """Return the measured commit, "-dirty" appended where the tree differs from it."""
     return report.current_commit(PROJECT_FOLDER, "src", "benchmarks") or "unknown"
 
 
 def print_figures(figures: Figures, report: str, write: bool) -> None:
-    """Print them, and with ``--write`` keep them in docs/reports/."""
+    """Print the figures; where ``write`` is set, also write them to docs/reports/."""
     text = json.dumps(figures, indent=1)
     print(text)
     if write:
@@ -30,7 +30,7 @@ def print_figures(figures: Figures, report: str, write: bool) -> None:
 
 
 def measure_all(seconds: float, rounds: int) -> Figures:
-    """Everything, one after another, because the machine must be quiet; each part is shown when it is done."""
+    """Measure all parts one after another, because the machine must be quiet; each part is printed when it is done."""
     parts: dict[str, Callable[[], Figures]] = {
         "cpu": lambda: master.transaction_cpu(seconds, rounds),
         "line": lambda: master.one_line(2 * seconds),
@@ -51,7 +51,7 @@ def measure_all(seconds: float, rounds: int) -> Figures:
 
 def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    options.add_argument("--seconds", type=float, default=5.0, help="of each client's turn")
+    options.add_argument("--seconds", type=float, default=5.0, help="duration of each client's turn")
     options.add_argument("--rounds", type=int, default=5, help="turns of each client in the CPU figure")
     options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
     chosen = options.parse_args()

@@ -1,4 +1,4 @@
-"""Frames a second, each way, for all five encodings; RTU beside pymodbus' framer in the same run."""
+"""Frames a second in each direction for all five encodings; RTU beside pymodbus' framer in the same run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def seconds_each(work: Callable[[], object]) -> float:
 
 
 def cases() -> dict[str, tuple[Codec, Any, Any]]:
-    """Codec, request and its reply: an ordinary read of each."""
+    """Return codec, request and reply of an ordinary read in each encoding."""
     values = (5000, 3998, 128, 3100)
     read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.RegisterValues(1, 3, values)
     monitor = sunfar.ReadMonitor(3, 0)
@@ -41,7 +41,7 @@ def cases() -> dict[str, tuple[Codec, Any, Any]]:
 
 
 def drivebus_rates() -> Figures:
-    """Each way, in frames a second; ``pair_us`` is a request plus its reply on the master's side."""
+    """Return frames a second in each direction; ``pair_us``: encode a request and decode its reply."""
     found: Figures = {}
     for name, (codec, request, reply) in cases().items():
         sent, received = codec.encode_request(request), codec.encode_reply(reply)
@@ -57,7 +57,8 @@ def drivebus_rates() -> Figures:
 
 
 def pymodbus_pair_us() -> float:
-    """pymodbus' RTU framer: build a request, take its reply apart."""
+    """Measure pymodbus' RTU framer: build a request and decode its reply."""
+
     from pymodbus.framer import FramerRTU
     from pymodbus.pdu import DecodePDU
     from pymodbus.pdu.register_message import ReadHoldingRegistersRequest

@@ -1,4 +1,4 @@
-"""Builds the C parts, starts the stations, runs one client beside them and collects both sides' figures."""
+"""Harness of a measurement: builds the C parts, starts the stations, runs a client and collects the figures."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def build_c_source(source: str, *libraries: str) -> Path:
     target = BUILD_FOLDER / Path(source).stem
     flags: list[str] = []
     if libraries:
-        asked = ["pkg-config", "--cflags", "--libs", *libraries]
-        flags = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+        command = ["pkg-config", "--cflags", "--libs", *libraries]
+        flags = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     subprocess.run(["gcc", "-O2", "-o", str(target), str(BENCHMARK_FOLDER / source), *flags], check=True)
     return target
 
 
 class CStations:
-    """The C stations for the time of a ``with``; ``figures`` afterwards is what they saw."""
+    """Simulated stations (``station.c``) for the time of a ``with``; afterwards ``figures`` holds their counts."""
 
     def __init__(
         self,
@@ -40,8 +40,8 @@ class CStations:
         flat: int = 0,
         record: Path | None = None,
     ) -> None:
-        given = (lines, 31, baud, 10, delay_us, dead, *late, flat, *([record] if record else []))
-        self.arguments = [str(one) for one in given]
+        arguments = (lines, 31, baud, 10, delay_us, dead, *late, flat, *([record] if record else []))
+        self.arguments = [str(argument) for argument in arguments]
         self.paths: list[str] = []
         self.figures: Figures = {}
 
@@ -60,7 +60,8 @@ class CStations:
 
 
 def run_client(name: str, stations: CStations, seconds: float, baud: int, *more: object) -> Figures:
-    """Run one client against the stations; its own figures."""
+    """Run one client against the stations and return its figures."""
+
     if name == "libmodbus":
         command: list[str] = [str(build_c_source("clients/libmodbus_client.c", "libmodbus"))]
     else:

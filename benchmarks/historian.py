@@ -1,10 +1,9 @@
-"""The historian beside a plain table of rows: ``python -m benchmarks.historian`` (some 15 minutes; ``--small``: one).
+"""The historian beside a plain table of rows: ``python -m benchmarks.historian`` (15 minutes; ``--small``: one minute).
 
-Writing: samples a second and bytes a sample, once through the historian (journal, rollups and blocks, every batch
-synced) and once as rows into sqlite3 with the same batches and syncs. Loop: how late a 5 ms timer of the same process
-fires while the historian writes as fast as it can, and while it writes one plant's samples as they come. Trends: two
-days of raw values each second, made by the historian itself, and a year of rollups through its own encoding and
-transactions, of 12 drives with 10 signals; then random spans. The files are warm.
+``writing``: samples a second and bytes a sample, through the historian (journal, rollups and blocks, every batch
+synced) and as rows into sqlite3 with the same batches and syncs. ``loop``: lateness of a 5 ms timer in the same process
+while the historian writes one plant's samples, and while it writes as fast as it can. ``trends``: queries of random
+spans over two days of raw values and a year of rollups of 12 drives with 10 signals; the files are in the page cache.
 """
 
 from __future__ import annotations
@@ -36,13 +35,13 @@ Figures = dict[str, Any]
 
 TAGS = [f"drive-{drive}.signal_{signal}" for drive in range(12) for signal in range(10)]
 START_MS = 1_767_225_600_000
-"""2026-01-01 00:00 UTC."""
+"""Time of the first sample: 2026-01-01 00:00 UTC."""
 BATCH = 50_000
 POOL = 100_000
 
 
 class GeneratedValues:
-    """What drives send: slow swings with noise, two decimals, times some milliseconds off."""
+    """Samples like those of drives: slow changes with noise, two decimals, times with some milliseconds of jitter."""
 
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(seed)
@@ -53,7 +52,7 @@ class GeneratedValues:
         self.starts = [START_MS + self.chance.randrange(1000) for _ in TAGS]
 
     def samples(self, seconds: Sequence[int]) -> list[Sample]:
-        """Of every tag, second by second, as they come."""
+        """Return the samples of every tag, second by second."""
         pool, jitter, good = self.pool, self.jitter, Quality.GOOD
         return [
             Sample(tag, start + 1000 * second + jitter[(place + second) % POOL], pool[(place + second) % POOL], good)
@@ -72,7 +71,7 @@ def files_bytes(folder: Path) -> int:
 
 
 class TimerLateness:
-    """How late a timer of 5 ms fires in this loop."""
+    """Lateness of a 5 ms timer in this event loop."""
 
     async def __aenter__(self) -> TimerLateness:
         self.late_ms: list[float] = []
@@ -100,7 +99,7 @@ def percentile(values: list[float], share: float) -> float:
 
 
 class UsageTimer:
-    """Wall and processor seconds of what is done in a ``with``."""
+    """Wall and processor seconds of the code in its ``with`` blocks."""
 
     wall_s = cpu_s = 0.0
 
@@ -112,7 +111,7 @@ class UsageTimer:
         self.cpu_s += time.process_time() - self._cpu
 
     def figures(self, folder: Path, count: int) -> Figures:
-        """The machine may be busy with other things: what a sample costs the processor tells more than the clock."""
+        """Return the figures; processor time a sample is the more reliable one on a busy machine."""
         return {
             "samples": count,
             "samples_per_s": round(count / self.wall_s),
@@ -122,21 +121,21 @@ class UsageTimer:
 
 
 async def measure_historian(folder: Path, values: GeneratedValues, seconds: int) -> Figures:
-    watch, count = UsageTimer(), 0
+    timer, count = UsageTimer(), 0
     historian = Historian(HistoryConfig(), folder)
     await historian.open()
     for batch in values.batches(seconds):
-        with watch:
+        with timer:
             await historian.import_samples(batch)
         count += len(batch)
-    with watch:
+    with timer:
         await historian._on_writer_thread(historian.writer.compact_all)
     await historian.close()
-    return watch.figures(folder, count)
+    return timer.figures(folder, count)
 
 
 async def measure_plain_table(folder: Path, values: GeneratedValues, seconds: int) -> Figures:
-    watch, count = UsageTimer(), 0
+    timer, count = UsageTimer(), 0
     database = sqlite3.connect(folder / "rows.db", isolation_level=None)
     for pragma in ("journal_mode = WAL", "synchronous = FULL"):
         database.execute(f"PRAGMA {pragma}")
@@ -144,18 +143,18 @@ async def measure_plain_table(folder: Path, values: GeneratedValues, seconds: in
     database.execute(f"CREATE TABLE sample ({columns}) WITHOUT ROWID")
     ids = {tag: n for n, tag in enumerate(TAGS)}
     for batch in values.batches(seconds):
-        with watch:
+        with timer:
             database.execute("BEGIN")
             rows = ((ids[one.tag], one.time_ms, one.value, 0) for one in batch)
             database.executemany("INSERT INTO sample VALUES (?, ?, ?, ?)", rows)
             database.execute("COMMIT")
         count += len(batch)
     database.close()
-    return watch.figures(folder, count)
+    return timer.figures(folder, count)
 
 
-async def lateness(values: GeneratedValues, seconds: int) -> Figures:
-    """Of the loop beside the writer's thread; ``idle`` is the same loop with nothing beside it."""
+async def measure_lateness(values: GeneratedValues, seconds: int) -> Figures:
+    """Measure the lateness of the loop beside the writer's thread; ``idle`` is the same loop without a historian."""
     found: Figures = {}
     async with TimerLateness() as late:
         await asyncio.sleep(seconds)
@@ -173,8 +172,8 @@ async def lateness(values: GeneratedValues, seconds: int) -> Figures:
 
 
 async def write_year_of_rollups(historian: Historian, values: GeneratedValues, days: int) -> Figures:
-    """Rollups of the days before the samples, as the writer would have left them."""
-    ids = list(historian.tag_ids(TAGS).values())
+    """Write the rollups of the days before the samples, as the writer would have written them."""
+    ids = list(historian.queries.tag_ids(TAGS).values())
     counts = {ResolutionLevel.MINUTE: 0, ResolutionLevel.HOUR: 0}
 
     def write() -> None:
@@ -188,7 +187,7 @@ async def write_year_of_rollups(historian: Historian, values: GeneratedValues, d
                 historian.writer._store.compact([_put(block) for block in blocks], START_MS, None)
 
     def _put(block: Block) -> Compaction:
-        # Up to where the tag is sealed already: its samples stay where they are, only the block is put.
+        # the number up to which the tag is compacted already: its samples stay, only the block is added
         return Compaction(block.tag, historian.writer.open_blocks.next_number(block.tag), [block])
 
     begun = time.perf_counter()
@@ -204,7 +203,7 @@ def _rollup(level: ResolutionLevel, tag: int, start: int, per_point: int, values
     grain = RESOLUTIONS[level]
     end = min(start + grain.partition_ms, START_MS)
     if level is ResolutionLevel.HOUR and end == START_MS:
-        return None  # The row that the samples' own first hours are in.
+        return None  # the block that contains the first hours of the samples
     times = range(start, end, grain.width_ms)
     place = values.chance.randrange(POOL - 2 * len(times))
     middle = values.pool[place : place + len(times)]
@@ -235,7 +234,7 @@ SPANS_MS = {
 }
 
 
-async def trends(historian: Historian, chance: random.Random, end_ms: int, turns: int) -> Figures:
+async def measure_trends(historian: Historian, chance: random.Random, end_ms: int, turns: int) -> Figures:
     found: Figures = {}
     for name, span in SPANS_MS.items():
         found[name] = {}
@@ -244,9 +243,9 @@ async def trends(historian: Historian, chance: random.Random, end_ms: int, turns
             for _ in range(turns):
                 last = end_ms - (chance.randrange(max(1, 2 * DAY_MS - span)) if span < 2 * DAY_MS else 0)
                 tags = chance.sample(TAGS, signals)
-                asked = TrendParams(tags=tags, from_ms=last - span, to_ms=last, points=1000)
+                params = TrendParams(tags=tags, from_ms=last - span, to_ms=last, points=1000)
                 begun = time.perf_counter()
-                answer = await historian.queries.trend(asked)
+                answer = await historian.queries.trend(params)
                 taken.append(1000 * (time.perf_counter() - begun))
             taken.sort()
             lengths = [len(series["t"]) for series in answer["series"].values()]
@@ -261,23 +260,23 @@ async def trends(historian: Historian, chance: random.Random, end_ms: int, turns
 
 async def writing(values: GeneratedValues, *, small: bool) -> Figures:
     found: Figures = {}
-    written: dict[str, Callable[[Path, GeneratedValues, int], Any]] = {
+    writers: dict[str, Callable[[Path, GeneratedValues, int], Any]] = {
         "drivebus": measure_historian,
         "rows": measure_plain_table,
     }
-    for name, way in written.items():
+    for name, measure in writers.items():
         with tempfile.TemporaryDirectory() as folder:
-            found[name] = await way(Path(folder), values, 2_000 if small else 20_000)
+            found[name] = await measure(Path(folder), values, 2_000 if small else 20_000)
     for figure in ("samples_per_s", "cpu_us_per_sample", "bytes_per_sample"):
         found[f"{figure}_to_rows"] = round(found["drivebus"][figure] / found["rows"][figure], 3)
     return found
 
 
-async def report_lateness(values: GeneratedValues, *, small: bool) -> Figures:
-    return await lateness(values, 5 if small else 60)
+async def loop(values: GeneratedValues, *, small: bool) -> Figures:
+    return await measure_lateness(values, 5 if small else 60)
 
 
-async def report_trends(values: GeneratedValues, *, small: bool) -> Figures:
+async def trends(values: GeneratedValues, *, small: bool) -> Figures:
     seconds, days = (2_000, 20) if small else (2 * 86_400, 363)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -285,18 +284,20 @@ async def report_trends(values: GeneratedValues, *, small: bool) -> Figures:
         async with Historian(HistoryConfig(), folder) as historian:
             found["year"] = await write_year_of_rollups(historian, values, days)
             found["year"]["file_mb"] = round(files_bytes(folder) / 1e6)
-            found["spans"] = await trends(historian, values.chance, START_MS + 1000 * seconds, 5 if small else 50)
+            found["spans"] = await measure_trends(
+                historian, values.chance, START_MS + 1000 * seconds, 5 if small else 50
+            )
     return found
 
 
-PARTS: dict[str, Callable[..., Any]] = {"writing": writing, "loop": report_lateness, "trends": report_trends}
+PARTS: dict[str, Callable[..., Any]] = {"writing": writing, "loop": loop, "trends": trends}
 
 
 def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks.historian", description=__doc__)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--small", action="store_true", help="a hundredth of it")
-    options.add_argument("--part", choices=PARTS, help="only this part; the others stay in the report as they are")
+    options.add_argument("--small", action="store_true", help="a hundredth of the samples")
+    options.add_argument("--part", choices=PARTS, help="measure only this part; the report keeps the others")
     options.add_argument("--write", action="store_true", help="write docs/reports/historian.json")
     chosen = options.parse_args()
     report = PROJECT_FOLDER / "docs" / "reports" / "historian.json"

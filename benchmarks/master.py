@@ -1,4 +1,4 @@
-"""CPU a transaction, use of one line, use of sixty-four lines: each beside its peers, in one run."""
+"""CPU time of a transaction and use of one line and of sixty-four lines, each beside its peers in one run."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from statistics import median
 from benchmarks.harness import CStations, Figures, run_client
 
 UNPACED_BAUD = 4_000_000
-"""A pty has no wire: our clients are told the fastest line there is, else they wait for what takes no time."""
+"""Baud rate given to our clients on a pty, where a frame takes no time on the wire: the shortest gap there is."""
 UNPACED_PERIOD_S = 0.0005
 MASTER_PEERS = ("drivebus_lines", "drivebus_transact", "pymodbus_async", "bare_asyncio", "libmodbus")
-"""Ours twice: as a master that polls, and one awaited transaction after the other."""
+"""drivebus is measured twice: as a master that polls, and with one awaited transaction after the other."""
 
 
 def transaction_cpu(seconds: float, rounds: int) -> Figures:
-    """Microseconds of CPU a transaction (4 registers, RTU, unpaced pty); peers take turns, the median counts."""
+    """Measure the CPU microseconds of a transaction (4 registers, RTU, unpaced pty): median of alternating turns."""
     taken: dict[str, list[float]] = {name: [] for name in MASTER_PEERS}
     wrong = 0
     with CStations() as stations:
@@ -34,25 +34,25 @@ def transaction_cpu(seconds: float, rounds: int) -> Figures:
 
 
 def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
-    """Use of one line's legal capacity, as the stations see it, for us and for the best lawful peer."""
+    """Measure the share of one line's legal capacity that each client uses, recorded at the stations."""
     found: Figures = {}
     for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
         with CStations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
-            mine = run_client(name, stations, seconds, baud)
+            client = run_client(name, stations, seconds, baud)
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
-        found[name] = {key: stations.figures[key] for key in keep} | {"wrong": mine["wrong"]}
+        found[name] = {key: stations.figures[key] for key in keep} | {"wrong": client["wrong"]}
     return found
 
 
 def many_lines(seconds: float, lines: int = 64, baud: int = 19_200) -> Figures:
-    """All lines in one process: use of the wire, short gaps, share of a core, memory."""
+    """Measure many lines in one process: use of the wire, short gaps, share of a core, memory."""
     with CStations(lines, baud=baud, delay_us=2000) as stations:
-        mine = run_client("drivebus_lines", stations, seconds, baud)
+        client = run_client("drivebus_lines", stations, seconds, baud)
     keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
     return {key: stations.figures[key] for key in keep} | {
-        "cores": round(mine["cpu_s"] / mine["wall_s"], 3),
-        "cpu_us": round(mine["cpu_s"] / mine["done"] * 1e6, 1),
-        "peak_mib": round(mine["peak_kib"] / 1024, 1),
-        "wrong": mine["wrong"],
-        "failed": mine["failed"],
+        "cores": round(client["cpu_s"] / client["wall_s"], 3),
+        "cpu_us": round(client["cpu_s"] / client["done"] * 1e6, 1),
+        "peak_mib": round(client["peak_kib"] / 1024, 1),
+        "wrong": client["wrong"],
+        "failed": client["failed"],
     }

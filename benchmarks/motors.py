@@ -1,4 +1,4 @@
-"""How long 1,000 simulated motors take for one step, by what they are doing and by the size of the step."""
+"""Time of one step of 1,000 simulated motors, by operating state and step size."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from drivebus.simulator.motor import Motor, MotorLoad
 
 MOTORS = 1000
 SCENES = {"accelerating": 2.0, "at speed": 20.0, "decelerating": 22.0, "off": 60.0}
-"""Seconds into a story of a start at 0 s and a stop at 20 s, ramps of 10 s."""
+"""Seconds after a start at 0 s, with a stop at 20 s and ramps of 10 s."""
 MOTOR_LOADS = (MotorLoad(), MotorLoad.fan(), MotorLoad.hoist())
 
 
 def simulated_motors(at_s: float) -> list[Motor]:
-    """All of them somewhere in the story, with three kinds of load."""
+    """Return the motors at that second, with three kinds of load."""
     made = [Motor(load=MOTOR_LOADS[n % len(MOTOR_LOADS)]) for n in range(MOTORS)]
     for motor in made:
         motor.brake_resistor_w = 5000.0
@@ -29,7 +29,7 @@ def simulated_motors(at_s: float) -> list[Motor]:
 
 
 def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
-    """Median milliseconds of one step of all motors."""
+    """Return the median milliseconds of one step of all motors."""
     times = []
     for _ in range(rounds):
         made = simulated_motors(at_s)
@@ -41,7 +41,8 @@ def step_ms(at_s: float, dt: float, rounds: int = 5) -> float:
 
 
 def run_motors() -> Figures:
-    """Milliseconds by scene and step."""
+    """Return milliseconds by operating state and step size."""
+
     return {scene: {f"dt {dt} s": step_ms(at_s, dt) for dt in (0.01, 0.1)} for scene, at_s in SCENES.items()}
 
 

@@ -1,9 +1,9 @@
 """The page in Chromium with 300 tiles that change once a second: ``python -m benchmarks.page`` (half a minute).
 
-A hub of its own, the real web process and Debian's Chromium, on one machine; without graphics hardware, as in a
-virtual machine. ``load``: bytes over the wire and milliseconds from the address to the first and to every tile;
-``frames``: milliseconds between two frames of the screen (16.7 is every one) while all tiles change; ``busy_ms_per_s``:
-what the page's thread works. ``busy`` is the machine's load beside this when it began: upper bounds where it is busy.
+A hub, the real web process and Debian's Chromium run on one machine without graphics hardware. ``load``: bytes over
+the wire and milliseconds from the request of the page to the first and to the last tile. ``frames``: milliseconds
+between two frames of the screen while all tiles change (16.7 at 60 Hz). ``busy_ms_per_s``: working time of the page's
+thread. ``busy``: the machine's load at the start; figures of a busy machine are upper bounds.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ CHANGE_TIMES_SCRIPT = """(seconds) => new Promise((done) => {
 
 
 class TiledFleet(web.SyntheticService):
-    """Drives whose tiles have something to show: frequency, current and what else a drive tells."""
+    """Drives with the signals that a tile shows: output frequency and output current, and eight others."""
 
     async def call(self, operation: str, params: Json, actor: Any) -> Json:
         return {"tags": []}
@@ -64,7 +64,7 @@ class TiledFleet(web.SyntheticService):
                 signal: {"value": value, "unit": unit, "quality": "good", "reason": None, "source_time_ms": time_ms}
                 for signal, (value, unit) in values.items()
             }
-            self.hub.publish(f"drives/{name}", {**web._constant_fields(name), "signals": signals})
+            self.hub.publish(f"drives/{name}", {**web.constant_fields(name), "signals": signals})
             turn += 1
             await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
 
@@ -91,14 +91,14 @@ def hub(directory: str, drives: int) -> Iterator[None]:
         process.communicate()
 
 
-def code(directory: str) -> str:
+def issue_login_code(directory: str) -> str:
     from drivebus.service.auth.service import AuthService
 
     return asyncio.run(AuthService(Path(directory)).issue_code("bench", 600.0))
 
 
-def browser_figures(port: str, word: str, drives: int, seconds: float) -> Json:
-    """Everything that a browser tells."""
+def browser_figures(port: str, login_code: str, drives: int, seconds: float) -> Json:
+    """Open the page in a browser and return its figures."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
@@ -110,7 +110,7 @@ def browser_figures(port: str, word: str, drives: int, seconds: float) -> Json:
         sizes: list[int] = []
         wire.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
         begun = time.monotonic()
-        page.goto(f"http://127.0.0.1:{port}/#login={word}")
+        page.goto(f"http://127.0.0.1:{port}/#login={login_code}")
         page.locator(".tile").first.wait_for()
         first = time.monotonic()
         page.locator(f".tile >> nth={drives - 1}").wait_for()
@@ -141,7 +141,7 @@ def _spread(seconds: list[float]) -> Json:
 def measure_page(drives: int, seconds: float) -> Json:
     found: Json = {"commit": current_commit(), "drives": drives, "busy": round(os.getloadavg()[0], 2)}
     with tempfile.TemporaryDirectory() as directory, hub(directory, drives), web.child("--web", directory) as (_, port):
-        return found | browser_figures(port, code(directory), drives, seconds)
+        return found | browser_figures(port, issue_login_code(directory), drives, seconds)
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
-"""Where the processor's time goes while one process polls a line as fast as it goes; writes docs/reports/profile.json.
+"""CPU profile of one process that polls a line as fast as it can; ``--write`` writes docs/reports/profile.json.
 
-The profiler's own cost falls on every call, so rooms of many small functions look somewhat dearer than they are: the
-shares say where to look, the benchmark says what is won.
+The profiler adds its own cost to every call, so packages of many small functions look more expensive than they are:
+the shares show where to look, the benchmarks show the gain.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from drivebus.ports import open_port
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 SYSTEM_CALLS = ("posix.", "select.", "fcntl.", "timerfd")
-"""Built-in functions that ask the operating system."""
+"""Built-in functions that are system calls."""
 SHOWN = 15
 
 
 def profile_run(seconds: float) -> Figures:
-    """Shares of the time, by room and by function; built-in functions count for the room that calls them."""
+    """Return the shares of CPU time by package and function; a built-in function counts for its caller's package."""
     profile = Profile(time.process_time)
     with CStations() as stations:
         done = asyncio.run(_poll(stations.paths[0], seconds, profile))
-    rooms, functions = shares(profile)
-    return {"transactions": done, "rooms_percent": rooms, "functions_percent": functions}
+    packages, functions = shares(profile)
+    return {"transactions": done, "packages_percent": packages, "functions_percent": functions}
 
 
 async def _poll(path: str, seconds: float, profile: Profile) -> int:
-    """31 stations, four registers each; how many answers came while it was watched."""
+    """Poll four registers of each of 31 stations; returns the number of replies while profiled."""
     done, codec = 0, ModbusRtuCodec()
 
     def sink(answer: BusResult) -> None:
@@ -60,25 +60,26 @@ async def _poll(path: str, seconds: float, profile: Profile) -> int:
 
 
 def shares(profile: Profile) -> tuple[dict[str, float], dict[str, float]]:
-    """Percent of the time: of rooms, and of the dearest functions."""
-    rooms, functions = Counter[str](), Counter[str]()
+    """Return the percentage of CPU time of each package, and of the most expensive functions."""
+    packages, functions = Counter[str](), Counter[str]()
     profile.create_stats()
     found: dict[Any, Any] = profile.stats
     for (file, _, name), (_, _, own_s, _, callers) in found.items():
         if file != "~":
-            rooms[package_of(file)] += own_s
+            packages[package_of(file)] += own_s
             functions[f"{'/'.join(Path(file).parts[-2:])}:{name}"] += own_s
         elif any(part in name for part in SYSTEM_CALLS):
-            rooms["operating system"] += own_s
+            packages["operating system"] += own_s
             functions[name] += own_s
         else:
             for (caller, _, _), (*_, by_it_s, _) in callers.items():
-                rooms[package_of(caller)] += by_it_s
-    return _percent(rooms, len(rooms)), _percent(functions, SHOWN, sum(rooms.values()))
+                packages[package_of(caller)] += by_it_s
+    return _percent(packages, len(packages)), _percent(functions, SHOWN, sum(packages.values()))
 
 
 def package_of(file: str) -> str:
-    """``drivebus.bus`` and so on; everything else is asyncio or "other"."""
+    """Return the package of a file: ``drivebus.bus`` and so on, ``asyncio`` or ``other``."""
+
     parts = Path(file).parts
     if "drivebus" in parts and parts[-1] != "drivebus":
         after = parts[len(parts) - parts[::-1].index("drivebus") :]

@@ -1,4 +1,4 @@
-"""The figures of one run as a page. Ratios, because the machine is nobody's business."""
+"""Report page of one run; ratios to peers, because absolute figures depend on the machine."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _client_table(title: str, figures: Figures) -> str:
 
 
 def markdown(found: Figures) -> str:
-    """The whole page."""
+    """Return the report page."""
     cpu, many, line, dead = found["cpu"], found["many_lines"], found["line"], found["one_dead"]
     ours, ours_dead = line["drivebus_lines"], dead["drivebus_lines"]
     wrong = sum(
@@ -69,13 +69,13 @@ def markdown(found: Figures) -> str:
     )
     page += _report_row("64 lines × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
     page += _report_row("RTU request + reply / pymodbus' framer", "≤ 0.5", found["codecs"]["ratio_to_pymodbus"])
-    page += _report_row("late replies believed by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
+    page += _report_row("late replies accepted by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
     page += _report_row("pure core, transactions a second", "≥ 10,000", found["virtual"]["bare_transactions_per_s"])
     page += _report_row(
         "31 simulated drives on one line, times real time", "reported", found["virtual"]["real_time_factor"]
     )
     page += (
-        "\nGaps are in characters, measured at the stations. “wrong”: values believed that belong to another request.\n"
+        "\nGaps are in characters, measured at the stations. “wrong”: accepted values that belong to another request.\n"
     )
     steps = found["motors"]
     slowest = max(ms for scene in steps.values() for ms in scene.values())

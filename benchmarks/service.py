@@ -2,8 +2,8 @@
 
 A real ``drivebus serve``, plant and web process, on full lines whose far end (``station.c``) keeps the time of each
 byte; the last station of each line is silent. ``normal``: 200 questions a second over REST and 50 WebSockets that take
-everything. ``loaded``: the same, and a burner for each core. ``flood``: 1,000 questions a second, 500 WebSockets that
-nobody reads, slow heads, bodies of 100 MB and bombs. The service has the precedence that its systemd unit gives it.
+everything. ``loaded``: the same, and a burner for each core. ``flood``: 1,000 questions a second, 500 unread
+WebSockets, slow heads, bodies of 100 MB and bombs. The service has the priority that its systemd unit gives it.
 Drives are stopped at random instants over the plant's socket and over the web; a stop's latency is from the client's
 call to its first bit as the far end sees it. The bound is the plant's own. ``stop_all`` is the same for the first
 broadcast of "stop all". Then (``benchmarks.scaling``) how soon, how large and how quick the service is with 12 and with
@@ -36,22 +36,22 @@ STATIONS = 8
 BAUD, DELAY_US = 19_200, 4000
 NORMAL = {"websockets": 50, "connections": 8, "requests_per_s": 200}
 FLOOD = {"websockets": 500, "connections": 64, "requests_per_s": 1000, "slow_heads": 100}
-CAP_MB = 256
-"""The web process may hold so much, whatever is done to it."""
-KEPT = 0.95
-"""So much of the polls of ``normal`` the plant must do in the flood as well."""
+WEB_MEMORY_MAX_MB = 256
+"""Resident memory of the web process, the flood included."""
+MIN_POLL_SHARE = 0.95
+"""Polls a second in the flood as a share of those in ``normal``."""
 ROUNDS = 4
-"""Times that everything is stopped."""
+"""Repetitions of "stop all"."""
 
 
-def print_progress(name: str, story: Figures) -> None:
-    """What there is so far: somebody waits for minutes."""
-    print(name, json.dumps(story), file=sys.stderr, flush=True)
+def print_progress(name: str, phase: Figures) -> None:
+    """Print the figures of a phase when it ends: all phases together take minutes."""
+    print(name, json.dumps(phase), file=sys.stderr, flush=True)
 
 
 @contextmanager
 def started_client(name: str, *given: object) -> Iterator[Figures]:
-    """A client that is ready, for the time of a ``with``; afterwards what it said."""
+    """Run a client for the time of a ``with``, from its "ready" on; afterwards the figures that it printed."""
     words = [sys.executable, "-m", f"benchmarks.clients.{name}", *map(str, given)]
     found: Figures = {}
     with subprocess.Popen(
@@ -67,9 +67,11 @@ def started_client(name: str, *given: object) -> Iterator[Figures]:
             process.kill()
 
 
-def run_stop_load(hall: BenchmarkService, lines: int, seconds: float, rounds: int, seed: int, calls: Path) -> Figures:
-    """Run it; what it said."""
-    given = [hall.directory, hall.port, lines, STATIONS, seconds, rounds, seed, calls]
+def run_stop_load(
+    service: BenchmarkService, lines: int, seconds: float, rounds: int, seed: int, calls: Path
+) -> Figures:
+    """Run ``stop_load`` to its end and return its figures."""
+    given = [service.directory, service.port, lines, STATIONS, seconds, rounds, seed, calls]
     words = [sys.executable, "-m", "benchmarks.clients.stop_load", *map(str, given)]
     return dict(
         json.loads(subprocess.run(words, cwd=PROJECT_FOLDER, stdout=subprocess.PIPE, text=True, check=True).stdout)
@@ -77,9 +79,9 @@ def run_stop_load(hall: BenchmarkService, lines: int, seconds: float, rounds: in
 
 
 @contextmanager
-def measure_usage(hall: BenchmarkService, found: Figures) -> Iterator[None]:
-    """What both processes use meanwhile, as percent of one core, and what they hold at its end."""
-    processes = hall.processes
+def measure_usage(service: BenchmarkService, found: Figures) -> Iterator[None]:
+    """Add the use of both processes during a ``with`` to ``found``: percent of one core, memory at its end."""
+    processes = service.processes
     before, times = {name: cpu_s(pid) for name, pid in processes.items()}, os.times().elapsed
     yield
     took = os.times().elapsed - times
@@ -90,80 +92,80 @@ def measure_usage(hall: BenchmarkService, found: Figures) -> Iterator[None]:
 
 
 def run_phases(
-    folder: Path, hall: BenchmarkService, lines: int, seconds: float, seed: int, burners: int
+    folder: Path, service: BenchmarkService, lines: int, seconds: float, seed: int, burners: int
 ) -> dict[str, Figures]:
-    """Everything that is done to one plant, one after the other, as the clients tell it."""
-    normal: Figures = {"asked": NORMAL}
-    loaded: Figures = {"asked": NORMAL | {"burners": burners}}
-    flood: Figures = {"asked": FLOOD}
+    """Run the phases one after the other against one plant and return the clients' figures of each."""
+    normal: Figures = {"load": NORMAL}
+    loaded: Figures = {"load": NORMAL | {"burners": burners}}
+    flood: Figures = {"load": FLOOD}
     stop_all: Figures = {"rounds": ROUNDS}
-    place = hall.port, lines, STATIONS
+    place = service.port, lines, STATIONS
     usual = *place, NORMAL["websockets"], NORMAL["connections"], NORMAL["requests_per_s"]
-    for name, story, others in (("normal", normal, 0), ("loaded", loaded, burners)):
-        with cpu_load(others), started_client("visitors", *usual) as story["visitors"], measure_usage(hall, story):
-            story["plant"] = run_stop_load(hall, lines, seconds, 0, seed, folder / name)
-        print_progress(name, story)
+    for name, phase, others in (("normal", normal, 0), ("loaded", loaded, burners)):
+        with cpu_load(others), started_client("web_load", *usual) as phase["web_load"], measure_usage(service, phase):
+            phase["plant"] = run_stop_load(service, lines, seconds, 0, seed, folder / name)
+        print_progress(name, phase)
     with (
-        started_client("flood", hall.port, FLOOD["websockets"], FLOOD["slow_heads"]) as flood["others"],
-        started_client("visitors", *place, 0, FLOOD["connections"], FLOOD["requests_per_s"]) as flood["visitors"],
-        measure_usage(hall, flood),
+        started_client("flood", service.port, FLOOD["websockets"], FLOOD["slow_heads"]) as flood["others"],
+        started_client("web_load", *place, 0, FLOOD["connections"], FLOOD["requests_per_s"]) as flood["web_load"],
+        measure_usage(service, flood),
     ):
-        flood["plant"] = run_stop_load(hall, lines, seconds / 2, 0, seed, folder / "flood")
+        flood["plant"] = run_stop_load(service, lines, seconds / 2, 0, seed, folder / "flood")
     print_progress("flood", flood)
-    with started_client("visitors", *usual) as stop_all["visitors"]:  # last: silent drives are stopped again and again
-        stop_all["plant"] = run_stop_load(hall, lines, 0, ROUNDS, seed, folder / "stop_all")
+    with started_client("web_load", *usual) as stop_all["web_load"]:  # last: silent drives stay in the stop's retries
+        stop_all["plant"] = run_stop_load(service, lines, 0, ROUNDS, seed, folder / "stop_all")
     print_progress("stop_all", stop_all)
     return {"normal": normal, "loaded": loaded, "flood": flood, "stop_all": stop_all}
 
 
 def cpu_load(number: int) -> AbstractContextManager[None]:
-    """So many processes that only use a core."""
+    """Run ``number`` processes that only use a core."""
     return running_processes(*([sys.executable, "-c", "while True: pass"] for _ in range(number)))
 
 
-def with_wire_figures(told: Mapping[str, Figures], folder: Path, frames_file: Path) -> Figures:
-    """The stories with what the far end saw of them."""
+def with_wire_figures(phases: Mapping[str, Figures], folder: Path, frames_file: Path) -> Figures:
+    """Add to each phase the latencies and poll intervals that the far end recorded."""
     frames = read_frames(frames_file)
-    for name, story in told.items():
-        plant = story.pop("plant")
+    for name, phase in phases.items():
+        plant = phase.pop("plant")
         for way, calls in calls_by_interface(folder / name).items():
-            story[f"by_{way}"] = lateness_of_stops(calls, frames, plant["bound_s"], BAUD)
-        story["lines_occupied_percent"] = round(plant["occupied_percent"], 1)
+            phase[f"by_{way}"] = lateness_of_stops(calls, frames, plant["bound_s"], BAUD)
+        phase["lines_occupied_percent"] = round(plant["occupied_percent"], 1)
         if name != "stop_all":
             alive = range(1, STATIONS)
-            story["errors_of_living_drives"] = plant["errors"]
-            story["polls"] = poll_intervals(frames, alive, (plant["begun"], plant["ended"]))
-    return dict(told)
+            phase["errors_of_living_drives"] = plant["errors"]
+            phase["polls"] = poll_intervals(frames, alive, (plant["begun"], plant["ended"]))
+    return dict(phases)
 
 
 def measure_stops(lines: int, seconds: float, seed: int, burners: int) -> Figures:
-    """All stories on full lines."""
+    """Run all phases on full lines and return their figures with a verdict for each goal."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         record = folder / "record"
         with CStations(lines, baud=BAUD, delay_us=DELAY_US, dead=STATIONS, flat=0x3000, record=record) as stations:
-            precedence = raise_priority(stations.process.pid)
-            with running_service(folder, stations.paths, STATIONS, BAUD) as hall:
-                nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in hall.processes.items()}
-                message = run_phases(folder, hall, lines, seconds, seed, burners)
-        found = with_wire_figures(message, folder, record)
-    return {"far_end_runs": precedence, "nice": nice, "verdicts": check_goals(found)} | found
+            priority = raise_priority(stations.process.pid)
+            with running_service(folder, stations.paths, STATIONS, BAUD) as service:
+                nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in service.processes.items()}
+                phases = run_phases(folder, service, lines, seconds, seed, burners)
+        found = with_wire_figures(phases, folder, record)
+    return {"far_end_runs": priority, "nice": nice, "verdicts": check_goals(found)} | found
 
 
 def check_goals(found: Mapping[str, Figures]) -> Figures:
-    """What was asked for, and whether it was met."""
+    """Return each goal and whether it was met."""
     normal, flood = found["normal"], found["flood"]
-    kept = flood["polls"]["of_a_drive_per_s"] / normal["polls"]["of_a_drive_per_s"]
+    poll_share = flood["polls"]["of_a_drive_per_s"] / normal["polls"]["of_a_drive_per_s"]
     most_mb = flood["processes"]["web"]["memory_mb"]["most"]
     return {
-        "G06, plant's socket": normal["by_socket"]["goal_met"],
-        "G06, web": normal["by_web"]["goal_met"],
-        "both cores loaded besides, plant's socket": found["loaded"]["by_socket"]["goal_met"],
-        "both cores loaded besides, web": found["loaded"]["by_web"]["goal_met"],
-        "S14, stops over the plant's socket": flood["by_socket"]["goal_met"],
-        "S14, stops over the web": flood["by_web"]["goal_met"],
-        f"S14, web process below {CAP_MB} MB": most_mb < CAP_MB,
-        f"S14, at least {KEPT:.0%} of the polls kept": kept >= KEPT,
+        "stops over the plant's socket": normal["by_socket"]["goal_met"],
+        "stops over the web": normal["by_web"]["goal_met"],
+        "all cores loaded, stops over the plant's socket": found["loaded"]["by_socket"]["goal_met"],
+        "all cores loaded, stops over the web": found["loaded"]["by_web"]["goal_met"],
+        "flood, stops over the plant's socket": flood["by_socket"]["goal_met"],
+        "flood, stops over the web": flood["by_web"]["goal_met"],
+        f"flood, web process below {WEB_MEMORY_MAX_MB} MB": most_mb < WEB_MEMORY_MAX_MB,
+        f"flood, at least {MIN_POLL_SHARE:.0%} of the polls poll_share": poll_share >= MIN_POLL_SHARE,
     }
 
 
@@ -172,7 +174,6 @@ def measure_chosen(chosen: argparse.Namespace) -> Figures:
         "commit": current_commit(),
         "seed": chosen.seed,
         "busy": round(os.getloadavg()[0], 2),
-        "evidence_for": ["G06", "S14"],
         "seconds": chosen.seconds,
         "lines": chosen.lines,
         "stations_a_line": STATIONS,

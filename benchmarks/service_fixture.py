@@ -1,4 +1,4 @@
-"""A real ``drivebus serve plant.toml`` to be measured: its file, its token, its two processes, what they use."""
+"""A real ``drivebus serve plant.toml`` to measure: its configuration, token, two processes, and their use."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from http.client import HTTPConnection
 from pathlib import Path
 
 BENCHMARK_TOKEN = "dbt_benchmark"
-"""Of a user who may see, stop and read parameters."""
+"""Token of a user who may view, stop and operate."""
 SERVICE_COMMAND = [sys.executable, "-m", "drivebus"]
 SYSTEMD_UNIT = Path(__file__).parents[1] / "src" / "drivebus" / "service" / "systemd" / "drivebus.service"
-PATIENCE_S = 180.0
+START_TIMEOUT_S = 180.0
 
 
 def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, baud: int) -> str:
-    """``plant.toml``: VC660s at 1 to ``drives`` of each line, polled as often as the plant thinks that the line can."""
+    """Return ``plant.toml``: VC660s at 1 to ``drives`` of each line, polled at the interval that the plant chooses."""
     parts = [
-        f'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\ndirectory = {json.dumps(str(directory))}',
+        f'format = 1\n[plant]\nid = "bench"\ntitle = "Benchmark"\ndirectory = {json.dumps(str(directory))}',
         f"[web]\nport = {port}",
     ]
     for line, link in enumerate(links):
@@ -43,37 +43,44 @@ def drive_id(line: int, address: int) -> str:
 
 @dataclass(frozen=True)
 class BenchmarkService:
-    """Where it is."""
+    """Directory, port and process ids of a running service, and the monotonic seconds of its start."""
 
     directory: Path
     port: int
     plant: int
-    """Process id."""
+    """Process id of the plant."""
     web: int
+    """Process id of the web process."""
     begun: float
-    """Monotonic second at which the command was given."""
+    """Second of the start command."""
     socket_at: float
-    """... at which the plant answered on its socket."""
+    """Second at which the plant's socket existed."""
     web_at: float
-    """... at which the web process answered."""
+    """Second at which the web process answered."""
 
     @property
     def sockets(self) -> tuple[Path, Path]:
-        """For everything, and for "stop all"."""
+        """Paths of the service's socket and of the one that only takes "stop all"."""
         return self.directory / "plant.sock", self.directory / "stop.sock"
 
     @property
     def processes(self) -> dict[str, int]:
-        """Their ids by what they are."""
+        """Process ids by role."""
         return {"plant": self.plant, "web": self.web}
 
 
 @contextmanager
 def running_service(
-    folder: Path, links: Sequence[str], drives: int, baud: int, there: Callable[[Path], None] = lambda directory: None
+    folder: Path,
+    links: Sequence[str],
+    drives: int,
+    baud: int,
+    on_socket: Callable[[Path], None] = lambda directory: None,
 ) -> Iterator[BenchmarkService]:
-    """The whole service for the time of a ``with``. On loopback only. ``there`` is called with the state directory as
-    soon as the plant's socket is, which is before the web process answers."""
+    """Run the whole service on loopback for the time of a ``with``.
+
+    ``on_socket`` is called with the state directory as soon as the plant's socket exists, before the web answers.
+    """
     directory, port, file = folder / "state", free_port(), folder / "plant.toml"
     directory.mkdir(mode=0o700)
     file.write_text(plant_text(directory, port, links, drives, baud))
@@ -87,28 +94,28 @@ def running_service(
         _apply_unit_priority(process.pid)
         try:
             socket_at = _wait_until(lambda: (directory / "plant.sock").exists(), process, folder)
-            there(directory)
+            on_socket(directory)
             web_at = _wait_until(lambda: _web_answers(port), process, folder)
             yield BenchmarkService(directory, port, process.pid, _child_of(process.pid), begun, socket_at, web_at)
         finally:
             process.terminate()
             try:
-                process.wait(PATIENCE_S)
+                process.wait(START_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
 
 def _apply_unit_priority(pid: int) -> None:
-    """The precedence that its systemd unit gives it, where this user may give it."""
+    """Set the priority of the systemd unit, where this user may."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, pid, int(re.findall(r"(?m)^Nice=(.+)", SYSTEMD_UNIT.read_text())[0]))
 
 
 def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
 
 
 def _add_token(directory: Path) -> None:
@@ -122,10 +129,10 @@ def _add_token(directory: Path) -> None:
     UserFile(directory / "users.json").change(lambda _: UserDatabase().with_user(user).with_token(token))
 
 
-def _wait_until(there: Callable[[], bool], process: subprocess.Popen[bytes], folder: Path) -> float:
-    """When it was there. Raises RuntimeError where the service has ended, or it never comes."""
-    last = time.monotonic() + PATIENCE_S
-    while not there():
+def _wait_until(ready: Callable[[], bool], process: subprocess.Popen[bytes], folder: Path) -> float:
+    """Return the second at which ``ready`` was true. Raises RuntimeError where the service ended or time ran out."""
+    last = time.monotonic() + START_TIMEOUT_S
+    while not ready():
         if process.poll() is not None or time.monotonic() > last:
             raise RuntimeError((folder / "log").read_text()[-2000:])
         time.sleep(0.01)
@@ -133,18 +140,18 @@ def _wait_until(there: Callable[[], bool], process: subprocess.Popen[bytes], fol
 
 
 def _web_answers(port: int) -> bool:
-    asking = HTTPConnection("127.0.0.1", port, timeout=5.0)
+    connection = HTTPConnection("127.0.0.1", port, timeout=5.0)
     try:
-        asking.request("GET", "/api/v1/health")
-        return asking.getresponse().status == 200
+        connection.request("GET", "/api/v1/health")
+        return connection.getresponse().status == 200
     except OSError:
         return False
     finally:
-        asking.close()
+        connection.close()
 
 
 def _child_of(pid: int) -> int:
-    """The web process, the plant's only child."""
+    """Return the id of the web process, the plant's only child."""
     found = [int(file.parent.name) for file in Path("/proc").glob("[0-9]*/stat") if _parent_pid(file) == pid]
     return found[0]
 
@@ -156,11 +163,11 @@ def _parent_pid(file: Path) -> int | None:
         return None
 
 
-# --- what a process uses ----------------------------------------------------------------------------------------------
+# --- use of a process -------------------------------------------------------------------------------------------------
 
 
 def memory_mb(pid: int) -> dict[str, float]:
-    """Its share (PSS), what it holds (RSS) and the most that it ever held."""
+    """Return the proportional set size (pss), the resident size (rss) and its maximum so far (most)."""
     rollup, status = Path(f"/proc/{pid}/smaps_rollup").read_text(), Path(f"/proc/{pid}/status").read_text()
     return {"pss": _mb(rollup, "Pss:"), "rss": _mb(status, "VmRSS:"), "most": _mb(status, "VmHWM:")}
 
@@ -171,6 +178,6 @@ def _mb(text: str, name: str) -> float:
 
 
 def cpu_s(pid: int) -> float:
-    """Seconds of processor time so far."""
+    """Return the seconds of processor time so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -1,6 +1,6 @@
-"""Start-up of ``drivebus --help`` beside an empty click program on the same machine: `python -m benchmarks.startup`.
+"""Start-up time of ``drivebus --help`` beside an empty click program: ``python -m benchmarks.startup``.
 
-The two are run in turns, so that whatever else the machine does meets both alike; the goal is a ratio of at most 1.5.
+The two run in turns, so that other load affects both alike; the goal is a ratio of at most 1.5.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ ROUNDS = 40
 
 
 def run_startup(turns: int = ROUNDS) -> dict[str, float]:
-    """Medians in milliseconds, and their ratio."""
+    """Return the medians in milliseconds and their ratio."""
+
     with tempfile.TemporaryDirectory() as folder:
         programs = {"empty_click": Path(folder, "empty.py"), "drivebus": Path(folder, "ours.py")}
         programs["empty_click"].write_text(EMPTY_CLICK_PROGRAM)

@@ -1,13 +1,13 @@
-/* A crowd of Modbus RTU stations on ptys, for measuring masters. Nobody here shares code with drivebus.
+/* Simulated Modbus RTU stations on ptys for measuring masters; shares no code with drivebus.
  *
  *   station LINES STATIONS BAUD BITS DELAY_US DEAD LATE_PERMILLE LATE_US [FLAT RECORD]
  *
  * Prints one pty path per line, then "ready". BAUD 0: unpaced, answers at once in one write. Otherwise a reply begins
  * when the request's last bit would have arrived (BITS a character) plus DELAY_US, and its bytes are delivered one by
  * one, each when its last bit would have arrived. DEAD: that address never answers. LATE_PERMILLE of the replies come
- * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply believed for another request shows.
- * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each whole request: its line,
- * the nanosecond (CLOCK_MONOTONIC) at which its first byte was seen, that of its reply's last byte (0: none), its bytes.
+ * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply accepted for another request is detected.
+ * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each complete request: its line,
+ * the nanosecond (CLOCK_MONOTONIC) at which its first byte arrived, that of its reply's last byte (0: none), its bytes.
  * Ends at end of file on stdin and prints counts as JSON; "gap" is the silence before a request, in characters,
  * measured here: from the last bit of the last reply to the moment the request is seen.
  */
@@ -32,7 +32,7 @@ struct line {
     uint8_t in[512];
     struct event out[QUEUE];
     int head, tail;
-    int64_t heard, quiet_since, first;
+    int64_t first_byte_at, quiet_since, first;
     long requests, replies, late, bad, shortgaps;
     double smallest, gaps;
     int64_t useful;
@@ -99,7 +99,7 @@ static int64_t reply(struct line *l, int64_t arrived) {
 }
 
 static void note(int number, const struct line *l, int64_t end) {
-    fprintf(record, "%d %lld %lld ", number, (long long)l->heard, (long long)end);
+    fprintf(record, "%d %lld %lld ", number, (long long)l->first_byte_at, (long long)end);
     for (int i = 0; i < 8; i++) fprintf(record, "%02x", l->in[i]);
     fputc('\n', record);
 }
@@ -108,7 +108,7 @@ static void read_line(int number, struct line *l, int64_t t) {
     ssize_t n = read(l->fd, l->in + l->have, sizeof l->in - l->have);
     if (n <= 0) return;
     if (l->have == 0) {
-        l->heard = t;
+        l->first_byte_at = t;
         if (l->started && character) {
             double gap = (double)(t - l->quiet_since) / (double)character;
             if (gap < l->smallest) l->smallest = gap;
@@ -119,7 +119,7 @@ static void read_line(int number, struct line *l, int64_t t) {
     }
     l->have += (int)n;
     while (l->have >= 8) {
-        int64_t arrived = l->heard + 8 * character;
+        int64_t arrived = l->first_byte_at + 8 * character;
         if (crc16(l->in, 6) == (l->in[6] | l->in[7] << 8)) {
             l->requests++;
             l->quiet_since = arrived;

@@ -1,10 +1,11 @@
-"""How late a stop leaves a busy process on a busy machine (I3): ``python -m benchmarks.stop --write``.
+"""Latency of a stop in a busy process on a busy machine: ``python -m benchmarks.stop --write``.
 
 Every line is full: one bus polls its stations without a pause, the last of which is silent. The lines are ptys whose
-far end (``station.c``) keeps the time of each byte, before all other processes where it may: copper waits for nobody.
+far end (``station.c``) keeps the time of each byte, with the highest priority that this user may give.
 The same loop answers 200 requests a second of other work, and as many processes as there are cores do nothing but use
 them. Stops are given at random instants; a stop's latency is from the call of ``Drive.stop`` to its first bit as the
-far end sees it, the way through the kernel's pty included. Then runs are ended with SIGTERM (``terminate``).
+far end sees it, the way through the kernel's pty included. Then runs are ended with SIGTERM
+(``benchmarks.terminate``).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ REQUESTS_PER_S = 200
 
 @contextmanager
 def running_processes(*commands: list[str]) -> Iterator[None]:
-    """Processes that go on for the time of a ``with``."""
+    """Run processes for the time of a ``with``."""
     children = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for command in commands]
     try:
         yield
@@ -44,7 +45,7 @@ def running_processes(*commands: list[str]) -> Iterator[None]:
 
 
 def raise_priority(pid: int) -> str:
-    """Give a process precedence, as far as this user may; how far that was."""
+    """Raise the priority of a process as far as this user may; returns how far that was."""
     try:
         os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(1))
         return "SCHED_FIFO"
@@ -54,18 +55,18 @@ def raise_priority(pid: int) -> str:
         os.setpriority(os.PRIO_PROCESS, pid, -15)
         return "nice -15"
     except OSError:
-        return "as any other"
+        return "default"
 
 
 def measure_host_stops(seconds: float, lines: int, baud: int, seed: int) -> Figures:
-    """Run host, stations and other work; what the far end saw of the stops."""
+    """Run host, stations and other work; returns the figures of the stops that the far end recorded."""
     with tempfile.TemporaryDirectory() as folder:
         record, calls = Path(folder) / "record", Path(folder) / "calls"
         with CStations(lines, baud=baud, delay_us=DELAY_US, dead=STATIONS, flat=0x3000, record=record) as stations:
-            precedence = raise_priority(stations.process.pid)
-            given = [",".join(stations.paths), STATIONS, round(seconds), baud, STATIONS, seed, calls]
+            priority = raise_priority(stations.process.pid)
+            arguments = [",".join(stations.paths), STATIONS, round(seconds), baud, STATIONS, seed, calls]
             host = subprocess.Popen(
-                [sys.executable, "-m", "benchmarks.clients.stop_host", *(str(one) for one in given)],
+                [sys.executable, "-m", "benchmarks.clients.stop_host", *map(str, arguments)],
                 cwd=BENCHMARK_FOLDER.parent,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -79,12 +80,12 @@ def measure_host_stops(seconds: float, lines: int, baud: int, seed: int) -> Figu
         if host.returncode != 0:
             raise RuntimeError(f"the host ended with {host.returncode}")
         found = figures_of(read_calls(calls), read_frames(record), json.loads(rest), baud)
-        found["machine"]["far_end_runs"] = precedence
+        found["machine"]["far_end_runs"] = priority
         return found
 
 
 def measure_runs(seconds: float, lines: int, baud: int, seed: int, burners: int, runs: int) -> Figures:
-    """Everything, with the cores loaded all the time."""
+    """Measure stops and terminations with the cores loaded all the time."""
     with running_processes(*([sys.executable, "-c", "while True: pass"] for _ in range(burners))):
         found = measure_host_stops(seconds, lines, baud, seed)
         ended = {"sigterm": termination_times(runs)} if runs else {}
@@ -97,10 +98,10 @@ def measure_runs(seconds: float, lines: int, baud: int, seed: int, burners: int,
         "line": f"{baud} 8N1",
     }
     work = {
-        "requests_per_s_asked": REQUESTS_PER_S,
-        "of": "4 KiB hashed, 60 rows of JSON made and sent, on the same loop",
+        "requests_per_s": REQUESTS_PER_S,
+        "content": "4 KiB hashed, 60 rows of JSON made and sent, on the same loop",
     }
-    head = {"commit": current_commit(), "seed": seed, "evidence_for": ["G06", "I3", "6.6 SIGTERM"]}
+    head = {"commit": current_commit(), "seed": seed, "evidence_for": ["I3"]}
     return head | settings | {"other_work": work} | found | {"machine": machine}
 
 

@@ -1,4 +1,4 @@
-"""Virtual time: how fast a day of bus traffic can be simulated."""
+"""Speed of bus traffic in virtual time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STATIONS = 31
 
 
 def bare_core(transactions: int) -> float:
-    """Transactions a second of the pure core alone: 31 stations polled, each reply there when its last bit would be."""
+    """Return the transactions a second of the bus core alone: 31 polled stations, each reply at its last bit's time."""
     core, codec, line = BusCore(SerialSettings(19_200), echo="off"), ModbusRtuCodec(), SerialSettings(19_200)
     replies = {}
     for address in range(1, STATIONS + 1):
@@ -68,7 +68,8 @@ async def _line(seconds: float) -> int:
 
 
 def run_virtual_time(transactions: int = 30_000, seconds: float = 120.0) -> Figures:
-    """``bare``: the pure core. ``real_time_factor``: 31 simulated VC660 with motors on one 9,600-baud line."""
+    """Measure the bus core alone, and 31 simulated VC660 with motors on one 9,600-baud line (``real_time_factor``)."""
+
     began = time.perf_counter()
     received = virtual_time.run(_line(seconds))
     wall = time.perf_counter() - began

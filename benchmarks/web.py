@@ -1,11 +1,9 @@
-"""Live values for many pages: ``python -m benchmarks.web`` (some two minutes).
+"""Age of live values at many pages: ``python -m benchmarks.web`` (about two minutes).
 
-Three processes, as in a plant: one with the hub and the plant's socket, one web process with the real door and
-gateways, one with the pages. Every drive of the hub gets ten new values once a second, evenly spread; each value holds
-the monotonic second at which it was published, so that a page knows its age when it arrives. The delay contains both
-intervals of 0.25 s on the way (hub and gateway). The buses are left out: nothing is polled here. Then the same while
-one program asks for single drives over REST as fast as it is answered. ``busy`` is the machine's load beside this when
-it began: figures of a busy machine are upper bounds.
+Three processes: a hub with the plant's socket, the real web process, and the pages. Every drive of the hub gets ten
+new values once a second, evenly spread; each value holds the monotonic second at which it was published, so that its
+age is known on arrival. The second part adds a program that requests single drives over REST as fast as they are
+answered. Nothing is polled. ``busy`` is the machine's load at the start: figures of a busy machine are upper bounds.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from drivebus.types import Json
 SIGNALS = 10
 WEB_TOKEN = "dbt_benchmark"
 PUBLISHED = re.compile(r'"signal_0":{"value":([0-9.]+)')
-"""One of a drive's values; to read all of it fifty times would measure the pages and not the service."""
+"""Pattern of one value of a drive: parsing all of fifty pages' JSON would measure the pages, not the service."""
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -56,7 +54,7 @@ class SyntheticService:
         return
 
     async def publish(self) -> None:
-        """Each drive once a second."""
+        """Publish each drive once a second."""
         begun, turn = time.monotonic(), 0
         while True:
             now = time.monotonic()
@@ -64,13 +62,13 @@ class SyntheticService:
             signal = {"value": now, "unit": "Hz", "quality": "good", "reason": None, "source_time_ms": time_ms}
             name = self.names[turn % len(self.names)]
             signals = {f"signal_{number}": signal for number in range(SIGNALS)}
-            self.hub.publish(f"drives/{name}", {**_constant_fields(name), "signals": signals})
+            self.hub.publish(f"drives/{name}", {**constant_fields(name), "signals": signals})
             turn += 1
             await asyncio.sleep(max(0.0, begun + turn / len(self.names) - time.monotonic()))
 
 
-def _constant_fields(name: str) -> Json:
-    """What of a drive does not change here."""
+def constant_fields(name: str) -> Json:
+    """Return the fields of a drive that do not change here."""
     return {
         "id": name,
         "title": {"en": name, "zh": name},
@@ -129,7 +127,7 @@ async def start_web(directory: Path) -> None:
 
 
 async def count_page_messages(port: int, until: float, delays: list[float], sizes: list[int]) -> None:
-    """One WebSocket; the first second, which is the snapshot's, is not counted."""
+    """Count the messages of one WebSocket, except those of the first second, which holds the snapshot."""
     import websockets
 
     headers = {"Authorization": f"Bearer {WEB_TOKEN}"}
@@ -146,7 +144,7 @@ async def count_page_messages(port: int, until: float, delays: list[float], size
 
 
 def request_repeatedly(port: int, until: float, times_s: list[float]) -> None:
-    """One program on one connection, question after question."""
+    """Send one request after the other on one connection."""
     import http.client
 
     connection = http.client.HTTPConnection("127.0.0.1", port)
@@ -159,20 +157,20 @@ def request_repeatedly(port: int, until: float, times_s: list[float]) -> None:
     connection.close()
 
 
-async def many_pages(port: int, count: int, seconds: float, asking: bool) -> Json:
+async def many_pages(port: int, count: int, seconds: float, with_requests: bool) -> Json:
     delays: list[float] = []
     sizes: list[int] = []
     times_s: list[float] = []
     until = time.monotonic() + seconds
-    asked = asyncio.to_thread(request_repeatedly, port, until, times_s) if asking else asyncio.sleep(0)
-    await asyncio.gather(*(count_page_messages(port, until, delays, sizes) for _ in range(count)), asked)
+    requests = asyncio.to_thread(request_repeatedly, port, until, times_s) if with_requests else asyncio.sleep(0)
+    await asyncio.gather(*(count_page_messages(port, until, delays, sizes) for _ in range(count)), requests)
     found: Json = {
         "values": len(delays),
         "delay_ms": spread(delays),
         "mebibytes_per_s": round(sum(sizes) / seconds / 2**20, 2),
     }
     return found | (
-        {"requests_per_s": round(len(times_s) / seconds, 1), "answer_ms": spread(times_s)} if asking else {}
+        {"requests_per_s": round(len(times_s) / seconds, 1), "answer_ms": spread(times_s)} if with_requests else {}
     )
 
 
@@ -184,7 +182,7 @@ def spread(seconds: list[float]) -> Json:
 
 @contextmanager
 def child(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Another part of this file in a process of its own, and its first line."""
+    """Run another part of this file as a process; yields the process and its first line."""
     process = subprocess.Popen([sys.executable, "-m", "benchmarks.web", *words], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -214,7 +212,7 @@ def measure_web(drives: int, clients: int, seconds: float) -> Json:
         child("--web", directory) as (server, port),
     ):
         words = ["--pages", port, "--clients", str(clients), "--seconds", str(seconds)]
-        for name, more in (("quiet", []), ("with_rest", ["--asking"])):
+        for name, more in (("quiet", []), ("with_rest", ["--with-requests"])):
             before = cpu_s(hub), cpu_s(server)
             with child(*words, *more) as (_, message):
                 found[name] = json.loads(message)
@@ -233,14 +231,15 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/web.json")
     for hidden in ("--plant", "--web", "--pages"):
         options.add_argument(hidden, help=argparse.SUPPRESS)
-    options.add_argument("--asking", action="store_true", help=argparse.SUPPRESS)
+    options.add_argument("--with-requests", action="store_true", help=argparse.SUPPRESS)
     chosen = options.parse_args()
     if chosen.plant:
         asyncio.run(plant(Path(chosen.plant), chosen.drives))
     elif chosen.web:
         asyncio.run(start_web(Path(chosen.web)))
     elif chosen.pages:
-        print(json.dumps(asyncio.run(many_pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.asking))))
+        figures = asyncio.run(many_pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.with_requests))
+        print(json.dumps(figures))
     else:
         print_figures(measure_web(chosen.drives, chosen.clients, chosen.seconds), "web.json", chosen.write)
 

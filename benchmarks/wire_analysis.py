@@ -1,4 +1,4 @@
-"""What the far end saw of a service's stops and polls. Pure but for the file that it reads."""
+"""Stops and polls of a service as the far end of its lines recorded them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from benchmarks.harness import Figures
-from benchmarks.latency import REQUEST, StopCall, WireRequest, after_free_ms, lateness_beyond_bound, match_stops
+from benchmarks.latency import (
+    REQUEST_CHARACTERS,
+    StopCall,
+    WireRequest,
+    after_free_ms,
+    lateness_beyond_bound,
+    match_stops,
+)
 from drivebus import profiles
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.serial_settings import SerialSettings
@@ -17,11 +24,11 @@ STATUS_POLL = b"\x03\x30\x00"
 LONGEST_REPLY = 13
 """FC03 of four registers."""
 AnsweredCall = tuple[StopCall, str]
-"""A stop and the word or error that its caller was told."""
+"""A stop call and the outcome or error key that it returned."""
 
 
 def calls_by_interface(path: Path) -> dict[str, list[AnsweredCall]]:
-    """What ``stopper`` recorded."""
+    """Return the calls that ``stop_load`` recorded, by interface."""
     found: dict[str, list[AnsweredCall]] = defaultdict(list)
     for way, line, address, at, word in (text.split(maxsplit=4) for text in path.read_text().splitlines()):
         found[way].append((StopCall(int(line), int(address), int(at) / 1e9), word))
@@ -29,7 +36,7 @@ def calls_by_interface(path: Path) -> dict[str, list[AnsweredCall]]:
 
 
 def line_times(baud: int) -> dict[str, float]:
-    """The line's timeout and gap in seconds, as the plant waits for them."""
+    """Return the timeout and gap of the line in seconds, as the plant computes them."""
     line, timing = SerialSettings.parse(baud, "8N1"), create_dialect(profiles.load("vc660"), 1).station_config.timing
     return {"timeout_s": timing.timeout_s(line, LONGEST_REPLY), "gap_s": timing.gap_s(line)}
 
@@ -37,41 +44,44 @@ def line_times(baud: int) -> dict[str, float]:
 def lateness_of_stops(
     calls: list[AnsweredCall], frames: Mapping[int, list[WireRequest]], bound_s: float, baud: int
 ) -> Figures:
-    """How late these stops were; those that the far end never saw are none of the figures and spoil the goal."""
-    stop_s = 10 * REQUEST / baud
-    seen = match_stops((call for call, _ in calls), frames)
+    """Return the latencies of these stops; a stop that the far end did not record counts as a missed goal."""
+    stop_s = 10 * REQUEST_CHARACTERS / baud
+    matched = match_stops((call for call, _ in calls), frames)
     found: Figures = {
         "stops": len(calls),
         "answers": dict(sorted(Counter(word for _, word in calls).items())),
-        "never_seen": len(calls) - len(seen),
+        "never_seen": len(calls) - len(matched),
         "bound_ms_to_first_bit": round((bound_s - stop_s) * 1e3, 3),
     }
-    if not seen:
+    if not matched:
         return found | {"goal_met": False}
-    found |= lateness_beyond_bound(seen, bound_s - stop_s, found["never_seen"])
-    return found | {"after_the_line_was_free_ms": after_free_ms(seen, line_times(baud), stop_s)}
+    found |= lateness_beyond_bound(matched, bound_s - stop_s, found["never_seen"])
+    return found | {"after_the_line_was_free_ms": after_free_ms(matched, line_times(baud), stop_s)}
 
 
 def poll_intervals(
     frames: Mapping[int, list[WireRequest]], alive: Iterable[int], window: tuple[float, float]
 ) -> Figures:
-    """How often the living drives were asked for their state, and the longest that one of them was not."""
+    """Return how often each responding drive was polled, and the longest pause between two polls of one."""
     begun, ended = window
     places = [(line, address) for line in frames for address in alive]
     times: dict[tuple[int, int], list[float]] = {place: [begun] for place in places}
-    asked = 0
-    for line, seen in frames.items():
-        for frame in seen:
+    polls = 0
+    for line, recorded in frames.items():
+        for frame in recorded:
             place = line, frame.data[0]
             if frame.data[1:4] == STATUS_POLL and place in times and begun <= frame.at <= ended:
                 times[place].append(frame.at)
-                asked += 1
+                polls += 1
     pauses = [later - at for many in times.values() for at, later in zip(many, [*many[1:], ended], strict=True)]
     seconds = ended - begun
     return {
-        "of_a_drive_per_s": round(asked / seconds / len(places), 2),
+        "of_a_drive_per_s": round(polls / seconds / len(places), 2),
         "longest_pause_s": round(max(pauses), 3),
         "frames_of_a_line_per_s": round(
-            sum(begun <= frame.at <= ended for seen in frames.values() for frame in seen) / seconds / len(frames), 1
+            sum(begun <= frame.at <= ended for recorded in frames.values() for frame in recorded)
+            / seconds
+            / len(frames),
+            1,
         ),
     }

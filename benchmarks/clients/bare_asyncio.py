@@ -1,4 +1,4 @@
-"""The least that asyncio can do: encode, write, await with a timeout, check the CRC. No gap, no lanes, no checks."""
+"""Bare asyncio client: encode, write, await with a timeout, check the CRC; no gap, no priorities, no other checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every measured client shares: its arguments, the round, and the figures it prints."""
+"""Arguments, sequence of requests and printed figures of every measured client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REGISTERS = 4
 
 
 def is_wrong_reply(station: int, register: int, values: Any) -> bool:
-    """True where a reply was believed that belongs to another request."""
+    """Return whether the accepted values belong to another request."""
     return list(values) != [station << 8 | (register + n) & 255 for n in range(REGISTERS)]
 
 
@@ -33,7 +33,7 @@ class ClientMeter:
         return time.monotonic() - self.wall >= SECONDS
 
     def report(self, **more: Any) -> None:
-        """One JSON line for the harness."""
+        """Print the figures as one JSON line for the harness."""
         wall, cpu = time.monotonic() - self.wall, self._cpu() - self.cpu
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         figures = {"done": self.done, "failed": self.failed, "wrong": self.wrong, "cpu_s": cpu, "wall_s": wall}

@@ -1,4 +1,4 @@
-"""drivebus polling many lines in one process: as many rounds as the wire allows. PATH is a comma-separated list."""
+"""drivebus polling many lines in one process as fast as the wire allows; PATH is a comma-separated list."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
 
 DELAY_S = 0.002
 PERIOD_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.01
-"""Shorter than the wire can do, so that there is always a poll due."""
+"""Poll period: shorter than the wire allows, so that a poll is always due."""
 
 
 async def main() -> None:

@@ -1,4 +1,4 @@
-"""drivebus, one awaited transaction after the other, every check on."""
+"""drivebus with one awaited transaction after the other and every check."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Those who mean harm, all at once: idle WebSockets, slow heads, huge bodies, bombs.
+"""Flood of hostile clients: idle WebSockets, slow request heads, huge bodies, JSON bombs.
 
     python -m benchmarks.clients.flood PORT WEBSOCKETS SLOW
 
-Prints "ready" when every WebSocket has been tried, and at the end of its standard input what became of it all, as JSON.
-None of them reads what it is told beyond the first line of an answer.
+Prints "ready" when every WebSocket has been tried, and at the end of its standard input the counts of answers as JSON.
+The clients read only the first line of an answer.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from drivebus.web.middleware.request_body import MAX_PUBLIC_BODY_BYTES as LARGES
 HUGE = 100 * 1024 * 1024
 BODY_PIECE = b" " * 65536
 DRIP_S = 1.0
-"""Between two octets of a slow head."""
+"""Pause between two bytes of a slow head."""
 BOMBS = {
     "deep JSON": (b"[" * (LARGEST - 1), ""),
     "wide JSON": (b'{"a":[' + b"{}," * (LARGEST // 3 - 10) + b"{}]}", ""),
     "packed JSON": (gzip.compress(b" " * HUGE), "Content-Encoding: gzip\r\n"),
 }
 LOGIN_PATH = "/api/v1/login"
-"""Whose body is read before anybody has said who he is."""
+"""Path whose body is read before authentication."""
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
 class FloodClients:
-    """Counts what became of each."""
+    """Hostile clients of one web process, and the counts of the answers they got."""
 
     def __init__(self, port: int) -> None:
         self.port = port
@@ -42,7 +42,7 @@ class FloodClients:
         self._open_streams: list[Streams] = []
 
     async def websocket(self) -> None:
-        """Opened, and never read."""
+        """Open a WebSocket and never read from it."""
         small = socket.socket()
         small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
         small.setblocking(False)
@@ -57,7 +57,7 @@ class FloodClients:
         await self._count("websockets", streams)
 
     async def send_slow_head(self) -> None:
-        """A head that never ends, one octet at a time; again whenever it is cut off."""
+        """Send a head without end, one byte at a time, again whenever the connection is closed."""
         while True:
             _, writer = await asyncio.open_connection("127.0.0.1", self.port)
             self.found["slow heads: begun"] += 1
@@ -70,7 +70,7 @@ class FloodClients:
                 writer.close()
 
     async def send_large_body(self, name: str, head: str, chunked: bool) -> None:
-        """100 MB, told before or in chunks; until nobody takes any more of it."""
+        """Send 100 MB, with a Content-Length or in chunks, until the server stops reading."""
         while True:
             reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
             writer.write(self._head(head))
@@ -115,7 +115,7 @@ async def main() -> None:
     length = f"Content-Length: {HUGE}\r\n"
     attacks = [
         *(asyncio.create_task(flood.send_slow_head()) for _ in range(slow)),
-        asyncio.create_task(flood.send_large_body("100 MB told", length, False)),
+        asyncio.create_task(flood.send_large_body("100 MB with Content-Length", length, False)),
         asyncio.create_task(flood.send_large_body("100 MB in chunks", "Transfer-Encoding: chunked\r\n", True)),
         *(asyncio.create_task(flood.send_bomb(name)) for name in BOMBS),
     ]

@@ -1,4 +1,4 @@
-"""Stations of the measured round as drivebus sees them: plain Modbus RTU, reads only."""
+"""Station configuration of the measured clients: plain Modbus RTU, reads only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivebus.serial_settings import StationTiming
 
 
 def link(address: int, codec: ModbusRtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationConfig:
-    """``delay_s`` is the stations' own delay; the reply may take 5 ms more before it is given up."""
+    """Return the configuration of one station; a reply may take ``delay_s`` plus 5 ms before the timeout."""
     timing = StationTiming(
         gap_characters=3.5,
         gap_floor_s=gap_floor_s,

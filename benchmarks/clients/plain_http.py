@@ -1,4 +1,4 @@
-"""HTTP/1.1 with as little work of its own as can be: one connection that is kept, one question at a time."""
+"""Minimal HTTP/1.1 client: one persistent connection, one request at a time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.service_fixture import BENCHMARK_TOKEN
 
 
 class PlainHttpConnection:
-    """To 127.0.0.1; opened when first asked, and again after the other side has closed it."""
+    """Connection to 127.0.0.1, opened by the first request and again after the server has closed it."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -21,7 +21,7 @@ class PlainHttpConnection:
             self._streams = await asyncio.open_connection("127.0.0.1", self._port)
 
     async def request(self, method: str, path: str, body: Any = None) -> tuple[int, bytes]:
-        """Status and body; 0 where the connection ended instead."""
+        """Return status and body; status 0 where the connection ended without an answer."""
         try:
             await self.open()
             assert self._streams is not None

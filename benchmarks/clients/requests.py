@@ -1,6 +1,6 @@
-"""Asks the measured host's other work for answers, so many a second, whether it is quick or not.
+"""Requests of the measured host's other work at a constant rate, independent of the answers' speed.
 
-requests.py PORT PER_SECOND    (until it is killed)
+requests.py PORT PER_SECOND    (runs until killed)
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The host whose stops are measured: all lines full, other work on the same loop, stops at random instants.
+"""Host whose stops are measured: all lines full, other work on the same loop, stops at random instants.
 
     stop_host.py PATHS STATIONS SECONDS BAUD DEAD SEED CALLS
 
 Writes CALLS: a line for each stop with the number of its bus, its address, the nanoseconds (CLOCK_MONOTONIC) of the
-call and of the stop's first frame being written to the port, and how many frames were written in between. Prints the
-port of its other work, and at the end what that came to and the bounds.
+call and of the write of its first frame to the port, and the number of frames written in between. Prints the TCP port
+of its other work, and at the end the figures of that work and the bounds.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from verification.drive_variants import VC660
 from verification.timing_bounds import TimingBounds
 
 PERIOD_S = 0.01
-"""More than a line can do, so that there is always a poll due."""
+"""Poll period: shorter than a line allows, so that a poll is always due."""
 PAUSE_S = 0.1
-"""At most, between a stop that was confirmed and the next one on its line."""
+"""Longest pause between a confirmed stop and the next stop on its line."""
 WARM_UP_S = 1.0
 LONGEST_REPLY = 13
-"""FC03 of four registers."""
+"""Bytes of a reply to FC03 of four registers."""
 VC660_STOP_WRITE = b"\x06\x20\x00"
 """VC660: FC06 to 2000H; bit 1 stops."""
 RecordedCall = tuple[int, int, int, int, int]
 
 
 class SideWork:
-    """Other work on the loop, for each line of JSON that comes: 4 KiB hashed, sixty rows of JSON made and sent."""
+    """Other work on the loop for each received line of JSON: 4 KiB hashed, sixty rows of JSON made and sent."""
 
     def __init__(self) -> None:
         self.done, self.busy_s = 0, 0.0
         self._page = bytes(4096)
 
-    def answer(self, asked: dict[str, int]) -> bytes:
+    def answer(self, request: dict[str, int]) -> bytes:
         begun = time.perf_counter()
         digest = hashlib.sha256(self._page).hexdigest()
-        rows = [{"row": n, "asked": asked["n"], "digest": digest[:8], "value": n * 0.1} for n in range(60)]
+        rows = [{"row": n, "request": request["n"], "digest": digest[:8], "value": n * 0.1} for n in range(60)]
         answer = json.dumps(rows).encode() + b"\n"
         self.busy_s += time.perf_counter() - begun
         self.done += 1
@@ -57,7 +57,7 @@ class SideWork:
 
 
 class SideWorkConnection(asyncio.Protocol):
-    """Somebody who asks for that work, one line at a time."""
+    """Connection of a client that requests the other work, one line at a time."""
 
     def __init__(self, work: SideWork) -> None:
         self._work = work
@@ -72,7 +72,7 @@ class SideWorkConnection(asyncio.Protocol):
 
 
 class WrittenFrames:
-    """What a bus writes to its port: how many frames, and when each address' stop."""
+    """Recorder of a bus's writes to its port: the number of frames, and the time of each address's stop."""
 
     def __init__(self, bus: Bus) -> None:
         self.frames, self.stops = 0, dict[int, tuple[int, int]]()
@@ -89,7 +89,7 @@ class WrittenFrames:
 async def stops(
     number: int, written: WrittenFrames, drives: list[Drive], until: float, seed: int, calls: list[RecordedCall]
 ) -> int:
-    """Stop one drive after the other at random instants; how many stops were not confirmed."""
+    """Stop one drive after the other at random instants; returns the number of unconfirmed stops."""
     chance, unconfirmed = random.Random(f"{seed}/{number}"), 0
     while time.monotonic() < until:
         await asyncio.sleep(chance.uniform(0.0, PAUSE_S))
@@ -105,16 +105,16 @@ async def stops(
     return unconfirmed
 
 
-def print_figures(**what: float) -> None:
-    print(json.dumps(what), flush=True)
+def print_figures(**figures: float) -> None:
+    print(json.dumps(figures), flush=True)
 
 
-def write(file: Path, calls: list[RecordedCall]) -> None:
+def write_calls(file: Path, calls: list[RecordedCall]) -> None:
     file.write_text("".join(" ".join(map(str, call)) + "\n" for call in calls))
 
 
 def ignore_answer(_: BusResult) -> None:
-    """The polls are load."""
+    """Ignore the reply: the polls are only load."""
 
 
 async def main() -> None:
@@ -142,7 +142,7 @@ async def main() -> None:
         *(stops(number, written[number], drives, begun + seconds, seed, calls) for number, drives in enumerate(alive))
     )
     took = time.monotonic() - begun
-    write(Path(file), calls)
+    write_calls(Path(file), calls)
     print_figures(
         unconfirmed=sum(unconfirmed),
         requests_per_s=work.done / took,

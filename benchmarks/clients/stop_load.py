@@ -1,11 +1,11 @@
-"""Fills the lines of a plant, and stops its drives at random instants in two ways: over its socket and over the web.
+"""Load of stops: fills the lines of a plant and stops its drives at random instants over its socket and over the web.
 
     python -m benchmarks.clients.stop_load DIRECTORY PORT LINES STATIONS SECONDS ROUNDS SEED CALLS
 
-What the polls leave of a line is filled with parameters read over the plant's socket, so that a read is always due. The
-last station of each line is silent. Single drives are stopped for SECONDS, then everything ROUNDS times. CALLS gets a
-line for each stop: its way, its line, its address (0: everybody's), the nanosecond (CLOCK_MONOTONIC) of the call, and
-the word or error that it was answered with. Prints what the plant says of its lines, as JSON.
+Parameter reads over the plant's socket fill what the polls leave of each line, so that a read is always due. The last
+station of each line is silent. Single drives are stopped for SECONDS, then everything ROUNDS times. CALLS gets a line
+for each stop: interface, line, address (0: all), nanosecond (CLOCK_MONOTONIC) of the call, and its outcome or error
+key. Prints the stop bound, occupation and errors of the lines as JSON.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
 from drivebus.types import Json
 
-STOP_LOAD_ACTOR = local_actor("bench", "stopper")
+STOP_LOAD_ACTOR = local_actor("bench", "stop_load")
 READERS = 1
-"""On each line: one fills it; more would keep its polls waiting for seconds."""
+"""Readers of each line: one fills it, more would delay its polls by seconds."""
 SIGNALS = ["output_voltage", "output_power", "dc_bus_voltage", "temperature", "set_speed"] * 6
 PAUSE_S = 0.2
-"""At most, between a stop that was answered and the next one on its line."""
+"""Longest pause between the result of a stop and the next stop on its line."""
 WARM_UP_S, ONLINE_TIMEOUT_S = 2.0, 20.0
 LONGEST_LINE = 4 * 1024 * 1024
 TimedStop = tuple[str, int, int, int, str]
 
 
 class LoadedService:
-    """The plant and its lines, as the one who stops sees them."""
+    """Client of the measured plant: fills its lines and stops its drives."""
 
     def __init__(self, directory: Path, port: int, lines: int, stations: int) -> None:
         self.directory, self.port, self.lines = directory, port, range(lines)
@@ -51,21 +51,21 @@ class LoadedService:
     async def buses(self) -> list[Json]:
         return list((await self._client.call("buses.list", {}, STOP_LOAD_ACTOR))["buses"])
 
-    async def online(self) -> None:
-        """Until each living station has answered once; on a machine that is too busy for that, not for ever."""
-        seen: set[str] = set()
+    async def wait_until_online(self) -> None:
+        """Wait until each responding station has been online once, at most ``ONLINE_TIMEOUT_S``."""
+        online: set[str] = set()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(ONLINE_TIMEOUT_S):
-                while len(seen) < len(self.lines) * len(self.alive):
-                    found = [one for bus in await self.buses() for one in self.living(bus)]
-                    seen |= {one["drive"] for one in found if one["presence"] == "online"}
+                while len(online) < len(self.lines) * len(self.alive):
+                    found = [one for bus in await self.buses() for one in self.responding(bus)]
+                    online |= {one["drive"] for one in found if one["presence"] == "online"}
                     await asyncio.sleep(0.5)
 
-    def living(self, bus: Json) -> list[Json]:
+    def responding(self, bus: Json) -> list[Json]:
         return [one for one in bus["stations"] if one["address"] in self.alive]
 
     async def fill(self, line: int, reader: int) -> None:
-        """Read one drive after the other, for ever."""
+        """Read parameters of one drive after the other without end."""
         for address in itertools.cycle([*self.alive[reader:], *self.alive[:reader]]):
             try:
                 await self._client.call(
@@ -75,24 +75,24 @@ class LoadedService:
                 await asyncio.sleep(0.01)
 
     async def stops(self, line: int, until: float, seed: str) -> list[TimedStop]:
-        """On one line, one after the other: a stop behind another stop has another bound."""
+        """Stop drives of one line one after the other, because a stop queued behind another has a longer bound."""
         chance, calls = random.Random(f"{seed}/{line}"), list[TimedStop]()
-        ways = {"socket": _SocketStops(self.directory), "web": _WebStops(self.port)}
+        interfaces = {"socket": _SocketStops(self.directory), "web": _WebStops(self.port)}
         while time.monotonic() < until:
             await asyncio.sleep(chance.uniform(0.0, PAUSE_S))
-            address, way = chance.choice(self.alive), chance.choice(sorted(ways))
-            await ways[way].open()
+            address, interface = chance.choice(self.alive), chance.choice(sorted(interfaces))
+            await interfaces[interface].open()
             at = time.monotonic_ns()
-            calls.append((way, line, address, at, await ways[way].stop(drive_id(line, address))))
+            calls.append((interface, line, address, at, await interfaces[interface].stop(drive_id(line, address))))
         return calls
 
-    async def stop_all(self, way: str) -> list[TimedStop]:
-        """Everything at once: over the socket that takes nothing else, or over the web."""
-        if way == "socket":
+    async def stop_all(self, interface: str) -> list[TimedStop]:
+        """Stop everything, over the socket that only takes "stop all" or over the web."""
+        if interface == "socket":
             reader, writer = await asyncio.open_unix_connection(self.directory / STOP_SOCKET, limit=LONGEST_LINE)
             at = time.monotonic_ns()
             writer.write(b"stop all\n")
-            await reader.readline()  # that it was heard
+            await reader.readline()  # the acknowledgement
             buses = json.loads(await reader.readline())["buses"]
             writer.close()
         else:
@@ -104,12 +104,12 @@ class LoadedService:
             web.close()
         silent = {drive_id(line, self.alive.stop) for line in self.lines}
         confirmed = all(set(bus["unconfirmed"]) <= silent for bus in buses.values()) and bool(buses)
-        word = "confirmed" if confirmed else "not confirmed"
-        return [(f"stop-all-{way}", line, 0, at, word) for line in self.lines]
+        outcome = "confirmed" if confirmed else "not confirmed"
+        return [(f"stop-all-{interface}", line, 0, at, outcome) for line in self.lines]
 
 
 class _SocketStops:
-    """What ``ServiceClient`` offers to programs on this machine."""
+    """Stops over the plant's socket."""
 
     def __init__(self, directory: Path) -> None:
         self._client = SocketClient(directory / SERVICE_SOCKET)
@@ -125,7 +125,7 @@ class _SocketStops:
 
 
 class _WebStops:
-    """A browser that has been there before: its connection is open."""
+    """Stops over the web on a connection that is already open."""
 
     def __init__(self, port: int) -> None:
         self._connection = PlainHttpConnection(port)
@@ -139,8 +139,8 @@ class _WebStops:
 
 
 def station_errors(plant: LoadedService, buses: Sequence[Json]) -> Counter[str]:
-    """What went wrong with the living stations since the plant began."""
-    return sum((Counter(one["errors"]) for bus in buses for one in plant.living(bus)), Counter[str]())
+    """Return the errors of the responding stations since the plant started, by kind."""
+    return sum((Counter(one["errors"]) for bus in buses for one in plant.responding(bus)), Counter[str]())
 
 
 async def run_stop_load(plant: LoadedService, rounds: int, seed: str) -> list[TimedStop]:
@@ -154,7 +154,7 @@ async def run_stop_load(plant: LoadedService, rounds: int, seed: str) -> list[Ti
 async def main() -> None:
     plant = LoadedService(Path(sys.argv[1]), *(int(text) for text in sys.argv[2:5]))
     seconds, rounds, seed, file = float(sys.argv[5]), int(sys.argv[6]), sys.argv[7], Path(sys.argv[8])
-    await plant.online()
+    await plant.wait_until_online()
     filling = [asyncio.create_task(plant.fill(line, reader)) for line in plant.lines for reader in range(READERS)]
     await asyncio.sleep(WARM_UP_S)
     before, begun = station_errors(plant, await plant.buses()), time.monotonic()

@@ -1,9 +1,9 @@
-"""People and programs at the service: so many WebSockets that take everything, so many questions a second over REST.
+"""Load of pages and programs on a service: WebSockets that read everything, and REST requests at a given rate.
 
     python -m benchmarks.clients.web_load PORT LINES STATIONS WEBSOCKETS CONNECTIONS PER_SECOND
 
-PER_SECOND 0: each connection asks as fast as it is answered. Prints "ready" when every WebSocket has had its first
-message, and at the end of its standard input what it saw, as JSON.
+PER_SECOND 0: each connection requests as fast as it is answered. Prints "ready" when every WebSocket has received its
+first message, and at the end of its standard input the figures as JSON.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OPEN_AT_ONCE = 20
 
 
 class WebClients:
-    """Counts what they are told."""
+    """WebSocket and REST clients of one service, and their counts."""
 
     def __init__(self, port: int, lines: int, stations: int) -> None:
         self.port, self._lines, self._stations = port, lines, stations
@@ -33,7 +33,7 @@ class WebClients:
         self.messages = self.bytes = self.closed = 0
 
     def request_paths(self, first: int) -> Iterator[str]:
-        """Every read that the page and a program have, the single drive most often."""
+        """Return the paths of the usual reads without end, every second one that of a single drive."""
         places = itertools.product(range(1, self._stations + 1), range(self._lines))
         for number, (address, line) in enumerate(itertools.cycle(places), first):
             one = f"/api/v1/drives/{drive_id(line, address)}"
@@ -82,24 +82,24 @@ class WebClients:
 async def main() -> None:
     port, lines, stations, sockets, connections = (int(text) for text in sys.argv[1:6])
     per_second = float(sys.argv[6])
-    found, gate, over = WebClients(port, lines, stations), asyncio.Semaphore(OPEN_AT_ONCE), asyncio.Event()
+    clients, gate, over = WebClients(port, lines, stations), asyncio.Semaphore(OPEN_AT_ONCE), asyncio.Event()
     asyncio.get_running_loop().add_reader(0, over.set)
     firsts = [asyncio.Event() for _ in range(sockets)]
-    listening = [asyncio.create_task(found.listen(gate, first)) for first in firsts]
+    listening = [asyncio.create_task(clients.listen(gate, first)) for first in firsts]
     await asyncio.gather(*(first.wait() for first in firsts))
     print("ready", flush=True)
     period_s = connections / per_second if per_second else 0.0
     phase_s = 1 / per_second if per_second else 0.0
-    begun, found.messages, found.bytes = time.monotonic(), 0, 0
-    asking = [
-        asyncio.create_task(found.request_periodically(place, period_s, place * phase_s))
+    begun, clients.messages, clients.bytes = time.monotonic(), 0, 0
+    requesting = [
+        asyncio.create_task(clients.request_periodically(place, period_s, place * phase_s))
         for place in range(connections)
     ]
     await over.wait()
-    message = found.figures(time.monotonic() - begun)
-    for task in (*listening, *asking):
+    figures = clients.figures(time.monotonic() - begun)
+    for task in (*listening, *requesting):
         task.cancel()
-    print(json.dumps(message), flush=True)
+    print(json.dumps(figures), flush=True)
 
 
 if __name__ == "__main__":

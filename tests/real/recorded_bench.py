@@ -21,7 +21,7 @@ C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
 """F9.3 = 2: trip; F9.4: after so many tenths of a second without a frame."""
 SLOW_MACHINE_PROFILE = """format = 1
 extends = "c320"
-model = "patient"
+model = "slow_adapter"
 [timing]
 adapter_latency_s = 0.3
 evidence = "user"
@@ -154,7 +154,7 @@ def vc660(baud: int = 19200, **more: Any) -> dict[str, Any]:
 
 def slow_machine_c320(folder: Path) -> Path:
     """The C320 for a busy machine: a reply may come a third of a second late."""
-    own = folder / "patient.toml"
+    own = folder / "slow_adapter.toml"
     own.write_text(SLOW_MACHINE_PROFILE)
     return own
 
