@@ -9,7 +9,7 @@ import pytest
 
 from drivebus import profiles
 from drivebus.cli import output
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant
 from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer
 from drivebus.cli.demo.terminal import DemoClient
@@ -26,14 +26,14 @@ def english() -> Iterator[None]:
     output.parse_global_options([])
 
 
-def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_lines() -> None:
-    assert sum(len(line.drives) for line in LINES) >= 8
-    assert {profiles.load(line.model).family for line in LINES} == {"sunfar", "dzb100", "modbus"}
-    assert {line.model for line in LINES} == {"c320", "dzb100", "vc660", "df800"}
-    assert len({line.name for line in LINES}) == 4
+def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_buses() -> None:
+    assert sum(len(bus.drives) for bus in BUSES) >= 8
+    assert {profiles.load(bus.model).family for bus in BUSES} == {"sunfar", "dzb100", "modbus"}
+    assert {bus.model for bus in BUSES} == {"c320", "dzb100", "vc660", "df800"}
+    assert len({bus.name for bus in BUSES}) == 4
 
 
-def test_the_script_has_starts_ramps_a_trip_its_reset_and_an_adapter_pulled_and_plugged_in() -> None:
+def test_the_script_has_starts_a_trip_a_reset_and_an_adapter_that_is_unplugged_and_plugged() -> None:
     steps = OPENING + CONTINUATION
     actions = [step.action for step in steps]
     assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
@@ -51,16 +51,16 @@ async def test_the_whole_script_plays_and_ends_with_every_drive_stopped() -> Non
     client = DemoClient()
     await client.start()
     try:
-        await until(lambda: client.over)
+        await until(lambda: client.finished)
         await asyncio.sleep(1.5)  # the rows are fetched once a second
         states = {row.name: row.state for row in client.drives()}
-        buses_up = [row.up for row in client.lines()]
+        buses_up = [row.up for row in client.buses()]
     finally:
         await client.close()
     assert {state for name, state in states.items() if not name.startswith("pump")} == {"stopped"}
     assert {state for name, state in states.items() if name.startswith("pump")} == {"unknown"}
     assert buses_up == [True] * 4
-    messages = "\n".join(client.news())
+    messages = "\n".join(client.messages())
     for part in ("its motor jams", "the fault is gone", "pulled out", "the adapter is back", "End of the script"):
         assert part in messages
     assert "NOT CONFIRMED" not in messages
@@ -69,25 +69,25 @@ async def test_the_whole_script_plays_and_ends_with_every_drive_stopped() -> Non
 async def test_the_first_key_ends_the_script_and_reset_releases_the_start_inhibit_of_a_stop_of_all() -> None:
     client = DemoClient()
     await client.start()
-    news = client.news()
+    messages = client.messages()
     try:
         await until(lambda: any(row.key == "spindle-3" and row.state == "stopped" for row in client.drives()))
         client.run("spindle-3")
-        await until(lambda: any(line.startswith("spindle 3: the drive reports") for line in news))
+        await until(lambda: any(line.startswith("spindle 3: the drive reports") for line in messages))
         client.stop_all()
-        await until(lambda: any(line.startswith("All drives:") for line in news))
+        await until(lambda: any(line.startswith("All drives:") for line in messages))
         client.run("spindle-3")
-        await until(lambda: any("x (reset) releases it" in line for line in news))
+        await until(lambda: any("x (reset) releases it" in line for line in messages))
         client.reset("spindle-3")
-        await until(lambda: any("is released" in line for line in news))
-        before = len(news)
+        await until(lambda: any("is released" in line for line in messages))
+        before = len(messages)
         await asyncio.sleep(1.0)
         client.run("spindle-3")
-        await until(lambda: any("accelerating" in line or "running" in line for line in news[before:]))
+        await until(lambda: any("accelerating" in line or "running" in line for line in messages[before:]))
     finally:
         await client.close()
-    messages = "\n".join(news)
-    assert "You have control" in messages and "pulled out" not in messages
+    text = "\n".join(messages)
+    assert "You have control" in text and "pulled out" not in text
     assert not client._tasks and client._process is None
 
 

@@ -1,4 +1,4 @@
-"""A web part that is late on a busy machine: the demo's address comes all the same."""
+"""The address that the demo prints."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from drivebus.cli import output
 from drivebus.cli.demo import host
 
 
-async def _nothing(*_: Any) -> None:
+async def _do_nothing(*_: Any) -> None:
     pass
 
 
-def test_the_address_is_told_however_late_the_page_answers(
+def test_the_address_is_printed_even_if_the_page_answers_late(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output.parse_global_options(["--lang", "en"])
     port = host.free_port(0)
-    setting: Any = SimpleNamespace(web=SimpleNamespace(port=port), directory=tmp_path)
+    config: Any = SimpleNamespace(web=SimpleNamespace(port=port), directory=tmp_path)
     monkeypatch.setattr(host, "PAGE_TIMEOUT_S", 0.01)
-    monkeypatch.setattr(host, "_play", _nothing)
+    monkeypatch.setattr(host, "_play", _do_nothing)
 
     async def late() -> None:
-        waited = asyncio.Event()
-        monkeypatch.setattr(output, "print_note", lambda *_, **__: waited.set())
+        noted = asyncio.Event()
+        monkeypatch.setattr(output, "print_note", lambda *_, **__: noted.set())
         plant: Any = None
-        telling = asyncio.create_task(host._announce_and_play(setting, "C0DE", "pass-word", plant))
-        await waited.wait()
+        announcing = asyncio.create_task(host._announce_and_play(config, "C0DE", "pass-word", plant))
+        await noted.wait()
         async with await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", port):
-            await telling
+            await announcing
 
     asyncio.run(late())
     printed = capsys.readouterr().out

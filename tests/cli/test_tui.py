@@ -1,4 +1,4 @@
-"""The live view: rows, the full screen by keyboard, plain lines, captures, and the whole story of the demo."""
+"""The live view: rows, tables, keys of the full screen, JSON documents, captures, and the demo's plant on ptys."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def english() -> Iterator[None]:
 
 
 class FakeRowSource:
-    """Two drives that stand still."""
+    """Row source of two drives and one bus that never change."""
 
     title = "two drives"
-    over = False
+    finished = False
 
     def __init__(self) -> None:
         self.closed = False
@@ -61,40 +61,51 @@ class FakeRowSource:
         good = {"output_frequency": Reading(12.5, "Hz", source_time=99.0), "output_current": missing_reading("x", "A")}
         odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
         return [
-            DriveRow("a", "fan 1", "A", "c320", 1, "running", "forward", readings=good, presence="online", at=99.0),
-            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="offline", at=50.0),
+            DriveRow(
+                "a",
+                "fan 1",
+                "A",
+                "c320",
+                1,
+                "running",
+                "forward",
+                readings=good,
+                presence="online",
+                oldest_value_at=99.0,
+            ),
+            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="offline", oldest_value_at=50.0),
         ]
 
-    def lines(self) -> list[BusRow]:
+    def buses(self) -> list[BusRow]:
         return [BusRow("A", "9600 8E1", True, 0.5, 12.0, {"NoReply": 2, "late": 0})]
 
-    def news(self) -> list[str]:
+    def messages(self) -> list[str]:
         return ["something happened"]
 
 
-class RecordedKeys:
-    """Notes what the keys command."""
+class RecordedCommands:
+    """Key commands that record their calls."""
 
     def __init__(self) -> None:
-        self.done: list[tuple[Any, ...]] = []
+        self.calls: list[tuple[Any, ...]] = []
 
     def __getattr__(self, name: str) -> Any:
-        return lambda *arguments: self.done.append((name, *arguments))
+        return lambda *arguments: self.calls.append((name, *arguments))
 
 
-def test_what_is_not_reported_is_a_dash_and_never_a_zero() -> None:
+def test_a_value_that_is_not_reported_is_a_dash_and_never_a_zero() -> None:
     row = FakeRowSource().drives()[0]
     assert row.cell("output_current") == "–"
     assert row.cell("set_frequency") == "–"
     assert row.cell("output_frequency") == "12.50"
 
 
-def test_what_we_commanded_is_marked_where_the_drive_reports_no_set_frequency() -> None:
+def test_a_commanded_frequency_has_a_star_if_the_drive_reports_none() -> None:
     row = DriveRow("a", "fan 1", "A", "c320", 1, commanded_hz=30.0)
     assert row.cell("set_frequency") == "30.00*"
 
 
-def test_an_uncertain_value_is_marked_and_a_silent_drive_is_named_so() -> None:
+def test_an_uncertain_value_has_a_question_mark_and_an_offline_drive_no_answer() -> None:
     row = FakeRowSource().drives()[1]
     assert row.cell("output_frequency") == "3.00?"
     assert row.state_text() == "NO ANSWER"
@@ -102,20 +113,20 @@ def test_an_uncertain_value_is_marked_and_a_silent_drive_is_named_so() -> None:
 
 
 @pytest.mark.parametrize("cells", [60, 70, 80, 120])
-def test_the_columns_fill_a_terminal_and_never_more(cells: int) -> None:
+def test_the_columns_fit_the_terminal(cells: int) -> None:
     assert sum(drive_columns(cells).values()) <= cells
     assert sum(bus_columns(cells).values()) <= cells
 
 
-def test_what_matters_least_gives_way_on_a_narrow_terminal() -> None:
+def test_a_narrow_terminal_hides_the_least_important_columns() -> None:
     assert set(drive_columns(80)) == {"name", "state", "direction", *COLUMN_SIGNALS, "fault", "age"}
     assert {"state", "output_frequency", "fault", "age"} <= set(drive_columns(60))
     assert "output_voltage" not in drive_columns(72)
 
 
-async def test_a_terminal_that_is_made_narrow_keeps_the_selected_drive_and_the_age_in_sight() -> None:
-    hand = RecordedKeys()
-    screen = MonitorApp(FakeRowSource(), hand)
+async def test_a_terminal_that_becomes_narrow_keeps_the_selected_drive_and_the_age_visible() -> None:
+    commands = RecordedCommands()
+    screen = MonitorApp(FakeRowSource(), commands)
     async with screen.run_test(size=(120, 24)) as pilot:
         await pilot.pause(0.4)
         await pilot.press("down")
@@ -125,7 +136,7 @@ async def test_a_terminal_that_is_made_narrow_keeps_the_selected_drive_and_the_a
         table = screen.query_one("#drives", CellTable)
         assert len(table.get_row_at(0)) == len(drive_columns(60))
         assert not table.show_horizontal_scrollbar
-    assert hand.done == [("stop", "b")]
+    assert commands.calls == [("stop", "b")]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -133,12 +144,12 @@ def test_every_state_fits_its_column_in_both_languages(language: str) -> None:
     from drivebus.drives import DriveState
 
     output.parse_global_options(["--lang", language])
-    room = drive_columns(80)
+    columns = drive_columns(80)
     for state in DriveState:
         row = DriveRow("a", "x", "A", "m", 1, str(state), "reverse", presence="online")
-        assert width(row.state_text()) < room["state"]
-        assert width(row.direction_text()) < room["direction"]
-    for name, cells in room.items():
+        assert width(row.state_text()) < columns["state"]
+        assert width(row.direction_text()) < columns["direction"]
+    for name, cells in columns.items():
         assert width(output.text(f"live.drive.{name}")) <= cells
 
 
@@ -151,44 +162,44 @@ def test_chinese_takes_two_cells_and_never_begins_a_line_with_a_comma() -> None:
     assert len({width(line[: line.rindex(" ") + 1]) for line in shown}) == 1
 
 
-async def test_the_demos_twelve_drives_their_ages_lines_and_news_stand_on_a_terminal_of_80_by_24() -> None:
-    """The size that terminals open with: the ages, a drive and the news were behind scroll bars."""
+async def test_twelve_drives_four_buses_and_messages_fit_a_terminal_of_80_by_24() -> None:
+    """The usual size of a new terminal shows the demo without scroll bars."""
 
     class Plant(FakeRowSource):
         def drives(self) -> list[DriveRow]:
             return [replace(super(Plant, self).drives()[0], key=str(n)) for n in range(12)]
 
-        def lines(self) -> list[BusRow]:
-            return super().lines() * 4
+        def buses(self) -> list[BusRow]:
+            return super().buses() * 4
 
-    screen = MonitorApp(Plant(), RecordedKeys())
+    screen = MonitorApp(Plant(), RecordedCommands())
     async with screen.run_test(size=(80, 24)) as pilot:
         await pilot.pause(0.6)
         for table in screen.query(CellTable):
             assert (table.max_scroll_x, table.max_scroll_y) == (0, 0), table.id
-        assert screen.query_one("#news").size.height >= 2
+        assert screen.query_one("#messages").size.height >= 2
 
 
 async def test_keys_command_the_selected_drive_and_q_ends() -> None:
-    feed, hand = FakeRowSource(), RecordedKeys()
-    screen = MonitorApp(feed, hand)
+    source, commands = FakeRowSource(), RecordedCommands()
+    screen = MonitorApp(source, commands)
     async with screen.run_test(size=(80, 24)) as pilot:
         await pilot.pause(0.4)
         await pilot.press("r", "down", "s", "plus", "minus", "x", "space")
         assert screen.query_one("#drives", CellTable).get_row_at(0)[1].plain == "running"
         await pilot.press("q")
-    assert hand.done == [
+    assert commands.calls == [
         ("run", "a"),
         ("stop", "b"),
-        ("change", "b", 5.0),
-        ("change", "b", -5.0),
+        ("change_frequency", "b", 5.0),
+        ("change_frequency", "b", -5.0),
         ("reset", "b"),
         ("stop_all",),
     ]
-    assert feed.closed
+    assert source.closed
 
 
-async def test_a_monitor_has_no_keys_that_command() -> None:
+async def test_a_monitor_has_no_command_keys() -> None:
     screen = MonitorApp(FakeRowSource())
     async with screen.run_test(size=(80, 24)) as pilot:
         await pilot.press("r", "s", "plus", "space")
@@ -196,13 +207,13 @@ async def test_a_monitor_has_no_keys_that_command() -> None:
     assert not {"run", "stop", "faster", "stop_all"} & bound
 
 
-async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> None:
+async def test_a_source_runs_in_its_own_thread_and_its_failure_is_raised() -> None:
     class Broken(FakeRowSource):
         async def start(self) -> None:
             raise PortLost("ports.lost", port="x", reason="y")
 
-    feed = FakeRowSource()
-    threaded = ThreadedRowSource(feed, RecordedKeys())
+    source = FakeRowSource()
+    threaded = ThreadedRowSource(source, RecordedCommands())
     await threaded.start()
     for _ in range(50):
         if threaded.drives():
@@ -210,7 +221,7 @@ async def test_a_feed_lives_in_its_own_thread_and_its_failure_comes_back() -> No
         await asyncio.sleep(0.02)
     assert [row.name for row in threaded.drives()] == ["fan 1", "fan 2"]
     await threaded.close()
-    assert feed.closed
+    assert source.closed
     with pytest.raises(PortLost):
         await ThreadedRowSource(Broken()).start()
 
@@ -221,18 +232,18 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.02)
 
 
-async def test_the_plant_on_ptys_loses_and_gets_back_a_line_and_nothing_is_left_behind() -> None:
+async def test_a_bus_of_the_plant_on_ptys_is_unplugged_and_plugged_and_its_folder_is_deleted() -> None:
     pytest.importorskip("pty")
     plant = PtyDemoPlant()
     await plant.start()
     try:
-        folder = Path(plant.links[2].partition("://")[2].partition("?")[0]).parent
-        async with Bus(ports.open_port(plant.links[2])) as bus:
+        folder = Path(plant.urls[2].partition("://")[2].partition("?")[0]).parent
+        async with Bus(ports.open_port(plant.urls[2])) as bus:
             drive = Drive(bus, "vc660", 1)
             assert (await drive.status()).state == "stopped"
-            plant.apply({"do": "unplug", "line": 2})
+            plant.apply({"do": "unplug", "bus": 2})
             await until(lambda: not bus.is_open)
-            plant.apply({"do": "plug", "line": 2})
+            plant.apply({"do": "plug", "bus": 2})
             await until(lambda: bus.is_open)
             assert (await drive.status()).state == "stopped"
             drive.close()
@@ -258,11 +269,11 @@ def test_monitor_streams_documents_without_a_terminal_and_commands_nothing() -> 
     assert result.exit_code == 0, result.output
     last = [json.loads(line) for line in result.stdout.splitlines()][-1]
     assert [row["state"] for row in last["drives"]] == ["stopped", "stopped"]
-    assert last["lines"][0]["transactions_per_s"] > 0
+    assert last["buses"][0]["transactions_per_s"] > 0
 
 
-def test_monitor_shows_whom_it_found_by_the_profile_that_was_asked_for(tmp_path: Path) -> None:
-    """A file of one's own keeps its base's name within; the base itself lacks the signal."""
+def test_monitor_reads_detected_drives_with_the_profile_of_the_option(tmp_path: Path) -> None:
+    """The user's own file has a signal that its base, whose model name it contains, does not have."""
     own = tmp_path / "mine.toml"
     own.write_text(
         'format = 1\nextends = "c320"\naddresses = [1, 2]\n[signals.output_current]\nnotation = "d.2"\nunit = "A"\n'
@@ -277,44 +288,49 @@ def test_monitor_shows_whom_it_found_by_the_profile_that_was_asked_for(tmp_path:
 
 def recorded() -> Capture:
     """Two polls of a VC660: one answered, one not."""
-    ask, reply = bytes.fromhex("0103300200012ACA"), bytes.fromhex("010302138 8B512".replace(" ", ""))
+    request, reply = bytes.fromhex("0103300200012ACA"), bytes.fromhex("010302138 8B512".replace(" ", ""))
     records = (
-        BytesRecord(0.0, "tx", ask),
+        BytesRecord(0.0, "tx", request),
         BytesRecord(0.02, "rx", reply[:3]),
         BytesRecord(0.03, "rx", reply[3:]),
-        BytesRecord(0.5, "tx", ask),
-        BytesRecord(1.0, "tx", ask),
+        BytesRecord(0.5, "tx", request),
+        BytesRecord(1.0, "tx", request),
         BytesRecord(1.02, "rx", reply[:-1] + b"\x00"),
     )
     return Capture(CaptureHeader(SerialSettings(9600), "path:x"), records)
 
 
-def test_a_capture_is_told_as_it_was_late_and_broken_replies_too() -> None:
+def test_a_capture_counts_missing_and_damaged_replies() -> None:
     player = CapturePlayer(recorded(), [(profiles.load("vc660"), "rtu")])
     for record in player.capture.records:
         assert isinstance(record, BytesRecord)
         player.on_record(record)
     row = player.drives[1].row("online")
     assert row.cell("output_frequency") == "50.00"
-    assert row.at == pytest.approx(0.03)
+    assert row.oldest_value_at == pytest.approx(0.03)
     assert dict(player.activity.errors) == {"NoReply": 1, "ChecksumError": 1}
 
 
 def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A C320 does; `drivebus monitor LINK` alone ended with "address 1 is taken". Whoever else answers is named."""
-    line = SerialSettings.parse(9600, "8E1")
+    """A C320 answers in two encodings; a drive of another family is named in a note."""
+    settings = SerialSettings.parse(9600, "8E1")
 
     async def silence(*_: object) -> scan.SniffResult:
         return scan.SniffResult(0, 0, b"", 2.0)
 
     async def found(passes: object, open_port: object, progress: scan.ScanProgress, *_: object) -> None:
-        there = [("sunfar", "ascii", 1), ("sunfar", "ascii", 2), ("sunfar", "hex", 1), ("modbus", "rtu", 9)]
+        detected = [("sunfar", "ascii", 1), ("sunfar", "ascii", 2), ("sunfar", "hex", 1), ("modbus", "rtu", 9)]
         models = {"sunfar": ("c320",), "modbus": ("vc660",)}
         progress.found += [
             scan.DetectedDrive(
-                models=models[who], family=who, encoding=how, address=at, settings=line, exchange=(b"", b"")
+                models=models[family],
+                family=family,
+                encoding=encoding,
+                address=address,
+                settings=settings,
+                exchange=(b"", b""),
             )
-            for who, how, at in there
+            for family, encoding, address in detected
         ]
 
     monkeypatch.setattr(scan, "sniff", silence)
@@ -343,15 +359,15 @@ def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
     assert any("End of the capture" in document.get("event", "") for document in documents)
 
 
-def test_a_long_name_of_a_line_keeps_its_end_and_a_gap_before_the_settings() -> None:
+def test_a_long_bus_name_keeps_its_end_and_a_gap_before_the_settings() -> None:
     row = BusRow("tcp:192.168.100.50:4001", "9600 8N1")
     shown = bus_cells(row, bus_columns(80))[0].plain
     assert shown.endswith(":4001")
-    assert width(shown) < bus_columns(80)["line"]
+    assert width(shown) < bus_columns(80)["bus"]
 
 
-def test_a_plant_whose_parent_was_killed_leaves_nothing_behind() -> None:
-    """The terminal is closed: the stations see the end of their input, stop and clear their folder away."""
+def test_the_stations_of_a_killed_parent_end_and_delete_their_folder() -> None:
+    """The end of their standard input ends the process of the stations."""
 
     async def abandon(plant: PtyDemoPlant) -> None:
         await plant.start()

@@ -15,9 +15,9 @@ import httpx
 import pytest
 
 from drivebus.cli.demo.history import HOURS
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 
-DRIVES = {part.key for line in LINES for part in line.drives}
+DRIVES = {part.key for bus in BUSES for part in bus.drives}
 PATIENCE_S = 60.0
 Demo = tuple[subprocess.Popen[str], dict[str, str]]
 

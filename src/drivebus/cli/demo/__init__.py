@@ -1,1 +1,1 @@
-"""The demo: a virtual plant of four lines, its host, and a story that the user can take over."""
+"""The demo: a virtual plant with four buses, its service, and a script that the user can take over."""

@@ -1,6 +1,6 @@
-"""The shift that lies behind the demo: eight hours of twelve motors, every ten seconds, from the same motor physics.
+"""Generated history of the demo: eight hours of twelve drives, one sample every ten seconds, from the motor model.
 
-Values only: who keeps them is not known here. The same seed gives the same shift.
+The same seed gives the same values.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ from drivebus.values import Quality
 
 HOURS, STEP_S = 8.0, 10.0
 SETPOINTS_HZ = (15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
-RUN_S, PAUSE_S = (600.0, 5400.0), (60.0, 900.0)
-"""How long a drive runs at one setpoint, and how long it rests."""
-TRIPS = 0.03
-"""Share of the runs that end in a trip."""
+RUN_S = (600.0, 5400.0)  # shortest and longest time at one setpoint
+PAUSE_S = (60.0, 900.0)  # shortest and longest standstill
+TRIP_SHARE = 0.03  # share of the runs that end in a trip
 
 
 @dataclass(frozen=True, slots=True)
 class DemoEvent:
-    """Something of the shift that a trend marks."""
+    """Event of the history that a trend marks."""
 
     time_ms: int
     drive: str
@@ -36,53 +35,53 @@ class DemoEvent:
 
 
 class HistoryGenerator:
-    """One drive's shift, step by step."""
+    """Samples and events of one drive."""
 
-    def __init__(self, line: DemoBus, part: DemoDrive, profile: DriveProfile, start_ms: int, seed: int) -> None:
-        self.drive, self.start_ms = part.key, start_ms
-        self._signals = [name for name in profile.signals if name in VALUES]
-        self._rough = {name for name in self._signals if profile.signals[name].uncertain}
-        self._chance = Random(f"{seed}/{part.key}")
-        self._motor = Motor(load=LOADS[line.load]())
-        self._motor.accel_s = self._motor.decel_s = line.ramp_s
-        self._next_s = self._chance.uniform(0.0, 1200.0)
-        self.happened: list[DemoEvent] = []
+    def __init__(self, bus: DemoBus, drive: DemoDrive, profile: DriveProfile, start_ms: int, seed: int) -> None:
+        self.drive, self.start_ms = drive.key, start_ms
+        self._signals = [name for name in profile.signals if name in SIGNAL_VALUES]
+        self._uncertain = {name for name in self._signals if profile.signals[name].uncertain}
+        self._random = Random(f"{seed}/{drive.key}")
+        self._motor = Motor(load=LOADS[bus.load]())
+        self._motor.accel_s = self._motor.decel_s = bus.ramp_s
+        self._next_event_s = self._random.uniform(0.0, 1200.0)
+        self.events: list[DemoEvent] = []
 
     def samples(self) -> Iterator[Sample]:
-        """In the order of time; ``happened`` fills on the way."""
+        """Yield the samples in order of time; append to ``events`` on the way."""
         for step in range(int(HOURS * 3600.0 / STEP_S)):
             time_s = step * STEP_S
-            if time_s >= self._next_s:
-                self._turn(time_s)
+            if time_s >= self._next_event_s:
+                self._next_event(time_s)
             self._motor.step(STEP_S)
             yield from self._read(self.start_ms + int(time_s * 1000.0))
 
-    def _turn(self, time_s: float) -> None:
+    def _next_event(self, time_s: float) -> None:
         """Start, change the setpoint, stop or trip."""
-        motor, chance = self._motor, self._chance
+        motor, random = self._motor, self._random
         if motor.trip is not None:
             motor.reset()
-        if motor.energised and chance.random() < 0.5:
-            kind = "trip" if chance.random() < TRIPS else "stop"
+        if motor.energised and random.random() < 0.5:
+            kind = "trip" if random.random() < TRIP_SHARE else "stop"
             if kind == "trip":
                 motor.force_trip(Trip.OVERCURRENT_RUNNING)
             else:
                 motor.stop()
-            self._next_s = time_s + chance.uniform(*PAUSE_S)
-            self._note(time_s, kind)
+            self._next_event_s = time_s + random.uniform(*PAUSE_S)
+            self._add_event(time_s, kind)
             return
-        hz = chance.choice(SETPOINTS_HZ)
+        hz = random.choice(SETPOINTS_HZ)
         motor.run(hz)
-        self._next_s = time_s + chance.uniform(*RUN_S)
-        self._note(time_s, "run", hz)
+        self._next_event_s = time_s + random.uniform(*RUN_S)
+        self._add_event(time_s, "run", hz)
 
-    def _note(self, time_s: float, kind: str, hz: float = 0.0) -> None:
-        self.happened.append(DemoEvent(self.start_ms + int(time_s * 1000.0), self.drive, kind, hz))
+    def _add_event(self, time_s: float, kind: str, hz: float = 0.0) -> None:
+        self.events.append(DemoEvent(self.start_ms + int(time_s * 1000.0), self.drive, kind, hz))
 
     def _read(self, time_ms: int) -> Iterator[Sample]:
         for name in self._signals:
-            value = VALUES[name](self._motor)
-            if name in self._rough:
+            value = SIGNAL_VALUES[name](self._motor)
+            if name in self._uncertain:
                 yield Sample(
                     f"{self.drive}.{name}",
                     time_ms,
@@ -93,7 +92,7 @@ class HistoryGenerator:
                 yield Sample(f"{self.drive}.{name}", time_ms, value, Quality.GOOD)
 
 
-VALUES: Mapping[str, Callable[[Motor], float]] = {
+SIGNAL_VALUES: Mapping[str, Callable[[Motor], float]] = {
     "set_frequency": lambda motor: motor.target_hz,
     "output_frequency": lambda motor: round(abs(motor.output_hz), 2),
     "output_current": lambda motor: round(motor.current_a, 1),
@@ -103,6 +102,6 @@ VALUES: Mapping[str, Callable[[Motor], float]] = {
     "temperature": lambda motor: round(motor.temperature_c),
     "speed": lambda motor: round(abs(motor.speed_rpm)),
 }
-"""Signals that the motor model knows, in the profiles' units; the others have no history."""
+"""Signals of the motor model in the units of the profiles; other signals have no history."""
 RAW_COUNTS_PER_UNIT = {"output_current": 10.0}
-"""Counts a unit of the simulated DF800, whose manual publishes no scale: raw words, so uncertain."""
+"""Raw counts per unit of the simulated DF800, whose manual defines no scale; such samples are uncertain."""

@@ -20,10 +20,10 @@ from pathlib import Path
 
 from drivebus import i18n, profiles
 from drivebus.cli import output
-from drivebus.cli.demo import plant_toml
 from drivebus.cli.demo.history import HOURS, DemoEvent, HistoryGenerator
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
+from drivebus.cli.demo.plant_toml import plant_toml
 from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer, ScriptStep
 from drivebus.cli.errors import ExitCode
 from drivebus.clock import wall_ms
@@ -45,7 +45,7 @@ from drivebus.types import Json
 LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
 USER = "demo"
 PASSWORD_BYTES = 9  # the password is new each time and printed
-PAGE_TIMEOUT_S = 30.0  # then a note says that the page is late
+PAGE_TIMEOUT_S = 30.0  # after this time a note reports that the page is late
 SEED = 1
 
 
@@ -89,7 +89,7 @@ async def _run_with_page(directory: Path, port: int) -> ExitCode:
 
 def _write_config(plant: DemoPlant, directory: Path, port: int) -> PlantConfig:
     file = directory / "plant.toml"
-    file.write_text(plant_toml.text(plant.links, directory, port), encoding="utf-8")
+    file.write_text(plant_toml(plant.urls, directory, port), encoding="utf-8")
     return load(file)
 
 
@@ -177,7 +177,7 @@ async def prepare(config: PlantConfig) -> tuple[str, str]:
 
 
 def _write_waivers(config: PlantConfig) -> None:
-    """Allow the start of simulated drives, whose reaction to a communication loss harms nobody."""
+    """Allow the start of simulated drives, whose reaction to a communication loss is harmless."""
     store = FileStore(config.directory / "plant.json")
     buses = {bus.id: bus for bus in config.buses}
     reason = " · ".join(i18n.text("demo.waiver", language) for language in i18n.LANGUAGES)
@@ -188,11 +188,11 @@ def _write_waivers(config: PlantConfig) -> None:
 async def _write_history(config: PlantConfig) -> None:
     start_ms = wall_ms() - int(HOURS * 3_600_000)
     async with Historian(config.history, config.directory) as historian:
-        for bus in LINES:
+        for bus in BUSES:
             for drive in bus.drives:
                 generator = HistoryGenerator(bus, drive, profiles.load(bus.model), start_ms, SEED)
                 historian.append(list(generator.samples()))
-                for number, event in enumerate(generator.happened):
+                for number, event in enumerate(generator.events):
                     historian.put_event(_event_json(event, number))
                 await historian.flush()
 

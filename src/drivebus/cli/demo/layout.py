@@ -1,4 +1,4 @@
-"""What the virtual plant is made of: lines, drives, loads. Values only; both sides of the demo read it."""
+"""Layout of the virtual plant: buses, drives, loads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class DemoDrive:
-    """One drive of the plant; ``role`` is an i18n key."""
+    """One drive; its name is the catalogue text ``demo.role.<role>`` with its number."""
 
     role: str
     number: int
@@ -21,7 +21,7 @@ class DemoDrive:
 
 @dataclass(frozen=True, slots=True)
 class DemoBus:
-    """One line: its drives share a model, a baud rate and a format."""
+    """One bus: its drives have the same model, baud rate and format."""
 
     name: str
     model: str
@@ -31,11 +31,11 @@ class DemoBus:
     ramp_s: float
     drives: tuple[DemoDrive, ...]
     settings: Mapping[str, str] = field(default_factory=dict)
-    """Open questions of the family, answered for this plant (the host is told as well)."""
+    """Values of the profile options, for the simulated drives and for the service."""
 
     @property
     def target(self) -> str:
-        """``c320@1,2,3``."""
+        """Return ``c320@1,2,3``, the drives of a ``sim://`` URL."""
         return f"{self.model}@{','.join(str(drive.address) for drive in self.drives)}"
 
 
@@ -45,10 +45,10 @@ def _drives(role: str, *addresses: int) -> tuple[DemoDrive, ...]:
 
 DZB_CODING = dict.fromkeys(("setpoint_coding", "query_coding", "parameter_coding"), "hex-0.1")
 
-LINES = (
+BUSES = (
     DemoBus("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
     DemoBus("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2, 3), DZB_CODING),
     DemoBus("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2, 3)),
     DemoBus("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2, 3)),
 )
-"""Twelve drives of four families on four lines, each at a speed that its family knows."""
+"""Twelve drives of four models on four buses, each at a baud rate of its model."""

@@ -1,4 +1,4 @@
-"""The virtual plant as the demo's host sees it: four LINKs, and what the story may do to them."""
+"""Simulated buses of the demo: their port URLs, and the events that the script applies to them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,28 @@ import sys
 import tempfile
 from typing import Any, Protocol
 
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 
 
 class DemoPlant(Protocol):
-    """Four lines of pretend drives."""
+    """Four buses of simulated drives."""
 
     kind: str
     """``pty`` or ``memory``."""
-    links: list[str]
+    urls: list[str]
+    """Port URLs, in the order of ``BUSES``."""
 
     async def start(self) -> None: ...
 
     async def close(self) -> None: ...
 
-    def apply(self, order: dict[str, Any]) -> None:
-        """``unplug`` or ``plug`` a line, or ``trip`` a drive."""
+    def apply(self, event: dict[str, Any]) -> None:
+        """Unplug or plug a bus, or trip a drive: see ``stations.apply_event``."""
         ...
 
 
 def create_demo_plant() -> DemoPlant:
-    """On ptys in a process of its own where the platform has them, else in memory."""
+    """Return a plant on ptys, or in memory on a platform without them."""
     try:
         import pty  # noqa: F401
     except ImportError:
@@ -39,12 +40,12 @@ def create_demo_plant() -> DemoPlant:
 
 
 class PtyDemoPlant:
-    """Lines on ptys, served by a child process that dies with us (its input ends)."""
+    """Buses on ptys, served by a child process that ends with its standard input."""
 
     kind = "pty"
 
     def __init__(self) -> None:
-        self.links: list[str] = []
+        self.urls: list[str] = []
         self._child: asyncio.subprocess.Process | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
@@ -60,11 +61,11 @@ class PtyDemoPlant:
             start_new_session=True,
         )
         assert self._child.stdout is not None
-        self.links = json.loads(await self._child.stdout.readline())["urls"]
+        self.urls = json.loads(await self._child.stdout.readline())["urls"]
 
-    def apply(self, order: dict[str, Any]) -> None:
+    def apply(self, event: dict[str, Any]) -> None:
         if self._child is not None and self._child.stdin is not None:
-            self._child.stdin.write((json.dumps(order) + "\n").encode())
+            self._child.stdin.write((json.dumps(event) + "\n").encode())
 
     async def close(self) -> None:
         child, self._child = self._child, None
@@ -81,21 +82,21 @@ class PtyDemoPlant:
 
 
 class MemoryDemoPlant:
-    """The same lines within this process, for platforms without ptys; still paced by the clock."""
+    """Buses in this process, for platforms without ptys; frames still take real time."""
 
     kind = "memory"
 
     def __init__(self) -> None:
-        self.links: list[str] = []
+        self.urls: list[str] = []
 
     async def start(self) -> None:
-        self.links = [_sim_link(index) for index in range(len(LINES))]
+        self.urls = [_sim_url(index) for index in range(len(BUSES))]
 
-    def apply(self, order: dict[str, Any]) -> None:
-        from drivebus.cli.demo.stations import obey
+    def apply(self, event: dict[str, Any]) -> None:
+        from drivebus.cli.demo.stations import apply_event
         from drivebus.simulator.port import find_simulated_bus
 
-        obey([find_simulated_bus(f"demo-{line.name}") for line in LINES], order)
+        apply_event([find_simulated_bus(f"demo-{bus.name}") for bus in BUSES], event)
 
     async def close(self) -> None:
         from drivebus.simulator.port import clear_simulated_buses
@@ -103,10 +104,10 @@ class MemoryDemoPlant:
         clear_simulated_buses()
 
 
-def _sim_link(index: int) -> str:
-    line = LINES[index]
-    more = "".join(f"&{name}={value}" for name, value in line.settings.items())
+def _sim_url(index: int) -> str:
+    bus = BUSES[index]
+    more = "".join(f"&{name}={value}" for name, value in bus.settings.items())
     return (
-        f"sim://{line.target}?baud={line.baud}&format={line.format}&load={line.load}&ramp={line.ramp_s}"
-        f"&seed={index + 1}&name=demo-{line.name}{more}"
+        f"sim://{bus.target}?baud={bus.baud}&format={bus.format}&load={bus.load}&ramp={bus.ramp_s}"
+        f"&seed={index + 1}&name=demo-{bus.name}{more}"
     )

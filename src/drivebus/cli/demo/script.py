@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drivebus.cli import output
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant
 from drivebus.cli.remote.convert import parse_outcome
 from drivebus.errors import DrivebusError, ServiceUnavailable
@@ -110,7 +110,7 @@ class ScriptPlayer:
             self.report(f"demo.{step.subject}")
         elif step.action in ("unplug", "plug"):
             self.report(f"demo.{step.action}", bus=step.subject)
-            self._plant.apply({"do": step.action, "line": [bus.name for bus in LINES].index(step.subject)})
+            self._plant.apply({"do": step.action, "bus": [bus.name for bus in BUSES].index(step.subject)})
         elif step.action == "trip":
             self.report("demo.trip", name=drive_name(step.subject))
             self._plant.apply({"do": "trip", **_place_of(step.subject)})
@@ -146,10 +146,10 @@ def _params(step: ScriptStep) -> Json:
 
 def _place_of(drive: str) -> dict[str, int]:
     """Return bus index and address of a drive."""
-    for index, bus in enumerate(LINES):
+    for index, bus in enumerate(BUSES):
         for part in bus.drives:
             if part.key == drive:
-                return {"line": index, "address": part.address}
+                return {"bus": index, "address": part.address}
     raise KeyError(drive)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.cli import output
-from drivebus.cli.demo.layout import LINES
+from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.script import drive_name, outcome_text, stop_all_text
 from drivebus.cli.remote.client import LocalClient
 from drivebus.cli.tui.rows import BusRow, DriveRow
@@ -31,9 +31,9 @@ class DemoClient:
     """Row source and key commands of the view; starts and ends the process of the service."""
 
     def __init__(self, memory: bool = False) -> None:
-        drives = sum(len(bus.drives) for bus in LINES)
+        drives = sum(len(bus.drives) for bus in BUSES)
         kind = "memory" if memory else "pty"
-        self.title = output.text(f"demo.title.{kind}", drives=drives, buses=len(LINES))
+        self.title = output.text(f"demo.title.{kind}", drives=drives, buses=len(BUSES))
         self._memory = memory
         self._process: asyncio.subprocess.Process | None = None
         self._log = tempfile.NamedTemporaryFile("w+", prefix="drivebus-demo-", suffix=".log")  # noqa: SIM115
@@ -96,14 +96,14 @@ class DemoClient:
         rows = self._rows.drives() if self._rows is not None else []
         return [replace(row, name=drive_name(row.key)) for row in rows]
 
-    def lines(self) -> Sequence[BusRow]:
-        return self._rows.lines() if self._rows is not None else []
+    def buses(self) -> Sequence[BusRow]:
+        return self._rows.buses() if self._rows is not None else []
 
-    def news(self) -> list[str]:
+    def messages(self) -> list[str]:
         return self._messages
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         return self._finished
 
     async def _read_messages(self) -> None:
@@ -123,7 +123,7 @@ class DemoClient:
     def stop(self, key: str) -> None:
         self._command(key, "stop", "drive.stop")
 
-    def change(self, key: str, by_hz: float) -> None:
+    def change_frequency(self, key: str, by_hz: float) -> None:
         frequency_hz = min(MAX_HZ, max(MIN_HZ, self._frequency_hz(key) + by_hz))
         self._command(key, "set", "drive.set_frequency", frequency_hz=frequency_hz)
 

@@ -1,4 +1,4 @@
-"""One service, asked operation by operation: over HTTP with a token, or over the plant's own socket."""
+"""Client of a service: over HTTP with a token, or over the socket of the service on this machine."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ TOKEN_VARIABLE = "DRIVEBUS_TOKEN"
 
 
 class RemoteClient(Protocol):
-    """How the verbs ask."""
+    """Calls operations of one service."""
 
     is_local: bool
-    """By the plant's own socket: whoever may open it is trusted, and a start takes one step."""
+    """True on the socket of the service: its user is trusted, and a start takes one step."""
 
     async def call(self, operation: str, params: Json) -> Json:
-        """One of ``plant.operations``. Raises the plant's errors; ServiceUnavailable where nothing was asked,
-        OutcomeUnknown where the answer to something that acts did not come.
+        """Execute one of ``service.api.operations``.
+
+        Raises the errors of the service; ServiceUnavailable if nothing was sent; OutcomeUnknown if the response to a
+        mutating operation is missing.
         """
         ...
 
@@ -33,7 +35,7 @@ class RemoteClient(Protocol):
 
 @asynccontextmanager
 async def open_client(service: str) -> AsyncIterator[RemoteClient]:
-    """The service at an address or socket, asked first for nothing. Raises ConfigurationError."""
+    """Provide a client of the service at an address or socket; sends nothing. Raises ConfigurationError."""
     client = _create_client(service)
     try:
         yield client
@@ -52,7 +54,7 @@ def _create_client(service: str) -> RemoteClient:
 
 
 class LocalClient:
-    """Over ``plant.sock``, or the state directory that it lies in."""
+    """Client on the socket of the service, named by its path or by the state directory."""
 
     is_local = True
 
@@ -75,10 +77,10 @@ class LocalClient:
 
 
 def call_once(service: str, operation: str, params: Json) -> Json:
-    """One question, for a verb that has no loop yet."""
+    """Execute one operation in an event loop of its own."""
 
-    async def asked() -> Json:
+    async def call() -> Json:
         async with open_client(service) as client:
             return await client.call(operation, params)
 
-    return asyncio.run(asked())
+    return asyncio.run(call())

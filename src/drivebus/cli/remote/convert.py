@@ -1,4 +1,4 @@
-"""What a service says, as the library's own values: readings, states, outcomes."""
+"""Conversion of a service's JSON to the library's values: readings, states, outcomes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
-SERVICE_TEXT_KEY = "service.told"
-"""The service's own sentence, in both languages."""
+SERVICE_TEXT_KEY = "service.text"  # the sentence of the service, in both languages
 
 
 def parse_text(found: Json | None) -> Text | None:
@@ -16,12 +15,12 @@ def parse_text(found: Json | None) -> Text | None:
 
 
 def parse_outcome(found: Json) -> Outcome:
-    """The ``outcome`` of an answer, sentence and frames as the service tells them."""
-    told = found["outcome"]
-    notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in told["notes"])
-    frames = tuple(_parse_exchange(frame) for frame in told["frames"])
+    """Return the ``outcome`` of a response, with the sentences and frames of the service."""
+    outcome = found["outcome"]
+    notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in outcome["notes"])
+    frames = tuple(_parse_exchange(frame) for frame in outcome["frames"])
     return Outcome(
-        OutcomeStatus(told["status"]), SERVICE_TEXT_KEY, {"text": parse_text(told["text"])}, frames, None, notes
+        OutcomeStatus(outcome["status"]), SERVICE_TEXT_KEY, {"text": parse_text(outcome["text"])}, frames, None, notes
     )
 
 
@@ -31,7 +30,7 @@ def _parse_exchange(frame: Json) -> FrameExchange:
 
 
 def parse_status(view: Json, now: float) -> DriveStatus:
-    """A DriveView. A drive that is silent has no state, whatever it was before."""
+    """Return the status of a DriveView."""
     readings = {name: parse_reading(signal, view["time_ms"], now) for name, signal in view["signals"].items()}
     direction = None if view["direction"] is None else Direction(view["direction"])
     fault = view["fault"] and parse_fault(view["fault"])

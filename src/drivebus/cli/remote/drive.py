@@ -1,6 +1,6 @@
-"""A drive of a service, with the same face as ``drives.Drive``, so that each verb is written once.
+"""Drive of a service with the interface of ``drives.Drive``, so that each command is written once.
 
-Commands take the drive's lease and hold it while the block lasts; a stop takes nothing.
+A command takes the control lease of the drive and keeps it until ``close``; a stop needs none.
 """
 
 from __future__ import annotations
@@ -22,14 +22,13 @@ if TYPE_CHECKING:
     from drivebus.profiles import DriveProfile
     from drivebus.values import Reading
 
-LEASE_RENEW_PERIOD_S = 3.0
-"""A lease lasts ten seconds."""
-FRESH_STATE_TIMEOUT_S, STATE_POLL_PERIOD_S = 3.0, 0.1
-"""After a start a look waits so long for a state that is newer than it; between two looks."""
+LEASE_RENEW_PERIOD_S = 3.0  # a lease lasts ten seconds
+FRESH_STATE_TIMEOUT_S = 3.0  # after a start, ``status`` waits this long for a newer state
+STATE_POLL_PERIOD_S = 0.1
 
 
 class RemoteBus:
-    """What the verbs ask of a bus beside its drive."""
+    """Interface of ``bus.Bus`` that the commands use: clock and station health."""
 
     @staticmethod
     def now() -> float:
@@ -37,12 +36,12 @@ class RemoteBus:
 
     @staticmethod
     def health(address: int) -> Any:
-        """Another master on the line is told by the service itself, as the reason of a refusal."""
+        """Report no foreign master: the service names it in the error of a refused operation."""
         return SimpleNamespace(foreign_master=False)
 
 
 class RemoteDrive:
-    """One drive, by its name in the plant."""
+    """Drive with a name in the plant of a service."""
 
     def __init__(self, client: RemoteClient, name: str, address: int, profile: DriveProfile) -> None:
         self._client, self.name, self.address, self.profile = client, name, address, profile
@@ -53,10 +52,10 @@ class RemoteDrive:
     async def call(self, operation: str, **params: Any) -> Json:
         return await self._client.call(operation, {"drive": self.name, **params})
 
-    # --- looking ------------------------------------------------------------------------------------------------
+    # --- reads ----------------------------------------------------------------------------------------------------
 
     async def status(self) -> DriveStatus:
-        """Raises ControlNotHeld once the lease of an attached command is lost: somebody else commands the drive now."""
+        """Read the status. Raises ControlNotHeld once the lease is lost: another user commands the drive."""
         if self._renewal is not None and self._renewal.done():
             self._renewal.result()
         now = RemoteBus.now()
@@ -68,16 +67,16 @@ class RemoteDrive:
         return parse_status(view, now)
 
     def _predates_start(self, view: Json, now: float) -> bool:
-        """Its state was read before the drive was started: it still tells of the time before."""
+        """Return whether the state was read before the start of the drive."""
         state_at = reading_time(view["state_time_ms"], view["time_ms"], now)
         return self._started_at is not None and (state_at is None or state_at < self._started_at)
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         found = await self.call("parameters.read", names=list(names))
-        return {name: parse_reading(one) for name, one in found["parameters"].items()}
+        return {name: parse_reading(value) for name, value in found["parameters"].items()}
 
     async def comm_loss_behaviour(self) -> Any:
-        """As the service has read it from the drive."""
+        """Return the behaviour that the service has read from the drive."""
         found = (await self.call("drives.get"))["comm_loss"]
         text = found["text"] or {}
         return SimpleNamespace(
@@ -87,8 +86,8 @@ class RemoteDrive:
     # --- commands -----------------------------------------------------------------------------------------------
 
     async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
-        given: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
-        outcome = parse_outcome(await self.call("drive.run", **given, **await self.arm()))
+        params: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
+        outcome = parse_outcome(await self.call("drive.run", **params, **await self.arm()))
         self._started_at = RemoteBus.now()
         return outcome
 
@@ -110,10 +109,10 @@ class RemoteDrive:
     async def coast(self, wait: bool = True) -> Outcome:
         return await self._stop("coast")
 
-    async def _stop(self, how: str) -> Outcome:
-        """No lease, no second step. Where the service is gone, so is all that it could confirm."""
+    async def _stop(self, mode: str) -> Outcome:
+        """Stop without a lease. Raises OutcomeUnknown if the service is lost: nothing else could confirm the stop."""
         try:
-            return parse_outcome(await self.call("drive.stop", how=how))
+            return parse_outcome(await self.call("drive.stop", how=mode))
         except ServiceUnavailable as error:
             raise OutcomeUnknown("service.not_stopped", drive=self.name, why=error) from error
 
@@ -121,15 +120,15 @@ class RemoteDrive:
         await self.take_control()
         return parse_outcome(await self.call(operation, **params))
 
-    # --- who may ------------------------------------------------------------------------------------------------
+    # --- control lease --------------------------------------------------------------------------------------------
 
     async def arm(self) -> Json:
-        """The lease, and for a start from afar the first of its two steps."""
+        """Take control; return the arm token that a start over HTTP needs."""
         await self.take_control()
         return {} if self._client.is_local else {"arm_token": (await self.call("drive.arm"))["arm_token"]}
 
     async def take_control(self) -> None:
-        """Take the drive, and keep it until ``close``. Raises ControlNotHeld."""
+        """Take the control lease and renew it until ``close``. Raises ControlNotHeld."""
         if self._renewal is not None:
             return
         before = (await self.call("drives.get"))["lease"]
@@ -146,13 +145,13 @@ class RemoteDrive:
                 continue
 
     async def close(self) -> None:
-        """Give the drive back, unless another program of ours had it before."""
-        renewing, self._renewal = self._renewal, None
-        if renewing is None:
+        """Release the control lease, unless this session had it before."""
+        renewal, self._renewal = self._renewal, None
+        if renewal is None:
             return
-        lost = renewing.done()
-        renewing.cancel()
-        await asyncio.gather(renewing, return_exceptions=True)
+        lost = renewal.done()
+        renewal.cancel()
+        await asyncio.gather(renewal, return_exceptions=True)
         if not self._had_control_before and not lost:
             try:
                 await self.call("lease.release")
@@ -172,9 +171,9 @@ class RemoteJog:
         self.stop_outcome: Outcome | None = None
 
     async def __aenter__(self) -> RemoteJog:
-        given = {"direction": str(self._direction), **await self._drive.arm()}
-        given |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
-        found = await self._drive.call("drive.jog", **given)
+        params = {"direction": str(self._direction), **await self._drive.arm()}
+        params |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
+        found = await self._drive.call("drive.jog", **params)
         self._jog_id, self.start_outcome = found["jog"], parse_outcome(found)
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
@@ -186,7 +185,7 @@ class RemoteJog:
         self._renewal_due.set()
 
     async def _renew(self) -> None:
-        """Send the renewals; requests that come while one is being sent are sent as one."""
+        """Send the renewals; requests during a transmission are merged into one."""
         while True:
             await self._renewal_due.wait()
             self._renewal_due.clear()

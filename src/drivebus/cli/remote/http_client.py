@@ -1,7 +1,7 @@
-"""The service over HTTP, with nothing but the standard library: no redirects, certificates checked.
+"""HTTP client of a service, from the standard library: follows no redirects, checks certificates.
 
-Each question has a connection of its own: a stop waits for no other, and one that was closed meanwhile would leave open
-whether it was asked.
+Each request has its own connection: a stop never waits for another request, and no request is lost on a connection that
+the service has closed meanwhile.
 """
 
 from __future__ import annotations
@@ -19,18 +19,17 @@ from drivebus.service.config.loopback import is_loopback
 from drivebus.types import Json
 
 CONNECT_TIMEOUT_S = 5.0
-RESPONSE_TIMEOUT_S = 60.0
-"""A stop is repeated until the drive reports it; a group starts one after another."""
+RESPONSE_TIMEOUT_S = 60.0  # a stop is repeated until the drive reports it; a group starts one drive after another
 MAX_RESPONSE_BYTES = 64 * 1024 * 1024
 
 
 class HttpClient:
-    """Asks in threads."""
+    """Calls operations over HTTP, each request in a thread."""
 
     is_local = False
 
     def __init__(self, address: str, token: str | None) -> None:
-        """Raises ConfigurationError for what is no address, and for a token that anybody on the way could read."""
+        """Raise ConfigurationError for an invalid address, and for a token that would cross a network unencrypted."""
         try:
             parts = urlsplit(address)
             port, host = parts.port, parts.hostname
@@ -48,12 +47,12 @@ class HttpClient:
         self._scheme, self._host, self._port = parts.scheme, host, port
 
     async def call(self, operation: str, params: Json) -> Json:
-        """See ``Client.call``."""
+        """See ``RemoteClient.call``."""
         with outcome_unknown_on_loss(operation, "plant.gone", "service.silent"):
             return await asyncio.to_thread(self._call_sync, operation, params)
 
     async def close(self) -> None:
-        """Nothing is open between two questions."""
+        """Do nothing: no connection stays open between two requests."""
 
     def _call_sync(self, operation: str, params: Json) -> Json:
         method, path, body = http_request(operation, params)
@@ -62,8 +61,8 @@ class HttpClient:
         connection = self._connect()
         try:
             connection.request(method, self._base + path, body, headers)
-            answer = connection.getresponse()
-            status, text = answer.status, answer.read(MAX_RESPONSE_BYTES)
+            response = connection.getresponse()
+            status, text = response.status, response.read(MAX_RESPONSE_BYTES)
         except (OSError, http.client.HTTPException) as error:
             raise ServiceUnavailable("service.silent", address=self._address, reason=str(error)) from error
         finally:
@@ -96,7 +95,7 @@ def http_request(operation: str, params: Json) -> tuple[str, str, bytes | None]:
 
 
 def _parse_response(status: int, text: bytes, address: str) -> Json:
-    """Raises the error that the service tells; ServiceUnavailable for an answer that no drivebus gives."""
+    """Return the result. Raises the error of the service; ServiceUnavailable for a response of another program."""
     from drivebus.service.api.errors import error_from_json
 
     try:

@@ -1,4 +1,4 @@
-"""A service that is gone between the question and the answer: whether it was done, nobody knows."""
+"""Unknown outcome of an operation whose service was lost before it responded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivebus.errors import OutcomeUnknown, ServiceUnavailable
 
 @contextmanager
 def outcome_unknown_on_loss(operation: str, *keys: str) -> Iterator[None]:
-    """Turn these ways to be unavailable into OutcomeUnknown, where ``operation`` acts."""
+    """Raise OutcomeUnknown for a ServiceUnavailable with one of these keys, if ``operation`` mutates."""
     from drivebus.service.api.operations import OPERATIONS
 
     try:

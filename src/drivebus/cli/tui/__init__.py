@@ -1,1 +1,1 @@
-"""The live view that ``demo`` and ``monitor`` share: rows and lines as values, shown full screen, plain or as JSON."""
+"""Live view of ``demo`` and ``monitor``: rows of drives and buses, shown full screen, as text or as JSON."""

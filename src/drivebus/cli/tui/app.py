@@ -1,4 +1,4 @@
-"""The full-screen view (textual): a table of drives, a table of lines, the news, and the keys."""
+"""Full-screen view (textual): tables of drives and buses, messages, and the keys."""
 
 from __future__ import annotations
 
@@ -17,53 +17,53 @@ FREQUENCY_STEP_HZ = 5.0
 
 
 class MonitorApp(App[int]):
-    """Shows a feed until q. With a control its keys command the selected drive; without one it only reads."""
+    """View of a row source until q; with ``commands``, keys command the selected drive."""
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
     Screen { overflow: hidden; }
     #drives { height: auto; max-height: 60%; overflow-x: hidden; }
-    #lines { height: auto; overflow-x: hidden; }
+    #buses { height: auto; overflow-x: hidden; }
     #legend { height: 1; padding: 0 1; color: $text-muted; }
-    #news { height: 1fr; min-height: 2; padding: 0 1; color: $text-muted; }
+    #messages { height: 1fr; min-height: 2; padding: 0 1; color: $text-muted; }
     """
 
-    def __init__(self, feed: RowSource, control: KeyCommands | None = None, duration_s: float | None = None) -> None:
+    def __init__(self, source: RowSource, commands: KeyCommands | None = None, duration_s: float | None = None) -> None:
         super().__init__()
-        self._feed = feed
-        self._control = control
+        self._source = source
+        self._commands = commands
         self._duration_s = duration_s
         self.failure: DrivebusError | None = None
-        """Why the feed could not start."""
-        self._drives = CellTable("drive", id="drives", cursor_type="row" if control else "none")
-        self._lines = CellTable("line", id="lines", cursor_type="none")
-        self._news = Static(id="news", markup=False)
+        """Reason why the source could not start."""
+        self._drives = CellTable("drive", id="drives", cursor_type="row" if commands else "none")
+        self._buses = CellTable("bus", id="buses", cursor_type="none")
+        self._messages = Static(id="messages", markup=False)
         self._bind_keys()
 
     def _bind_keys(self) -> None:
-        """Bindings in the user's language."""
+        """Bind the keys, described in the user's language."""
         keys = {"r": "run", "s": "stop", "plus": "faster", "minus": "slower", "x": "reset", "space": "stop_all"}
-        for key, action in keys.items() if self._control else ():
+        for key, action in keys.items() if self._commands else ():
             shown = {"plus": "+", "minus": "-"}.get(key)
             self.bind(key, action, description=output.text(f"live.key.{action}"), key_display=shown)
         self.bind("q", "quit", description=output.text("live.key.quit"))
 
     def compose(self) -> ComposeResult:
-        yield Static(self._feed.title, id="title", markup=False)
+        yield Static(self._source.title, id="title", markup=False)
         yield self._drives
-        select = output.text("live.legend.select") if self._control else ""
+        select = output.text("live.legend.select") if self._commands else ""
         yield Static(select + output.text("live.legend"), id="legend", markup=False)
-        yield self._lines
-        yield self._news
+        yield self._buses
+        yield self._messages
         yield Footer(show_command_palette=False)
 
     async def on_mount(self) -> None:
         self._set_columns(self.size.width)
-        self._lines.can_focus = False
+        self._buses.can_focus = False
         self._drives.focus()
         try:
-            await self._feed.start()
+            await self._source.start()
         except DrivebusError as error:
             self.failure = error
             self.exit()
@@ -73,38 +73,38 @@ class MonitorApp(App[int]):
             self.set_timer(self._duration_s, self.action_quit)
 
     async def on_unmount(self) -> None:
-        await self._feed.close()
+        await self._source.close()
 
     def on_resize(self, event: Resize) -> None:
         self._set_columns(event.size.width)
 
     def _set_columns(self, cells: int) -> None:
         self._drives.set_columns(drive_columns(cells), self._drive_rows(cells))
-        self._lines.set_columns(bus_columns(cells), self._bus_rows(cells))
+        self._buses.set_columns(bus_columns(cells), self._bus_rows(cells))
 
     def _drive_rows(self, cells: int) -> list[list[Text]]:
-        now, columns = self._feed.now(), drive_columns(cells)
-        return [drive_cells(row, now, columns) for row in self._feed.drives()]
+        now, columns = self._source.now(), drive_columns(cells)
+        return [drive_cells(row, now, columns) for row in self._source.drives()]
 
     def _bus_rows(self, cells: int) -> list[list[Text]]:
-        return [bus_cells(row, bus_columns(cells)) for row in self._feed.lines()]
+        return [bus_cells(row, bus_columns(cells)) for row in self._source.buses()]
 
     def refresh_rows(self) -> None:
-        """Take the newest rows from the feed."""
+        """Show the newest rows and messages."""
         cells = self.size.width
         self._drives.update_rows(self._drive_rows(cells))
-        self._lines.update_rows(self._bus_rows(cells))
-        self._news.update("\n".join(self._feed.news()[-max(1, self._news.size.height) :]))
+        self._buses.update_rows(self._bus_rows(cells))
+        self._messages.update("\n".join(self._source.messages()[-max(1, self._messages.size.height) :]))
 
     def _selected(self) -> str | None:
-        rows = self._feed.drives()
+        rows = self._source.drives()
         index = self._drives.cursor_row
         return rows[index].key if 0 <= index < len(rows) else None
 
-    def _command(self, verb: str, *numbers: float) -> None:
+    def _command(self, name: str, *arguments: float) -> None:
         key = self._selected()
-        if self._control is not None and key is not None:
-            getattr(self._control, verb)(key, *numbers)
+        if self._commands is not None and key is not None:
+            getattr(self._commands, name)(key, *arguments)
 
     def action_run(self) -> None:
         self._command("run")
@@ -113,14 +113,14 @@ class MonitorApp(App[int]):
         self._command("stop")
 
     def action_faster(self) -> None:
-        self._command("change", FREQUENCY_STEP_HZ)
+        self._command("change_frequency", FREQUENCY_STEP_HZ)
 
     def action_slower(self) -> None:
-        self._command("change", -FREQUENCY_STEP_HZ)
+        self._command("change_frequency", -FREQUENCY_STEP_HZ)
 
     def action_reset(self) -> None:
         self._command("reset")
 
     def action_stop_all(self) -> None:
-        if self._control is not None:
-            self._control.stop_all()
+        if self._commands is not None:
+            self._commands.stop_all()

@@ -1,4 +1,4 @@
-"""The live view of one real line: polls its drives, commands nothing."""
+"""Rows of one real bus: polls its drives, sends no command."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
 
 class BusRowSource:
-    """A ``Feed`` over a port: which models in which encoding at which addresses is known beforehand."""
+    """Row source of a port whose drives (profile, encoding, address) are known."""
 
-    def __init__(self, port: Port, known: Sequence[tuple[DriveProfile, str | None, int]], title: str) -> None:
+    def __init__(self, port: Port, stations: Sequence[tuple[DriveProfile, str | None, int]], title: str) -> None:
         self.title = title
         self._port = port
-        self._stations = known
+        self._stations = stations
         self._bus: Bus | None = None
         self._drives: list[PolledDrive] = []
         self._was_open = True
-        self._news = [output.text("monitor.comm_loss")]
+        self._messages = [output.text("monitor.comm_loss")]
 
     async def start(self) -> None:
-        """Open the port and begin to poll. Raises PortUnavailable."""
+        """Open the port and start the polls. Raises PortUnavailable."""
         from drivebus.bus import Bus
         from drivebus.drives import Drive
 
@@ -49,16 +49,16 @@ class BusRowSource:
     def drives(self) -> list[DriveRow]:
         return [drive.row() for drive in self._drives]
 
-    def lines(self) -> list[BusRow]:
+    def buses(self) -> list[BusRow]:
         if self._bus is None:
             return []
         row = PolledBus(self._bus, self._port.identity.rpartition("/")[2] or self._bus.name).row()
         if row.up != self._was_open:
             self._was_open = row.up
-            self._news.append(output.text("monitor.back" if row.up else "monitor.lost"))
+            self._messages.append(output.text("monitor.back" if row.up else "monitor.lost"))
         return [row]
 
-    def news(self) -> list[str]:
-        return self._news
+    def messages(self) -> list[str]:
+        return self._messages
 
-    over = False
+    finished = False

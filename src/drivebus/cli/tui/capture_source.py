@@ -1,4 +1,4 @@
-"""Rows from a capture: what a recorded line said, at the pace at which it was said. Opens no port and sends nothing."""
+"""Rows from a capture, replayed at the recorded pace. Opens no port and sends nothing."""
 
 from __future__ import annotations
 
@@ -20,16 +20,15 @@ if TYPE_CHECKING:
     from drivebus.profiles import DriveProfile
     from drivebus.protocols.codec import Codec
 
-STATISTICS_WINDOW_S = 10.0
-"""Load and rate look back so far."""
+STATISTICS_WINDOW_S = 10.0  # load and rate are means over this time
 
 
 @dataclass(slots=True)
 class BusActivity:
-    """What happened on the line lately."""
+    """Recent frames and all errors of the recorded bus."""
 
     busy_periods: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=4096))
-    """When, and how long the wire was busy."""
+    """Start and duration of each record, in seconds."""
     reply_times: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
     errors: Counter[str] = field(default_factory=Counter)
 
@@ -43,7 +42,7 @@ class BusActivity:
 
 
 class CapturePlayer:
-    """Turns records into drives. Pure: time is the capture's own."""
+    """Builds drives from records. Pure: the time is that of the capture."""
 
     def __init__(self, capture: Capture, candidates: Sequence[tuple[DriveProfile, str]]) -> None:
         self.capture = capture
@@ -54,7 +53,7 @@ class CapturePlayer:
         self._buffer = b""
 
     def on_record(self, record: BytesRecord) -> None:
-        """One record, in order."""
+        """Process the next record."""
         self.activity.busy_periods.append((record.time_s, self.capture.header.settings.seconds(len(record.data))))
         if record.line_errors:
             self.activity.errors["line_errors"] += record.line_errors
@@ -68,15 +67,15 @@ class CapturePlayer:
             self._on_reply(record.time_s)
 
     def _on_request(self, data: bytes) -> None:
-        """A frame of the master: who is asked, and what."""
+        """Decode a frame of the master: the drive and the expected reply."""
         for profile, encoding, codec in self._candidates:
             try:
-                verdict = codec.decode_request(data)
+                decoded = codec.decode_request(data)
             except ProtocolError:
                 continue
-            if isinstance(verdict, Incomplete) or verdict.size != len(data):
+            if isinstance(decoded, Incomplete) or decoded.size != len(data):
                 continue
-            request = getattr(verdict.message, "request", verdict.message)
+            request = getattr(decoded.message, "request", decoded.message)
             address = codec.address_of(request)
             if address != codec.broadcast_address:
                 self._pending = (self._drive_at(profile, encoding, address), request)
@@ -86,21 +85,21 @@ class CapturePlayer:
 
     def _on_reply(self, at: float) -> None:
         assert self._pending is not None
-        judged, request = self._pending
+        drive, request = self._pending
         try:
-            verdict = judged.dialect.codec.decode_reply(request, self._buffer)
+            decoded = drive.dialect.codec.decode_reply(request, self._buffer)
         except ProtocolError as error:
             self.activity.errors[type(error).__name__] += 1
             self._pending = None
             return
-        if isinstance(verdict, Incomplete) or verdict.size != len(self._buffer):
+        if isinstance(decoded, Incomplete) or decoded.size != len(self._buffer):
             return
         self.activity.reply_times.append(at)
-        judged.on_reply(request, verdict.message, at)
+        drive.on_reply(request, decoded.message, at)
         self._pending = None
 
     def _end_pending(self) -> None:
-        """The master speaks again: what was asked before was not answered."""
+        """Count the pending request as unanswered: the master has sent the next one."""
         if self._pending is not None:
             self.activity.errors["NoReply"] += 1
         self._pending = None
@@ -123,7 +122,7 @@ def _candidate(profile: DriveProfile, encoding: str) -> tuple[DriveProfile, str,
 
 
 class CaptureRowSource:
-    """A ``Feed`` over a capture."""
+    """Row source of a capture."""
 
     def __init__(
         self, capture: Capture, candidates: Sequence[tuple[DriveProfile, str]], title: str, speed: float
@@ -134,8 +133,8 @@ class CaptureRowSource:
         self._speed = speed
         self._task: asyncio.Task[None] | None = None
         self._position_s = 0.0
-        self._over = not self._records
-        self._news: list[str] = [output.text("monitor.truncated")] if capture.truncated else []
+        self._finished = not self._records
+        self._messages: list[str] = [output.text("monitor.truncated")] if capture.truncated else []
 
     async def start(self) -> None:
         self._task = asyncio.create_task(self._play())
@@ -147,13 +146,13 @@ class CaptureRowSource:
 
     async def _play(self) -> None:
         loop = asyncio.get_running_loop()
-        begun, first = loop.time(), self._records[0].time_s if self._records else 0.0
+        started_at, first_s = loop.time(), self._records[0].time_s if self._records else 0.0
         for record in self._records:
-            await asyncio.sleep(max(0.0, begun + (record.time_s - first) / self._speed - loop.time()))
+            await asyncio.sleep(max(0.0, started_at + (record.time_s - first_s) / self._speed - loop.time()))
             self._position_s = record.time_s
             self._player.on_record(record)
-        self._news.append(output.text("monitor.end", seconds=f"{self._position_s:.1f}"))
-        self._over = True
+        self._messages.append(output.text("monitor.end", seconds=f"{self._position_s:.1f}"))
+        self._finished = True
 
     def now(self) -> float:
         return self._position_s
@@ -161,23 +160,23 @@ class CaptureRowSource:
     def drives(self) -> list[DriveRow]:
         return [self._player.drives[address].row("online") for address in sorted(self._player.drives)]
 
-    def lines(self) -> list[BusRow]:
-        capture, line = self._player.capture, self._player.activity
+    def buses(self) -> list[BusRow]:
+        capture, activity = self._player.capture, self._player.activity
         name = capture.header.port.rpartition(":")[2].removeprefix("//") or "capture"
         return [
             BusRow(
                 name,
                 str(capture.header.settings),
                 True,
-                line.load(self._position_s),
-                line.rate(self._position_s),
-                dict(line.errors),
+                activity.load(self._position_s),
+                activity.rate(self._position_s),
+                dict(activity.errors),
             )
         ]
 
-    def news(self) -> list[str]:
-        return self._news
+    def messages(self) -> list[str]:
+        return self._messages
 
     @property
-    def over(self) -> bool:
-        return self._over
+    def finished(self) -> bool:
+        return self._finished

@@ -1,4 +1,4 @@
-"""The live view without a terminal: lines of text, or a JSON document a line."""
+"""Live view without a terminal: text, or JSON documents one per line."""
 
 from __future__ import annotations
 
@@ -10,52 +10,52 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.cli.tui.row_source import RowSource
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 
-MESSAGE_CHECK_PERIOD_S = 0.2
-"""How often news are looked for."""
+MESSAGE_CHECK_PERIOD_S = 0.2  # between two checks for new messages
 
 
-async def print_rows(feed: RowSource, ending: ShutdownSignal, period_s: float) -> None:
-    """Print news at once and all rows every ``period_s``, until the feed is over or the end comes."""
-    await feed.start()
+async def print_rows(source: RowSource, shutdown: ShutdownSignal, period_s: float) -> None:
+    """Print messages at once and all rows every ``period_s``, until the source is finished or a shutdown."""
+    await source.start()
     try:
-        told, next_at = 0, 0.0
-        output.print_text(feed.title)
+        printed, next_at = 0, 0.0
+        output.print_text(source.title)
         while True:
-            told = _print_new_messages(feed, told)
-            if feed.now() >= next_at:
-                _print_all_rows(feed)
-                next_at = feed.now() + period_s
-            if feed.over or await ending.wait(MESSAGE_CHECK_PERIOD_S):
+            printed = _print_new_messages(source, printed)
+            if source.now() >= next_at:
+                _print_all_rows(source)
+                next_at = source.now() + period_s
+            if source.finished or await shutdown.wait(MESSAGE_CHECK_PERIOD_S):
                 break
-        _print_new_messages(feed, told)
-        _print_all_rows(feed)
+        _print_new_messages(source, printed)
+        _print_all_rows(source)
     finally:
-        await feed.close()
+        await source.close()
 
 
-def _print_new_messages(feed: RowSource, told: int) -> int:
-    news = list(feed.news())
-    for text in news[told:]:
+def _print_new_messages(source: RowSource, printed: int) -> int:
+    """Print the messages after the first ``printed``; return their new number."""
+    messages = list(source.messages())
+    for text in messages[printed:]:
         output.print_json({"event": text}, stream=True)
         output.print_text(text)
-    return len(news)
+    return len(messages)
 
 
-def _print_all_rows(feed: RowSource) -> None:
-    now = feed.now()
-    drives, lines = feed.drives(), feed.lines()
+def _print_all_rows(source: RowSource) -> None:
+    now = source.now()
+    drives, buses = source.drives(), source.buses()
     if output.as_json():
-        document = {"drives": [row.to_json(now) for row in drives], "lines": [row.to_json() for row in lines]}
+        document = {"drives": [row.to_json(now) for row in drives], "buses": [row.to_json() for row in buses]}
         output.print_json(document, stream=True)
         return
     for row in drives:
         click.echo(drive_text(row, now))
-    for line in lines:
-        click.echo(bus_text(line))
+    for bus in buses:
+        click.echo(bus_text(bus))
 
 
 def drive_text(row: DriveRow, now: float) -> str:
-    """One drive as a line of text."""
+    """Format one drive as a line of text."""
     values = "  ".join(f"{output.text(f'live.drive.{name}')} {row.cell(name):>6}" for name in COLUMN_SIGNALS)
     head = f"  {pad(row.name, 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 5)}"
     fault = f"  {row.fault_label} {row.fault_text}" if row.fault_label else ""
@@ -63,11 +63,11 @@ def drive_text(row: DriveRow, now: float) -> str:
 
 
 def bus_text(row: BusRow) -> str:
-    """One line (of the plant) as a line of text."""
+    """Format one bus as a line of text."""
     up = output.text("live.link.up" if row.up else "live.link.lost")
     load = "–" if row.load is None else f"{row.load * 100:.0f} %"
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f}"
-    labels = {name: output.text(f"live.line.{name}").strip() for name in ("load", "rate", "errors")}
+    labels = {name: output.text(f"live.bus.{name}").strip() for name in ("load", "rate", "errors")}
     return (
         f"  {pad(row.name, 13)} {pad(row.settings, 11)} {pad(up, 6)} {labels['load']} {load}  "
         f"{labels['rate']} {rate}  {labels['errors']}: {row.errors_text()}"

@@ -1,4 +1,4 @@
-"""Where the live view gets its rows from, and whom its keys command: the two seams of the view."""
+"""Interfaces of the live view: the source of its rows, and the commands of its keys."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivebus.cli.tui.rows import BusRow, DriveRow
 
 
 class RowSource(Protocol):
-    """A source of rows: real buses, a capture, or a test."""
+    """Source of rows: a bus, a capture, a service or a test."""
 
     title: str
 
@@ -18,31 +18,31 @@ class RowSource(Protocol):
     async def close(self) -> None: ...
 
     def now(self) -> float:
-        """Monotonic second, for ages."""
+        """Return the monotonic second that ages refer to."""
         ...
 
     def drives(self) -> Sequence[DriveRow]: ...
 
-    def lines(self) -> Sequence[BusRow]: ...
+    def buses(self) -> Sequence[BusRow]: ...
 
-    def news(self) -> Sequence[str]:
-        """What happened, oldest first."""
+    def messages(self) -> Sequence[str]:
+        """Return the messages so far, oldest first."""
         ...
 
     @property
-    def over(self) -> bool:
-        """Nothing more will come."""
+    def finished(self) -> bool:
+        """Whether no further rows will come."""
         ...
 
 
 class KeyCommands(Protocol):
-    """What the keys of the view may do. A view without one is read-only."""
+    """Commands of the keys; a view without them is read-only."""
 
     def run(self, key: str) -> None: ...
 
     def stop(self, key: str) -> None: ...
 
-    def change(self, key: str, by_hz: float) -> None: ...
+    def change_frequency(self, key: str, by_hz: float) -> None: ...
 
     def reset(self, key: str) -> None: ...
 

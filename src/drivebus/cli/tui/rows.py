@@ -1,4 +1,4 @@
-"""What the live view shows, as values: a row a drive, a row a line. Nothing here asks, draws or prints."""
+"""Rows of the live view: values of one drive or one bus at one moment."""
 
 from __future__ import annotations
 
@@ -11,19 +11,24 @@ from drivebus.cli.formatting import reading_json, round_or_none
 from drivebus.values import Quality, Reading
 
 COLUMN_SIGNALS = ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage")
-"""The columns that every drive has; what a drive does not report stays empty, never 0."""
+"""Columns of every drive; a value that a drive does not report stays empty, never 0."""
+
+ERROR_COUNTERS = frozenset(
+    {"late", "foreign", "duplicate", "unsolicited", "foreign_request", "collision", "line_errors"}
+)
+"""Counters of a bus that are shown with its errors; ``echo`` and ``retry`` are none."""
 
 _COLUMN_DECIMALS = {"set_frequency": 2, "output_frequency": 2, "output_current": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class DriveRow:
-    """One drive at one moment."""
+    """Values of one drive at one moment."""
 
     key: str
-    """Unique: line and address."""
+    """Name that is unique among the rows."""
     name: str
-    line: str
+    bus: str
     model: str
     address: int
     state: str = "unknown"
@@ -32,22 +37,22 @@ class DriveRow:
     fault_text: str = ""
     readings: Mapping[str, Reading] = field(default_factory=dict)
     presence: str = "never_seen"
-    at: float | None = None
+    oldest_value_at: float | None = None
     commanded_hz: float | None = None
-    """What we told it last, shown with a star where the drive reports no set frequency."""
+    """Last commanded frequency, shown with a star if the drive reports no set frequency."""
 
     def cell(self, signal: str) -> str:
-        """The number as the drive's own display would show it; a dash where the drive does not report it."""
+        """Format a value with the decimals of the drive's keypad; a dash if the drive does not report it."""
         reading = self.readings.get(signal)
         if reading is None or reading.value is None:
-            ours = self.commanded_hz if signal == "set_frequency" else None
-            return "–" if ours is None else f"{ours:.2f}*"
+            commanded_hz = self.commanded_hz if signal == "set_frequency" else None
+            return "–" if commanded_hz is None else f"{commanded_hz:.2f}*"
         value = reading.value
         text = f"{value:.{_COLUMN_DECIMALS.get(signal, 0)}f}" if isinstance(value, int | float) else str(value)
         return text if reading.quality is Quality.GOOD else f"{text}?"
 
     def state_text(self) -> str:
-        """Words for the state; a drive that does not answer is named so."""
+        """Return the state in words, or the presence of a drive that does not answer."""
         if self.presence != "online":
             return output.text(f"live.presence.{self.presence}")
         return output.text(f"live.state.{self.state}")
@@ -56,18 +61,17 @@ class DriveRow:
         return output.text(f"live.direction.{self.direction}") if self.direction else ""
 
     def age_s(self, now: float) -> float | None:
-        """Age of the oldest value shown."""
-        return None if self.at is None else max(0.0, now - self.at)
+        """Return the age of the oldest value shown."""
+        return None if self.oldest_value_at is None else max(0.0, now - self.oldest_value_at)
 
     def age_text(self, now: float) -> str:
         age = self.age_s(now)
         return "–" if age is None else f"{age:.1f}" if age < 100 else f"{age:.0f}"
 
     def to_json(self, now: float) -> dict[str, Any]:
-        """The JSON of a row."""
         return {
             "drive": self.name,
-            "line": self.line,
+            "bus": self.bus,
             "model": self.model,
             "address": self.address,
             "presence": self.presence,
@@ -82,26 +86,26 @@ class DriveRow:
 
 @dataclass(frozen=True, slots=True)
 class BusRow:
-    """One line at one moment."""
+    """State and statistics of one bus at one moment."""
 
     name: str
     settings: str
     up: bool = True
     load: float | None = None
-    """Share of the time that the wire is busy, 0 to 1."""
+    """Share of the time in which the bus is busy, 0 to 1."""
     transactions_per_s: float | None = None
     errors: Mapping[str, int] = field(default_factory=dict)
     """Counters by kind."""
 
     def errors_text(self) -> str:
-        """The counters that are not zero."""
-        said = [f"{error_kind_text(kind)} {count}" for kind, count in self.errors.items() if count]
-        return ", ".join(said) or output.text("live.no_errors")
+        """Format the counters that are not zero."""
+        counts = [f"{error_kind_text(kind)} {count}" for kind, count in self.errors.items() if count]
+        return ", ".join(counts) or output.text("live.no_errors")
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "line": self.name,
-            "settings": self.settings,
+            "bus": self.name,
+            "serial": self.settings,
             "up": self.up,
             "load": round_or_none(self.load, 4),
             "transactions_per_s": round_or_none(self.transactions_per_s, 2),
@@ -110,7 +114,7 @@ class BusRow:
 
 
 def error_kind_text(kind: str) -> str:
-    """An error class in the user's language; its own name where the catalogue lacks it."""
+    """Return an error kind in the user's language; its name if the catalogue has no text."""
     key = f"live.error.{kind}"
-    said = output.text(key)
-    return kind if said == key else said
+    text = output.text(key)
+    return kind if text == key else text

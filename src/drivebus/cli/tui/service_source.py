@@ -1,4 +1,4 @@
-"""The live view of a service's plant: looks once a second, commands nothing, polls no bus."""
+"""Rows of a service's plant, read from the service once a second. Sends no command and polls no bus."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from drivebus.cli import output
 from drivebus.cli.remote.client import RemoteClient, open_client
 from drivebus.cli.remote.convert import parse_status
-from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow
 from drivebus.errors import DrivebusError
 from drivebus.types import Json
 
@@ -17,34 +17,34 @@ SERVICE_POLL_PERIOD_S = 1.0
 
 
 class ServiceRowSource:
-    """A ``Feed``. While the service does not answer every drive is shown as silent, and the news say why."""
+    """Row source of a service; while the service does not answer, every drive is shown as offline."""
 
-    over = False
+    finished = False
 
     def __init__(self, service: str) -> None:
         self.title = service
         self._service = service
-        self._open = contextlib.AsyncExitStack()
+        self._exit_stack = contextlib.AsyncExitStack()
         self._polling: asyncio.Task[None] | None = None
         self._drives: list[DriveRow] = []
-        self._lines: list[BusRow] = []
-        self._news = [output.text("service.feeds")]
+        self._buses: list[BusRow] = []
+        self._messages = [output.text("service.rows_source")]
         self._unreachable = False
 
     async def start(self) -> None:
-        """Raises what the service says to the first look."""
-        client = await self._open.enter_async_context(open_client(self._service))
+        """Connect and read the first rows. Raises the errors of the service."""
+        client = await self._exit_stack.enter_async_context(open_client(self._service))
         plant = await client.call("plant.get", {})
         await self._fetch(client)
         name = plant["title"][output.language()] or plant["id"]
         self.title = output.text("service.title", service=self._service, count=len(self._drives), plant=name)
-        self._polling = asyncio.create_task(self._poll(client), name="look")
+        self._polling = asyncio.create_task(self._poll(client), name="service-rows")
 
     async def close(self) -> None:
         if self._polling is not None:
             self._polling.cancel()
             await asyncio.gather(self._polling, return_exceptions=True)
-        await self._open.aclose()
+        await self._exit_stack.aclose()
 
     def now(self) -> float:
         return time.monotonic()
@@ -52,11 +52,11 @@ class ServiceRowSource:
     def drives(self) -> list[DriveRow]:
         return self._drives
 
-    def lines(self) -> list[BusRow]:
-        return self._lines
+    def buses(self) -> list[BusRow]:
+        return self._buses
 
-    def news(self) -> list[str]:
-        return self._news
+    def messages(self) -> list[str]:
+        return self._messages
 
     async def _poll(self, client: RemoteClient) -> None:
         while True:
@@ -70,27 +70,27 @@ class ServiceRowSource:
         drives, buses = await client.call("drives.list", {}), await client.call("buses.list", {})
         now = self.now()
         self._drives = [remote_drive_row(view, now) for view in drives["drives"]]
-        self._lines = [remote_bus_row(view) for view in buses["buses"]]
+        self._buses = [remote_bus_row(view) for view in buses["buses"]]
         if self._unreachable:
             self._unreachable = False
-            self._news.append(output.text("service.back"))
+            self._messages.append(output.text("service.back"))
 
     def _mark_unreachable(self, error: DrivebusError) -> None:
-        """Nothing that was seen before stands there as if it were now."""
+        """Replace outdated rows by rows without values, and report the reason once."""
         from dataclasses import replace
 
         self._drives = [replace(row, presence="offline", state="unknown", readings={}) for row in self._drives]
-        self._lines = [replace(line, up=False, load=None, transactions_per_s=None) for line in self._lines]
+        self._buses = [replace(row, up=False, load=None, transactions_per_s=None) for row in self._buses]
         if not self._unreachable:
             self._unreachable = True
-            self._news.append(output.text("service.out_of_reach", why=error))
+            self._messages.append(output.text("service.out_of_reach", why=error))
 
 
 def remote_drive_row(view: Json, now: float) -> DriveRow:
-    """A DriveView as a row."""
+    """Return the row of a DriveView."""
     status = parse_status(view, now)
-    readings = {name: one for name, one in status.readings.items() if name in COLUMN_SIGNALS}
-    times = [one.source_time for one in readings.values() if one.source_time is not None]
+    readings = {name: reading for name, reading in status.readings.items() if name in COLUMN_SIGNALS}
+    times = [reading.source_time for reading in readings.values() if reading.source_time is not None]
     fault = status.fault
     return DriveRow(
         view["id"],
@@ -110,8 +110,9 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
 
 
 def remote_bus_row(view: Json) -> BusRow:
-    """A BusView as a row."""
-    errors = {**view["errors"], **view["counters"]}
+    """Return the row of a BusView."""
+    counters = {kind: count for kind, count in view["counters"].items() if kind in ERROR_COUNTERS}
+    errors = {**view["errors"], **counters}
     return BusRow(
         view["id"], view["line"], view["is_open"], view["load_percent"] / 100.0, view["transactions_per_s"], errors
     )

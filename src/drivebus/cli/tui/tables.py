@@ -1,4 +1,4 @@
-"""The two tables of the full-screen view: columns, cells and colours."""
+"""Tables of the full-screen view: columns, cells and colours."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from drivebus.cli import output
 from drivebus.cli.output import width
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 
-STALE_AGE_S = 3.0
-"""Older values are dimmed: they are history, not the present."""
+STALE_AGE_S = 3.0  # older values are dimmed
 
 DRIVE_COLUMNS = {"name": 13, "state": 13, "direction": 5} | dict(zip(COLUMN_SIGNALS, (8, 8, 7, 6, 6), strict=True))
 AGE_CELLS, FAULT_CELLS = 6, 7
-FAULT_TEXT_MIN_CELLS = 24
-"""From so many cells on a fault is shown with its text."""
+FAULT_TEXT_MIN_CELLS = 24  # a narrower fault column shows the code without its text
 LOAD_CELLS, ERROR_CELLS = 7, 12
-BUS_COLUMNS = {"line": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
+BUS_COLUMNS = {"bus": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
 _RIGHT_ALIGNED = frozenset({*COLUMN_SIGNALS, "age", "rate"})
 _BAR_CELLS = 10
 
@@ -39,8 +37,10 @@ _STATE_STYLE = {
 
 
 def drive_columns(cells: int) -> dict[str, int]:
-    """Widths of the drive table's columns on a terminal so wide: the fault takes what is left. Where little is left,
-    voltage, DC bus and current give way, in this order."""
+    """Return the column widths of the drive table on a terminal of ``cells``; the fault takes the rest.
+
+    A narrow terminal hides voltage, then DC bus voltage, then current.
+    """
     columns, free = dict(DRIVE_COLUMNS), cells - AGE_CELLS
     for name in ("output_voltage", "dc_bus_voltage", "output_current"):
         if sum(columns.values()) + FAULT_CELLS > free:
@@ -49,7 +49,10 @@ def drive_columns(cells: int) -> dict[str, int]:
 
 
 def bus_columns(cells: int) -> dict[str, int]:
-    """Widths of the line table's columns: the error counters take what is left, from the load's bar too."""
+    """Return the column widths of the bus table; the error counters take the rest.
+
+    A narrow terminal shows the load without its bar.
+    """
     columns = dict(BUS_COLUMNS)
     if sum(columns.values()) + ERROR_CELLS >= cells:
         columns["load"] = LOAD_CELLS
@@ -57,7 +60,7 @@ def bus_columns(cells: int) -> dict[str, int]:
 
 
 def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[Text]:
-    """One row of the drive table, in these columns."""
+    """Return the cells of one drive in these columns."""
     age = row.age_s(now)
     fresh = row.presence == "online" and age is not None and age <= STALE_AGE_S
     style = "" if fresh else "dim"
@@ -75,10 +78,10 @@ def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[T
 
 
 def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
-    """One row of the line table, in these columns."""
+    """Return the cells of one bus in these columns."""
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
     return [
-        _cell(_keep_end(row.name, columns["line"] - 1), "line", "bold"),
+        _cell(_keep_end(row.name, columns["bus"] - 1), "bus", "bold"),
         _cell(row.settings, "settings"),
         _cell(output.text("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
         _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
@@ -88,12 +91,12 @@ def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
 
 
 def _keep_end(text: str, cells: int) -> str:
-    """The end of a long name is what tells ports apart."""
+    """Shorten a long name at its begin: ports differ at the end."""
     return text if width(text) <= cells else "…" + text[1 - cells :]
 
 
 def load_bar(load: float | None, bar: bool = True) -> str:
-    """The percentage, after a bar where there is room."""
+    """Format the load as a percentage, with ``bar`` after a bar."""
     if load is None:
         return "–"
     full = min(_BAR_CELLS, round(load * _BAR_CELLS))
@@ -102,15 +105,15 @@ def load_bar(load: float | None, bar: bool = True) -> str:
 
 
 class CellTable(DataTable[Text]):
-    """A DataTable that redraws only the cells that changed."""
+    """DataTable that redraws only changed cells."""
 
-    def __init__(self, room: str, **rest: Any) -> None:
+    def __init__(self, key_prefix: str, **rest: Any) -> None:
         super().__init__(cell_padding=0, **rest)
-        self._key_prefix = room
+        self._key_prefix = key_prefix
         self._rows: list[list[Text]] = []
 
     def set_columns(self, widths: Mapping[str, int], rows: Sequence[list[Text]]) -> None:
-        """(Re)make the columns with these rows in them; the selected row stays selected."""
+        """Replace the columns and rows; keep the selected row."""
         selected = self.cursor_row
         self.clear(columns=True)
         for name, cells in widths.items():
@@ -121,7 +124,7 @@ class CellTable(DataTable[Text]):
             self.move_cursor(row=selected)
 
     def update_rows(self, rows: Sequence[list[Text]]) -> None:
-        """Show these rows; their number only grows (drives and lines do not vanish, they fall silent)."""
+        """Show these rows; their number only grows, because a drive or bus that goes offline keeps its row."""
         for index, row in enumerate(rows):
             if index == len(self._rows):
                 self._rows.append(row)

@@ -1,4 +1,4 @@
-"""A feed in a thread and loop of its own, so that drawing a screen never delays a bus; rows cross as values."""
+"""Row source in a thread with its own event loop, so that drawing a screen never delays a bus."""
 
 from __future__ import annotations
 
@@ -12,40 +12,39 @@ from typing import Any
 from drivebus.cli.tui.row_source import KeyCommands, RowSource
 from drivebus.cli.tui.rows import BusRow, DriveRow
 
-SNAPSHOT_PERIOD_S = 0.2
-"""How often the rows are taken; the screen draws no faster."""
+SNAPSHOT_PERIOD_S = 0.2  # the screen draws no faster
 
 
 @dataclass(frozen=True, slots=True)
 class RowSnapshot:
-    """Everything that the view shows, taken at one moment of the feed's own time."""
+    """Rows and messages of one moment in the time of the source."""
 
     now: float = 0.0
     drives: Sequence[DriveRow] = ()
-    lines: Sequence[BusRow] = ()
-    news: Sequence[str] = ()
-    over: bool = False
+    buses: Sequence[BusRow] = ()
+    messages: Sequence[str] = ()
+    finished: bool = False
 
 
 class ThreadedRowSource:
-    """A ``Feed`` (and ``Control``) around another one that lives in its own thread."""
+    """Row source and key commands that forward to those of another thread."""
 
-    def __init__(self, feed: RowSource, control: KeyCommands | None = None) -> None:
-        self.title = feed.title
-        self._feed = feed
-        self._control = control
+    def __init__(self, source: RowSource, commands: KeyCommands | None = None) -> None:
+        self.title = source.title
+        self._source = source
+        self._commands = commands
         self._snapshot = RowSnapshot()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._end: asyncio.Event | None = None
+        self._shutdown: asyncio.Event | None = None
         self._failure: BaseException | None = None
         self._ready = threading.Event()
         self._thread: threading.Thread | None = None
 
     async def start(self) -> None:
-        """Begin; returns when the feed has started. Raises what its start raised."""
+        """Start the source in its thread and wait for it. Raises the error of its start."""
         context = contextvars.copy_context()
         self._thread = threading.Thread(
-            target=context.run, args=(asyncio.run, self._run_source()), name="drivebus-feed"
+            target=context.run, args=(asyncio.run, self._run_source()), name="drivebus-rows"
         )
         self._thread.start()
         await asyncio.to_thread(self._ready.wait)
@@ -53,36 +52,38 @@ class ThreadedRowSource:
             raise self._failure
 
     async def close(self) -> None:
-        """End the feed and wait for it. Idempotent."""
+        """Close the source and wait for its thread. Idempotent."""
         if self._thread is None:
             return
-        if self._loop is not None and self._end is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._end.set)
+        if self._loop is not None and self._shutdown is not None and self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._shutdown.set)
         await asyncio.to_thread(self._thread.join)
 
     async def _run_source(self) -> None:
-        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._loop, self._shutdown = asyncio.get_running_loop(), asyncio.Event()
         try:
-            await self._feed.start()
+            await self._source.start()
         except BaseException as error:
             self._failure = error
-            await self._feed.close()
+            await self._source.close()
             return
         finally:
             self._ready.set()
         try:
-            while not self._end.is_set():
+            while not self._shutdown.is_set():
                 self._take_snapshot()
                 try:
-                    await asyncio.wait_for(self._end.wait(), SNAPSHOT_PERIOD_S)
+                    await asyncio.wait_for(self._shutdown.wait(), SNAPSHOT_PERIOD_S)
                 except TimeoutError:
                     continue
         finally:
-            await self._feed.close()
+            await self._source.close()
 
     def _take_snapshot(self) -> None:
-        feed = self._feed
-        self._snapshot = RowSnapshot(feed.now(), feed.drives(), feed.lines(), tuple(feed.news()), feed.over)
+        source = self._source
+        self._snapshot = RowSnapshot(
+            source.now(), source.drives(), source.buses(), tuple(source.messages()), source.finished
+        )
 
     def now(self) -> float:
         return self._snapshot.now
@@ -90,36 +91,36 @@ class ThreadedRowSource:
     def drives(self) -> Sequence[DriveRow]:
         return self._snapshot.drives
 
-    def lines(self) -> Sequence[BusRow]:
-        return self._snapshot.lines
+    def buses(self) -> Sequence[BusRow]:
+        return self._snapshot.buses
 
-    def news(self) -> Sequence[str]:
-        return self._snapshot.news
+    def messages(self) -> Sequence[str]:
+        return self._snapshot.messages
 
     @property
-    def over(self) -> bool:
-        return self._snapshot.over
+    def finished(self) -> bool:
+        return self._snapshot.finished
 
     def _call_in_thread(self, command: Callable[..., None], *arguments: Any) -> None:
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(command, *arguments)
 
     def run(self, key: str) -> None:
-        if self._control is not None:
-            self._call_in_thread(self._control.run, key)
+        if self._commands is not None:
+            self._call_in_thread(self._commands.run, key)
 
     def stop(self, key: str) -> None:
-        if self._control is not None:
-            self._call_in_thread(self._control.stop, key)
+        if self._commands is not None:
+            self._call_in_thread(self._commands.stop, key)
 
-    def change(self, key: str, by_hz: float) -> None:
-        if self._control is not None:
-            self._call_in_thread(self._control.change, key, by_hz)
+    def change_frequency(self, key: str, by_hz: float) -> None:
+        if self._commands is not None:
+            self._call_in_thread(self._commands.change_frequency, key, by_hz)
 
     def reset(self, key: str) -> None:
-        if self._control is not None:
-            self._call_in_thread(self._control.reset, key)
+        if self._commands is not None:
+            self._call_in_thread(self._commands.reset, key)
 
     def stop_all(self) -> None:
-        if self._control is not None:
-            self._call_in_thread(self._control.stop_all)
+        if self._commands is not None:
+            self._call_in_thread(self._commands.stop_all)

@@ -1,4 +1,4 @@
-"""Show a feed: full screen on a terminal, plain lines elsewhere."""
+"""Show a row source: full screen on a terminal, text elsewhere."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from drivebus.cli.tui.row_source import KeyCommands, RowSource
 
 
 def run_view(
-    feed: RowSource, control: KeyCommands | None, plain: bool, period_s: float, duration_s: float | None = None
+    source: RowSource, commands: KeyCommands | None, plain: bool, period_s: float, duration_s: float | None = None
 ) -> ExitCode:
-    """Until the user, the feed, a signal or ``duration_s`` ends it."""
+    """Show the rows until the user, the source, a signal or ``duration_s`` ends the view."""
     if plain or output.as_json() or not (sys.stdout.isatty() and sys.stdin.isatty()):
-        return asyncio.run(_run_plain(feed, period_s, duration_s))
+        return asyncio.run(_run_plain(source, period_s, duration_s))
     require_extra("tui")
     from drivebus.cli.tui.app import MonitorApp
     from drivebus.cli.tui.threaded import ThreadedRowSource
 
-    threaded = ThreadedRowSource(feed, control)
-    screen = MonitorApp(threaded, threaded if control is not None else None, duration_s)
+    threaded = ThreadedRowSource(source, commands)
+    screen = MonitorApp(threaded, threaded if commands is not None else None, duration_s)
     screen.run()
     if screen.failure is not None:
         raise screen.failure
     return ExitCode.DONE
 
 
-async def _run_plain(feed: RowSource, period_s: float, duration_s: float | None) -> ExitCode:
+async def _run_plain(source: RowSource, period_s: float, duration_s: float | None) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
     from drivebus.cli.tui.plain import print_rows
 
-    with shutdown_signals() as ending:
-        timer = duration_s and asyncio.get_running_loop().call_later(duration_s, ending.request, "duration")
-        await print_rows(feed, ending, period_s)
+    with shutdown_signals() as shutdown:
+        timer = duration_s and asyncio.get_running_loop().call_later(duration_s, shutdown.request, "duration")
+        await print_rows(source, shutdown, period_s)
         if timer:
             timer.cancel()
-    return ExitCode.INTERRUPTED if ending.cause == "SIGINT" else ExitCode.DONE
+    return ExitCode.INTERRUPTED if shutdown.cause == "SIGINT" else ExitCode.DONE
