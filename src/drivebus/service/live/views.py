@@ -99,7 +99,7 @@ class DriveView:
     capabilities: tuple[str, ...]
     groups: tuple[str, ...]
     presence: str
-    """``online``, ``silent`` or ``never_seen``."""
+    """``online``, ``offline`` or ``never_seen``."""
     state: str
     """A DriveState; ``unknown`` with ``state_reason``."""
     state_reason: str | None
@@ -127,7 +127,7 @@ class DriveView:
     state_time_ms: int | None = None
     """UTC time of the oldest reply on which the state rests."""
     jog_frequency: str | None = None
-    """What decides the frequency of a jog: ``drive``, ``asked`` or ``either``; None where the model can't jog."""
+    """Where the frequency of a jog comes from: a ``JogFrequency``; None where the model can't jog."""
 
     def as_json(self) -> Json:
         plain: tuple[str, ...] = (

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from drivebus.protocols.family import JogFrequency
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
@@ -192,7 +193,7 @@ class DriveObject(ApiObject):
     signals: dict[str, SignalObject]
     time_ms: int
     state_time_ms: int | None
-    jog_frequency: Literal["drive", "asked", "either"] | None
+    jog_frequency: JogFrequency | None
 
 
 class DrivesResponse(ApiObject):

@@ -53,7 +53,7 @@ function JogStatus({ phase, detail }) {
 /** The frequency where the bus can say one; else what decides it. */
 function JogFrequency({ view, ...rest }) {
   if (view.jog_frequency === "drive") return html`<${Notice}>${t("page.jog_own_frequency")}<//>`;
-  const label = t(view.jog_frequency === "asked" ? "page.jog_frequency_asked" : "page.jog_frequency");
+  const label = t(view.jog_frequency === "command" ? "page.jog_frequency_required" : "page.jog_frequency");
   return html`<${Frequency} label=${label} limits=${view} ...${rest} />`;
 }
 
@@ -70,7 +70,7 @@ export function JogPanel({ view, disabled }) {
 
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const unsaid = hertz.trim() === "";
-  const wrong = unsaid ? view.jog_frequency === "asked" : frequencyError(hertz, view) !== null;
+  const wrong = unsaid ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = told.phase === "asking" || told.phase === "turning";
 
