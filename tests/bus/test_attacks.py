@@ -61,7 +61,7 @@ def commands(station: FakeStation) -> list[int]:
     return [request.value for request in writes if request.register == COMMAND]
 
 
-def test_no_callback_comes_between_a_permit_that_was_checked_and_its_frame() -> None:
+def test_no_callback_runs_between_a_permit_check_and_its_frame() -> None:
     """A sink may block, or inhibit starts: before that the frame whose permit was checked at this moment has left."""
 
     async def main() -> None:
@@ -84,7 +84,7 @@ def test_no_callback_comes_between_a_permit_that_was_checked_and_its_frame() -> 
     run(main())
 
 
-def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
+def test_a_stop_whose_caller_is_cancelled_is_still_sent() -> None:
     """No check drops a stop, and ``wait_for(stop, …)`` must not take it back."""
 
     async def main() -> None:
@@ -102,7 +102,7 @@ def test_a_stop_whose_asker_gave_up_waiting_is_sent_all_the_same() -> None:
     run(main())
 
 
-def test_a_stop_whose_caller_gave_up_is_still_repeated_without_a_reply() -> None:
+def test_a_stop_whose_caller_is_cancelled_is_still_repeated_without_a_reply() -> None:
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
     book = BusScript(core, lambda frame, at: [(at + 0.01, answer)] if (answer := station.reply_to(frame, at)) else [])
@@ -175,7 +175,7 @@ def test_a_start_is_never_repeated_even_if_its_permit_calls_it_idempotent() -> N
 
 
 @pytest.mark.parametrize(("late_s", "leaves"), [(0.0, True), (0.001, False)])
-def test_a_permit_ends_at_its_second_whatever_the_request_says_of_itself(late_s: float, leaves: bool) -> None:
+def test_a_permit_expires_at_its_time_whatever_the_request_contains(late_s: float, leaves: bool) -> None:
     """The request itself has no expiry."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
@@ -189,7 +189,7 @@ def test_a_permit_ends_at_its_second_whatever_the_request_says_of_itself(late_s:
     assert (station.start_count == 1) is leaves
 
 
-def test_a_permit_that_ends_while_its_frame_waits_is_worth_nothing() -> None:
+def test_a_permit_that_expires_while_its_frame_waits_is_invalid() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -204,7 +204,7 @@ def test_a_permit_that_ends_while_its_frame_waits_is_worth_nothing() -> None:
     assert station.start_count == 0
 
 
-def test_a_stop_has_no_expiry_even_where_it_was_given_one() -> None:
+def test_a_stop_never_expires_even_with_an_expiry_set() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
@@ -254,7 +254,7 @@ class Halting(ScriptedPort):
         await super().open(receiver)
 
 
-def test_a_port_that_fails_in_an_unknown_way_is_opened_again_all_the_same() -> None:
+def test_a_port_that_fails_with_an_unknown_error_is_opened_again() -> None:
     async def main() -> None:
         complaints: list[Any] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
@@ -289,7 +289,7 @@ class Stumbling(ScriptedPort):
         await super().open(receiver)
 
 
-def test_a_write_that_fails_in_an_unknown_way_loses_the_port_and_not_the_bus() -> None:
+def test_a_write_that_fails_with_an_unknown_error_loses_the_port_and_not_the_bus() -> None:
     async def main() -> None:
         complaints: list[Any] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
@@ -329,7 +329,7 @@ def test_after_a_replug_every_station_must_answer_a_sync_probe_before_its_data_c
     assert play.sent[before][0] >= lost_at + core.stations[1].config.timing.max_reply_lateness_s
 
 
-def test_a_wish_in_the_gap_after_a_reply_does_not_cut_the_gap_short() -> None:
+def test_a_command_in_the_gap_after_a_reply_does_not_shorten_the_gap() -> None:
     """A reply counts after the whole gap: a byte that comes within it invalidates it."""
     station = FakeStation(registers={0x3000: 7})
     core = BusCore(SETTINGS, echo="off")
@@ -456,7 +456,7 @@ def test_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> Non
     assert not core.echo.ruled_out
 
 
-def test_two_second_replies_block_for_a_while_and_not_for_ever() -> None:
+def test_two_second_replies_inhibit_starts_for_a_limited_time() -> None:
     async def main() -> None:
         station = FakeStation()
         bus, port = await opened(station)
@@ -494,7 +494,7 @@ def buskit_reply() -> bytes:
     return modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
 
 
-def test_polls_that_were_cancelled_leave_nothing_behind() -> None:
+def test_cancelled_polls_use_no_memory() -> None:
     async def main() -> None:
         bus, _ = await opened(FakeStation())
         for _ in range(50):

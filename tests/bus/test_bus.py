@@ -49,7 +49,7 @@ def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
     run(main())
 
 
-def test_polls_come_to_the_callback_until_they_are_cancelled() -> None:
+def test_polls_are_delivered_until_they_are_cancelled() -> None:
     async def main() -> None:
         bus, _ = bus_with(FakeStation())
         seen: list[BusResult] = []
@@ -112,7 +112,7 @@ def test_a_cancelled_command_is_never_sent() -> None:
     run(main())
 
 
-def test_unplugging_fails_what_is_pending_and_replays_nothing() -> None:
+def test_unplugging_fails_pending_requests_and_replays_none() -> None:
     """PortLost for all, polls again within 2 s of the device, no command repeated."""
 
     async def main() -> None:
@@ -175,7 +175,7 @@ def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
     run(main())
 
 
-def test_a_port_that_cannot_be_opened_says_why() -> None:
+def test_a_port_that_cannot_be_opened_reports_the_reason() -> None:
     async def main() -> None:
         bus, port = bus_with(FakeStation())
         port.plugged = False
@@ -186,7 +186,7 @@ def test_a_port_that_cannot_be_opened_says_why() -> None:
     run(main())
 
 
-def test_closing_fails_what_is_pending() -> None:
+def test_closing_fails_pending_requests() -> None:
     async def main() -> None:
         bus, _ = bus_with(FakeStation())
         await bus.open()
@@ -199,7 +199,7 @@ def test_closing_fails_what_is_pending() -> None:
     run(main())
 
 
-def test_the_trace_tells_every_frame_until_it_is_ended() -> None:
+def test_the_trace_has_every_frame_until_it_is_closed() -> None:
     async def main() -> None:
         bus, _ = bus_with(FakeStation())
         lines: list[str] = []
@@ -218,7 +218,7 @@ def test_the_trace_tells_every_frame_until_it_is_ended() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux only")
-async def test_the_precise_timer_is_never_early() -> None:
+async def test_the_precise_timer_never_fires_early() -> None:
     loop = asyncio.get_running_loop()
     timer = timers.acquire(loop)
     try:
@@ -242,7 +242,7 @@ async def test_the_precise_timer_is_never_early() -> None:
         timers.release(loop)
 
 
-async def test_one_timer_serves_many_and_moved_alarms_ring_once() -> None:
+async def test_one_backend_serves_many_timers_and_a_moved_timer_fires_once() -> None:
     loop = asyncio.get_running_loop()
     first, second = timers.acquire(loop), timers.acquire(loop)
     assert first is second

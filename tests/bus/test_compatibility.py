@@ -83,7 +83,7 @@ def test_a_frame_that_contains_the_others_request_is_rejected_at_every_offset(or
     assert caught.value.params["address"] == 5 and caught.value.params["other"] == 9
 
 
-def test_two_models_of_one_family_share_a_line() -> None:
+def test_two_models_of_one_family_share_a_bus() -> None:
     bus = BusCore(SETTINGS)
     bus.add_station(station_config(1))
     bus.add_station(replace(station_config(2), effect_of=effect))

@@ -78,7 +78,7 @@ def twice_answered(delay_s: float = 0.005) -> BusScript:
     return script
 
 
-def test_what_a_second_reply_pushed_out_is_not_taken_for_the_next() -> None:
+def test_a_reply_that_a_second_reply_pushed_out_is_not_accepted_for_the_next_request() -> None:
     """After two duplicate replies the reply to the last request gets its time before the next request."""
     script = twice_answered()
     script.submit(read_request(), "robbed")
@@ -112,7 +112,7 @@ def test_a_reply_that_was_pushed_out_is_waited_for_a_quarter_of_a_second_at_most
     assert script.sent[-1][0] == pytest.approx(begun + 8 * CHARACTER_S + 0.25)
 
 
-def test_second_replies_of_long_ago_slow_nothing_down() -> None:
+def test_old_second_replies_delay_nothing() -> None:
     script = twice_answered()
     script.run_until(script.now + DUPLICATE_WINDOW_S)
     begun = script.now
@@ -124,7 +124,7 @@ def test_second_replies_of_long_ago_slow_nothing_down() -> None:
 
 
 @pytest.mark.parametrize("hinted", [True, False])
-def test_a_late_reply_behind_garbage_of_a_replys_size_is_a_second_one_after_a_sign(hinted: bool) -> None:
+def test_a_late_reply_after_garbage_of_reply_size_is_a_second_reply(hinted: bool) -> None:
     """Two drives whose replies collide, one of them received again behind the other; once alone it proves nothing."""
     script = make_script(FakeStation(), has_line_timing=False)
     script.submit(read_request(), 1)

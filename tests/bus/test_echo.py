@@ -137,7 +137,7 @@ def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
     assert script.core.counters.events["collision"] == 2, "and its one retry"
 
 
-def test_silence_and_debris_do_not_say_that_there_is_no_echo() -> None:
+def test_silence_and_fragments_do_not_rule_out_an_echo() -> None:
     """Found by the campaign ``commands``: half an echo, on a bus that loses bytes, was taken for the absence of one."""
     for received in (b"", b"\x30\x00"):
         script = BusScript(
@@ -173,7 +173,7 @@ def test_a_new_adapter_is_observed_again() -> None:
     assert script.core.echo.state is EchoState.ON
 
 
-def test_a_detected_echo_that_stays_away_is_doubted() -> None:
+def test_a_detected_echo_that_is_missing_is_detected_again() -> None:
     station = FakeStation()
     script = BusScript(make_core(1, echo="detect"), echoing(wire_to(station)))
     script.submit(read_request(), "with")

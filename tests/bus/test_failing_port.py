@@ -48,7 +48,7 @@ def heard_complaints() -> list[Any]:
 
 
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("unforeseen")])
-def test_an_unforeseen_error_of_an_opening_port_is_reported_as_a_port_that_can_not_be_opened(error: Exception) -> None:
+def test_an_unexpected_error_while_opening_a_port_is_reported_as_port_unavailable(error: Exception) -> None:
     async def main() -> None:
         port = Failing(wire_to(FakeStation()), SETTINGS)
         port.opening = error

@@ -40,7 +40,7 @@ class Scarce:
 @linux
 @pytest.mark.parametrize("what", ["timer", "reader"])
 @pytest.mark.parametrize("fails", [1, 2])
-def test_without_a_kernel_timer_the_loops_own_serves_and_nothing_is_left_open(
+def test_without_a_kernel_timer_the_loops_own_is_used_and_nothing_is_left_open(
     monkeypatch: pytest.MonkeyPatch, fails: int, what: str
 ) -> None:
     async def main() -> None:

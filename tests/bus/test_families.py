@@ -26,7 +26,7 @@ def reads(dialect: Any) -> list[Any]:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("weather", WEATHERS)
-def test_every_family_is_polled_in_every_weather(model: str, weather: str) -> None:
+def test_every_family_is_polled_at_every_line_quality(model: str, weather: str) -> None:
     async def main() -> None:
         profile = profiles.load(model)
         port = open_port(f"sim://{model}@1-3?line_quality={weather}&seed=5&echo=detect")

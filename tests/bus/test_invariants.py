@@ -101,7 +101,7 @@ def run_story(seed: int, line: str, paced: bool) -> Watchful:
 
 @pytest.mark.parametrize("line", DELIVERIES)
 @pytest.mark.parametrize("paced", [True, False])
-def test_the_invariants_hold_in_random_stories(line: str, paced: bool) -> None:
+def test_the_invariants_hold_in_random_scenarios(line: str, paced: bool) -> None:
     for seed in range(5):
         script = run_story(seed, line, paced)
         for token, answers in script.results.items():
@@ -111,7 +111,7 @@ def test_the_invariants_hold_in_random_stories(line: str, paced: bool) -> None:
         assert len(script.core.scheduler) <= 2, "nothing is left lying"
 
 
-def test_the_same_story_is_the_same_to_the_last_bit() -> None:
+def test_the_same_seed_gives_the_same_scenario_to_the_last_bit() -> None:
     """Determinism: no clock, no chance, no order of hashing inside."""
     first, second = (run_story(42, "lossy", False).sent for _ in range(2))
     assert first == second

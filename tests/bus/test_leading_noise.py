@@ -31,14 +31,14 @@ def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusSc
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 @pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
-def test_one_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, deliver: Delivery) -> None:
+def test_a_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, deliver: Delivery) -> None:
     answer = heard_behind(junk, deliver, GLITCHING).result()
     assert answer.error is None
     assert len(answer.reply.values) == 4
 
 
 @pytest.mark.parametrize("address", [1, 7, 48])
-def test_what_it_seems_to_be_with_the_stray_byte_does_not_matter(address: int) -> None:
+def test_a_meaning_of_the_bytes_with_the_stray_byte_is_ignored(address: int) -> None:
     """The address stands where the function would: of one that is no function no length is known."""
     station = FakeStation(address)
     script = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))

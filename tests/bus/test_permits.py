@@ -170,7 +170,7 @@ def test_the_start_inhibit_is_checked_again_when_the_first_bit_goes_out() -> Non
     ("write_class", "attempts"),
     [(RetryPolicy.IDEMPOTENT, 3), (RetryPolicy.EDGE_TRIGGERED, 1), (RetryPolicy.EEPROM, 1), (RetryPolicy.READ, 1)],
 )
-def test_only_absolute_writes_are_resent_and_each_try_is_fenced(write_class: RetryPolicy, attempts: int) -> None:
+def test_only_absolute_writes_are_resent_each_after_a_sync_probe(write_class: RetryPolicy, attempts: int) -> None:
     """The station receives everything, replies to loop-backs and never to writes."""
     station = FakeStation()
     inner = wire_to(station)
@@ -248,7 +248,7 @@ def test_a_cancelled_write_is_not_sent_again() -> None:
     assert [frame[1] for frame in script.frames].count(6) == 1
 
 
-def test_a_drive_registered_again_inherits_what_forbids_motion() -> None:
+def test_a_drive_registered_again_inherits_its_start_inhibits() -> None:
     """Permits stay invalid, it stays inhibited, two drives stay two, a bad link stays bad."""
     script = make_script(FakeStation())
     script.run_until(1.0)
@@ -312,7 +312,7 @@ def test_the_broadcast_address_can_not_be_named_for_a_frame_with_a_reply() -> No
     assert script.sent == []
 
 
-def test_a_request_that_can_not_be_remembered_is_sent_all_the_same() -> None:
+def test_a_request_that_cannot_be_cached_is_still_sent() -> None:
     """A list of values can't be hashed."""
     script = BusScript(make_core(1))
     values: tuple[int, ...] = [7]  # type: ignore[assignment]
@@ -321,7 +321,7 @@ def test_a_request_that_can_not_be_remembered_is_sent_all_the_same() -> None:
     assert script.frames == [modbus.ModbusRtuCodec().encode_request(modbus.WriteRegisters(1, 0x3000, (7,)))]
 
 
-def test_only_so_many_reads_of_a_station_are_remembered_and_no_write() -> None:
+def test_a_limited_number_of_reads_is_cached_and_no_write() -> None:
     """A program that reads ever new registers must not fill the memory."""
     station = make_core(1).stations[1]
     for register in range(ENCODE_CACHE_SIZE):
@@ -343,7 +343,7 @@ def job(given: Permit | None, register: int = COMMAND, value: int = START) -> Pr
     return PreparedRequest(ask, None, make_core(1).stations[1], SETTINGS)
 
 
-def test_a_permit_is_good_up_to_its_last_moment_and_says_how_late_it_came() -> None:
+def test_a_permit_is_valid_until_its_expiry_and_the_rejection_reports_the_lateness() -> None:
     """Ruling 12, at the boundary itself."""
     start = job(permit(expires_at=10.0))
     assert start.permit_error(10.0) is None
@@ -369,7 +369,7 @@ def test_an_inhibited_station_rejects_motion_only() -> None:
         assert (refusal.key if refusal else None) == key
 
 
-def test_a_refusal_names_the_station_and_what_was_granted() -> None:
+def test_a_rejection_names_the_station_and_the_permit() -> None:
     refusal = job(permit(station=2, effect=Effect.SETTING)).permit_error(0.0)
     assert refusal is not None
     assert refusal.params == {"station": 1, "effect": "motion", "granted": 2, "granted_effect": "setting"}

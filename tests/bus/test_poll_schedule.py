@@ -152,7 +152,7 @@ def test_an_empty_poll_schedule_has_nothing_due() -> None:
     assert PollSchedule().next_due_at() is None and PollSchedule().next_due(1.0) is None
 
 
-def test_the_stop_bound_is_that_of_the_reliability_table() -> None:
+def test_the_stop_bound_is_that_of_the_documented_table() -> None:
     """5.1, C320 ASCII 8E1 with a silent drive: 607, 313, 167, 93, 57 ms, of which 20 ms are the host's."""
     timing = StationTiming(gap_characters=5, reply_delay_s=0, reply_delay_characters=8, adapter_latency_s=0.0)
     codec = sunfar.SunfarCodec()
@@ -176,7 +176,7 @@ def test_the_stop_bound_is_that_of_the_reliability_table() -> None:
         assert found * 1000 - stop_ms + printed_stop + 20 == pytest.approx(bound_ms, abs=2)
 
 
-def test_the_arithmetic_foretells_what_the_bus_then_does() -> None:
+def test_the_computed_load_is_the_measured_load() -> None:
     """Stations that use all their time: the cycle is the computed one, and the load what the wire is kept."""
     limit = 0.02 - 1e-4
     stations = [FakeStation(address, delay_s=limit) for address in range(1, 5)]
@@ -194,7 +194,7 @@ def test_the_arithmetic_foretells_what_the_bus_then_does() -> None:
     assert statistics.load_percent == pytest.approx(100 * 4 * 21 * CHARACTER_S / cycle, rel=0.01)
 
 
-def test_statistics_tell_rates_times_and_errors_of_bus_and_drive() -> None:
+def test_statistics_have_rates_times_and_errors_of_bus_and_drive() -> None:
     stations = [FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008)]
     script = make_script(*stations)
     for station in stations:
@@ -283,7 +283,7 @@ def test_the_recent_figures_of_a_slow_bus_look_back_a_minute() -> None:
     assert _line_use(script.core.statistics(script.now)) == (0, 0, 0)
 
 
-def test_what_a_removed_drive_used_stays_with_the_bus_and_is_not_its_successors() -> None:
+def test_the_counters_of_a_removed_drive_stay_with_the_bus_and_not_with_its_successor() -> None:
     script = make_script(FakeStation(1), FakeStation(2))
     for address in (1, 2):
         script.start_polling(address, [Poll(read(address), 0.1)], address)

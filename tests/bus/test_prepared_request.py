@@ -75,7 +75,7 @@ def test_a_stop_has_the_stop_priority_and_nothing_else_has() -> None:
         )
 
 
-def test_what_it_costs_is_that_of_its_bytes() -> None:
+def test_the_effect_of_a_request_is_decoded_from_its_bytes() -> None:
     one = job(read_request())
     assert (one.data, one.effect, one.reply_bytes, one.is_broadcast) == (
         modbus.ModbusRtuCodec().encode_request(read_request().request),

@@ -26,7 +26,7 @@ def reads_of(stations: list[FakeStation]) -> int:
 
 
 @pytest.mark.parametrize("dead", [1, 2, 5, 15, 30])
-def test_the_living_keep_their_cycle_with_any_number_dead(dead: int) -> None:
+def test_online_stations_keep_their_cycle_with_any_number_offline(dead: int) -> None:
     """The mean cycle of the other drives is at most 11.2 % longer than if they were alone."""
     script, stations = full_bus()
     script.run_until(20)
@@ -44,7 +44,7 @@ def test_the_living_keep_their_cycle_with_any_number_dead(dead: int) -> None:
 
 
 @pytest.mark.parametrize("dead", [1, 5, 30])
-def test_a_drive_that_comes_back_is_found_within_its_bound(dead: int) -> None:
+def test_a_drive_that_comes_back_is_detected_within_its_bound(dead: int) -> None:
     """Recovery at most max(60 s, k probes at 10 % of the bus), on a bus that is full."""
     script, stations = full_bus()
     script.run_until(10)
@@ -87,7 +87,7 @@ def test_probes_back_off_from_one_second_to_the_longest_pause() -> None:
     assert pauses[6:] == pytest.approx([MAX_PROBE_INTERVAL_S] * len(pauses[6:]), abs=0.6)
 
 
-def test_a_drive_that_comes_back_just_after_a_probe_is_found_within_a_minute() -> None:
+def test_a_drive_that_comes_back_just_after_a_probe_is_detected_within_a_minute() -> None:
     station = FakeStation()
     script = make_script(station)
     script.start_polling(1, [Poll(read(), 1.0, phase_s=0.0)])

@@ -50,7 +50,7 @@ def test_after_a_timeout_a_station_must_answer_a_sync_probe_before_its_next_requ
     assert fence_at - lost_at == pytest.approx(8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s)
 
 
-def test_the_others_are_served_while_one_is_in_quarantine() -> None:
+def test_other_stations_are_served_during_a_quarantine() -> None:
     stations = [FakeStation(1), FakeStation(2)]
     script = make_script(*stations)
     for address in (1, 2):
@@ -65,7 +65,7 @@ def test_the_others_are_served_while_one_is_in_quarantine() -> None:
     assert script.now - asked < 0.05
 
 
-def test_a_late_reply_is_not_credited_to_the_next_request() -> None:
+def test_a_late_reply_is_not_accepted_for_the_next_request() -> None:
     """As in pymodbus' own test: the reply to the first read comes while the second one is out."""
     station = FakeStation()
     script = make_script(station)

@@ -73,7 +73,7 @@ def test_the_limits_of_the_fairness_rules_are_those_that_the_page_names() -> Non
     assert (MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW) == (4, 9)
 
 
-def test_nothing_is_next_where_nothing_waits() -> None:
+def test_an_empty_queue_has_no_next_request() -> None:
     empty = Scheduler(SETTINGS)
     assert empty.next_wake_at == NEVER
     assert empty.next(0.0) is None and empty.next_wake_at == NEVER and len(empty) == 0
@@ -110,7 +110,7 @@ def test_after_four_commands_a_parameter_has_its_turn() -> None:
     ]
 
 
-def test_commands_that_no_one_waited_behind_do_not_count() -> None:
+def test_commands_without_a_waiting_parameter_do_not_count() -> None:
     one = station()
     commands = [ask(one, RequestPriority.COMMAND) for _ in range(8)]
     scheduler = filled(*commands)
@@ -129,7 +129,7 @@ def test_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority)
     assert taken(scheduler, 10) == [*urgent[:4], polled, *urgent[4:8], polled]
 
 
-def test_after_four_urgent_frames_a_due_sync_probe_has_its_turn_and_one_not_due_has_none() -> None:
+def test_after_four_urgent_frames_a_sync_probe_has_its_turn_only_when_due() -> None:
     one, other = station(), station(2)
     urgent = [ask(one) for _ in range(12)]
     scheduler = filled(*urgent)
@@ -160,7 +160,7 @@ def test_after_nine_polls_a_probe_has_its_turn() -> None:
     assert taken(scheduler, 20) == [*[polled] * 9, probes[0], *[polled] * 9, probes[1]]
 
 
-def test_a_stop_goes_first_and_one_of_another_priority_after_the_others() -> None:
+def test_a_stop_goes_first_and_a_stop_of_another_priority_after_it() -> None:
     one, other = station(), station(2)
     level, real, command = stop(one, RequestPriority.COMMAND), stop(other), ask(one, RequestPriority.COMMAND)
     scheduler = filled(command, level, real)
@@ -189,7 +189,7 @@ def test_a_broadcast_is_no_stations_own_stop() -> None:
     assert taken(scheduler, 2, 2.0) == jobs
 
 
-def test_a_station_taken_away_and_put_back_has_no_stop_behind_it() -> None:
+def test_a_station_removed_and_registered_again_has_no_earlier_stop() -> None:
     one, two = station(), station(2)
     scheduler = filled(stop(one))
     taken(scheduler, 1, 1.0)
@@ -357,7 +357,7 @@ def test_a_stop_ends_its_stations_commands_and_permits_and_no_others() -> None:
     assert (one.stop_epoch, other.stop_epoch) == (2, 1)
 
 
-def test_a_forgotten_stations_polls_end_those_parked_too() -> None:
+def test_the_polls_of_a_removed_station_end_suspended_ones_too() -> None:
     one, other = station(), station(2)
     scheduler = Scheduler(SETTINGS)
     parked, polled, others = poll(one), poll(one), poll(other)
@@ -369,7 +369,7 @@ def test_a_forgotten_stations_polls_end_those_parked_too() -> None:
     assert taken(scheduler, 2) == [others, others]
 
 
-def test_a_station_that_is_trusted_again_has_its_parked_polls_at_once() -> None:
+def test_a_station_that_is_trusted_again_has_its_suspended_polls_at_once() -> None:
     one = station()
     scheduler = Scheduler(SETTINGS)
     parked = poll(one, 5.0, due=3.0)

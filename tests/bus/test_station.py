@@ -181,7 +181,7 @@ def test_the_bus_makes_every_drawn_transition_and_no_other(seen: set[Transition]
     assert seen == {(state, event, after) for (state, event), after in TRANSITIONS.items()}
 
 
-def test_a_state_says_what_the_bus_may_do() -> None:
+def test_a_state_defines_the_permitted_requests() -> None:
     trusted = {state for state in StationState if not state.is_suspect}
     assert trusted == {StationState.NEVER_SEEN, StationState.ONLINE}
     assert {state for state in StationState if state.is_unreachable} == {StationState.ABSENT, StationState.OFFLINE}

@@ -36,7 +36,7 @@ STOP_FRAME = CODEC.encode_request(stop_request().request)
 
 
 @pytest.mark.parametrize("line", DELIVERIES)
-def test_a_stop_is_the_next_frame_on_every_line(line: str) -> None:
+def test_a_stop_is_the_next_frame_of_every_family(line: str) -> None:
     stations = [FakeStation(address) for address in (1, 2, 3)]
     script = make_script(*stations, deliver=DELIVERIES[line]())
     for address in (1, 2, 3):
@@ -78,7 +78,7 @@ def test_at_any_instant_of_a_full_bus_with_silent_stations_a_stop_leaves_within_
     assert worst > 0.7 * bound, "the bound is tight enough to be worth something"
 
 
-def test_a_start_whose_gap_is_being_waited_out_is_overtaken_and_deleted() -> None:
+def test_a_start_that_waits_for_its_gap_is_overtaken_and_deleted() -> None:
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -139,7 +139,7 @@ def test_a_stop_in_any_priority_is_a_stop() -> None:
     assert script.frames[1] == STOP_FRAME
 
 
-def test_what_follows_a_stop_lets_the_other_drives_stops_go_first() -> None:
+def test_frames_after_a_stop_wait_for_the_stops_of_other_drives() -> None:
     """VC660 writes the levels after each stop pulse: submitted as commands, still ahead of everything else."""
     script = make_script(FakeStation(1), FakeStation(2))
     script.submit(read_request(1), "in transaction")
@@ -237,7 +237,7 @@ def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
     assert stops[:4] == [1, 2, 3, 1]
 
 
-def test_a_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
+def test_a_control_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
     """2000H of VC660 and DF800: the same bit is a stop here and a run there."""
     bus = make_core(1)
     other = station_config(2)
@@ -248,7 +248,7 @@ def test_a_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> No
     assert isinstance(error, NotPermitted) and error.params["station"] == 2
 
 
-def test_a_babbling_line_does_not_hold_back_a_stop() -> None:
+def test_a_line_that_is_never_silent_does_not_delay_a_stop() -> None:
     script = BusScript(make_core(1))
     script.run_until(1.0)
     for place in range(4000):

@@ -44,7 +44,7 @@ async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch:
     assert answer.sent == b"" and len(port.sent) == 1 and station.start_count == 0
 
 
-async def test_a_bus_that_is_not_open_tells_the_same_time_and_keeps_nothing_open() -> None:
+async def test_a_closed_bus_has_the_same_time_and_opens_nothing() -> None:
     bus, files = Bus(ScriptedPort(wire_to())), open_files()
     before = bus.now()
     assert 0 <= time.clock_gettime(time.CLOCK_BOOTTIME) - before < 1 and before < bus.now()
@@ -77,7 +77,7 @@ asyncio.run(asyncio.wait_for(main(), 20))
 """
 
 
-def test_on_a_machine_that_has_slept_timers_and_clock_agree() -> None:
+def test_after_a_suspend_timers_and_clock_agree() -> None:
     """A time namespace whose boot clock is an hour ahead of the monotonic one, as after an hour of suspend."""
     ahead = ["unshare", "--user", "--map-root-user", "--time", "--boottime", "3600", "--fork"]
     try:

@@ -34,7 +34,7 @@ GAP = 3.5 * CHARACTER_S
 
 
 @pytest.mark.parametrize("line", DELIVERIES)
-def test_a_read_gets_the_reply_of_its_own_station_on_every_line(line: str) -> None:
+def test_a_read_gets_the_reply_of_its_own_station_in_every_family(line: str) -> None:
     """On the four lines: whatever the bus does, the values are those of that very request, or there are none."""
     station = FakeStation()
     script = make_script(station, deliver=DELIVERIES[line]())
@@ -46,7 +46,7 @@ def test_a_read_gets_the_reply_of_its_own_station_on_every_line(line: str) -> No
     assert script.core.statistics(script.now).replies > 150
 
 
-def test_a_clean_read_takes_exactly_what_the_arithmetic_says() -> None:
+def test_a_clean_read_takes_exactly_the_computed_time() -> None:
     script = make_script(FakeStation(delay_s=0.005))
     script.run_until(1.0)
     script.submit(read_request())
@@ -129,7 +129,7 @@ def test_a_byte_after_the_reply_invalidates_it() -> None:
     assert script.core.counters.errors == {TrailingError.__name__: 1}
 
 
-def test_damage_is_repeated_at_once_and_only_once() -> None:
+def test_a_damaged_reply_is_retried_at_once_and_only_once() -> None:
     """The reply has come and is damaged, so nothing can come late."""
     script = BusScript(make_core(1), lambda frame, ended: [(ended + 20 * CHARACTER_S, b"\x01\x03\x08" + bytes(10))])
     script.submit(read_request())
@@ -151,7 +151,7 @@ def test_line_errors_invalidate_the_transaction_whatever_the_bytes() -> None:
     assert answer.reply is None
 
 
-def test_what_comes_before_our_own_last_stop_bit_is_no_reply() -> None:
+def test_bytes_before_the_last_stop_bit_of_the_request_are_no_reply() -> None:
     """F03, on a port whose pacing is real."""
     script = BusScript(make_core(1))
     script.run_until(1.0)
@@ -162,7 +162,7 @@ def test_what_comes_before_our_own_last_stop_bit_is_no_reply() -> None:
     assert script.core.counters.events["before_tx_end"] == REPLY_BYTES
 
 
-def test_an_unpaced_port_can_not_tell_early_from_late() -> None:
+def test_a_port_without_line_timing_cannot_detect_early_bytes() -> None:
     """Ptys and TCP have no line timing, so the rule does not apply there."""
     script = BusScript(make_core(1, has_line_timing=False))
     script.run_until(1.0)
@@ -213,7 +213,9 @@ def test_a_short_error_is_accepted_only_if_nothing_follows() -> None:
 
 
 @pytest.mark.parametrize(("stall_s", "believed"), [(0.1, True), (0.3, False)])
-def test_a_host_that_looked_late_believes_only_what_is_not_much_too_late(stall_s: float, believed: bool) -> None:
+def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_tolerance(
+    stall_s: float, believed: bool
+) -> None:
     """The reply is read after the deadline, before the wake of the deadline was served: it may have come in time."""
     bus = make_core(1)
     script = BusScript(bus)
@@ -231,7 +233,7 @@ def make_transaction(**options: Any) -> Transaction:
     return Transaction(job, 1.0, CHARACTER_S, has_line_timing=True, echo=None, **options)
 
 
-def test_the_reader_may_sleep_until_a_byte_could_complete_the_reply() -> None:
+def test_the_reader_is_paused_until_a_byte_could_complete_the_reply() -> None:
     """Before that moment no byte can end the frame on a bus of this speed; afterwards every byte is wanted."""
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
     one = make_transaction()
@@ -244,7 +246,7 @@ def test_the_reader_may_sleep_until_a_byte_could_complete_the_reply() -> None:
     assert one.message is not None and one.earliest_useful_at() is None
 
 
-def test_the_reader_stays_awake_where_something_else_than_a_reply_may_come() -> None:
+def test_the_reader_is_not_paused_where_other_bytes_than_a_reply_may_arrive() -> None:
     damaged = make_transaction()
     damaged.on_data(b"\x01\x07\x00\x00\x00", 1.1)
     assert damaged.error is not None and damaged.earliest_useful_at() is None
@@ -266,7 +268,7 @@ def test_a_byte_behind_the_reply_is_reported_with_both_lengths() -> None:
     assert one.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
 
 
-def test_a_line_error_without_a_byte_invalidates_the_reply_that_was_whole() -> None:
+def test_a_line_error_without_a_byte_invalidates_a_complete_reply() -> None:
     """It ends at the deadline: what else is on its way is not sent into."""
     one = make_transaction()
     one.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 1.05)

@@ -36,7 +36,7 @@ def make_transaction(
     return Transaction(job, 1.0, CHARACTER_S, has_line_timing=paced, echo=echo)
 
 
-def test_it_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
+def test_a_transaction_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
     one = make_transaction()
     assert (one.sent_at, one.tx_end_at, one.deadline, one.ends_at) == (1.0, END, DEADLINE, DEADLINE)
     error = one.final_error()
@@ -45,7 +45,7 @@ def test_it_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
     assert error.params == {"station": 1, "attempt": 1, "bytes": 0, "milliseconds": wait_ms}
 
 
-def test_a_whole_reply_counts_after_the_gap() -> None:
+def test_a_complete_reply_is_accepted_after_the_gap() -> None:
     one = make_transaction()
     one.on_data(REPLY, 1.05)
     assert one.ends_at == 1.05 + GAP and one.final_error() is None
@@ -56,7 +56,7 @@ def test_a_whole_reply_counts_after_the_gap() -> None:
     ) == (13, 13, 1.05)
 
 
-def test_a_part_of_a_reply_ends_at_the_deadline_and_is_called_cut() -> None:
+def test_a_part_of_a_reply_is_reported_truncated_at_the_deadline() -> None:
     one = make_transaction()
     for place in range(12):
         one.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
@@ -89,7 +89,7 @@ def test_an_invalid_reply_ends_after_its_bytes_and_the_gap_but_never_after_the_d
     assert isinstance(one.final_error(), ChecksumError), "the first error stays"
 
 
-def test_the_first_error_is_the_one_reported() -> None:
+def test_the_first_error_is_reported() -> None:
     one = make_transaction()
     one.on_data(REPLY, 1.05)
     one.on_data(b"\x00", 1.051, line_errors=1)
@@ -107,7 +107,7 @@ def test_line_errors_alone_invalidate_it_until_the_deadline() -> None:
     assert one.ends_at == DEADLINE and one.received_count == 0 and one.last_byte_at is None
 
 
-def test_other_stations_frames_are_dropped_and_remembered_and_the_reply_behind_them_counts() -> None:
+def test_foreign_frames_are_dropped_and_recorded_and_the_reply_after_them_is_accepted() -> None:
     one = make_transaction()
     one.on_data(OTHERS + OTHERS + REPLY[:5], 1.05)
     assert [data for data, _ in one.foreign_frames or ()] == [OTHERS, OTHERS]
@@ -117,7 +117,7 @@ def test_other_stations_frames_are_dropped_and_remembered_and_the_reply_behind_t
     assert one.final_error() is None and one.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4))
 
 
-def test_a_foreign_frame_alone_leaves_nothing_and_waits_on() -> None:
+def test_after_a_foreign_frame_alone_the_transaction_still_waits() -> None:
     one = make_transaction()
     one.on_data(OTHERS, 1.05)
     assert (one.received_count, one.buffer, one.bytes_needed, one.error) == (0, b"", 1, None)
@@ -137,7 +137,7 @@ class Mistaken(modbus.ModbusRtuCodec):
 
 
 @pytest.mark.parametrize(("size", "dropped"), [(-1, False), (0, False), (1, True), (5, True), (6, False)])
-def test_a_foreign_frame_is_dropped_only_where_it_is_whole(size: int, dropped: bool) -> None:
+def test_a_foreign_frame_is_dropped_only_when_complete(size: int, dropped: bool) -> None:
     codec = Mistaken()
     codec.size = size
     one = make_transaction(codec=codec)
@@ -160,7 +160,9 @@ def test_a_foreign_frame_is_dropped_only_where_it_is_whole(size: int, dropped: b
         (13, 9.0, 9),
     ],
 )
-def test_bytes_that_ended_before_our_own_last_bit_are_no_reply(size: int, characters: float, kept: int) -> None:
+def test_bytes_that_end_before_the_last_bit_of_the_request_are_no_reply(
+    size: int, characters: float, kept: int
+) -> None:
     """The last of them came at ``characters`` after our last bit, each earlier one a character before it."""
     for paced in (True, False):
         one = make_transaction(paced=paced)
@@ -181,7 +183,7 @@ def test_a_broadcast_is_over_after_its_turnaround_whatever_is_received() -> None
     assert isinstance(one.final_error(), LineError)
 
 
-def test_one_stray_byte_is_skipped_once_where_the_profile_allows_it() -> None:
+def test_a_stray_byte_is_skipped_once_where_the_profile_allows_it() -> None:
     one = make_transaction(tolerate_leading_noise=True)
     one.on_data(b"\xff" + REPLY, 1.05)
     assert one.final_error() is None and (one.bytes_before_tx_end, one.received_count, one.noise_skipped) == (
@@ -204,7 +206,7 @@ def test_after_the_stray_byte_the_reply_may_come_in_pieces() -> None:
     assert one.final_error() is None and one.bytes_before_tx_end == b"\xff"
 
 
-def test_a_short_error_that_may_be_an_echos_beginning_waits_the_adapter_too() -> None:
+def test_a_short_error_that_may_be_the_start_of_an_echo_waits_for_the_adapter_too() -> None:
     asked = modbus.WriteRegister(1, 0x23, 0xA000)
     codec = modbus.ModbusRtuCodec("short")
     error = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
@@ -221,7 +223,7 @@ def test_a_short_error_that_may_be_an_echos_beginning_waits_the_adapter_too() ->
     assert one.ends_at == 1.052 + GAP and not one.needs_silence
 
 
-def test_our_echo_is_taken_away_and_a_byte_that_differs_is_a_collision() -> None:
+def test_the_echo_is_removed_and_a_byte_that_differs_is_a_collision() -> None:
     request = read_request().request
     sent = RTU.encode_request(request)
     one = make_transaction(paced=False, echo=EchoFilter(sent, False))

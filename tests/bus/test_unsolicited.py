@@ -18,7 +18,7 @@ from drivebus.testing.bus_script import BusScript
 from fixtures.bus import CHARACTER_S, CODEC, SETTINGS, FakeStation, make_core, make_script, read, read_request
 
 
-def test_two_foreign_requests_mean_a_foreign_master_and_a_minute_of_peace_ends_it() -> None:
+def test_two_foreign_requests_are_a_foreign_master_until_a_minute_without_one() -> None:
     """Flagged after two frames."""
     script = BusScript(make_core(1))
     script.run_until(1.0)
@@ -34,7 +34,7 @@ def test_two_foreign_requests_mean_a_foreign_master_and_a_minute_of_peace_ends_i
     assert not script.core.health(1, script.now).foreign_master
 
 
-def test_a_second_drivebus_that_sends_our_own_frames_is_a_foreign_master() -> None:
+def test_a_second_drivebus_that_sends_the_same_frames_is_a_foreign_master() -> None:
     script = make_script(FakeStation())
     script.submit(read_request())
     script.result()
@@ -81,7 +81,7 @@ def test_a_second_reply_while_idle_is_counted_and_makes_suspect() -> None:
     assert not script.core.stations[1].state.is_suspect, "its fence was answered"
 
 
-def test_noise_is_counted_and_forgotten() -> None:
+def test_noise_is_counted_and_discarded() -> None:
     script = make_script(FakeStation())
     for number in range(50):
         script.receive(b"\xff\x00", at=number * 0.1)
@@ -92,7 +92,7 @@ def test_noise_is_counted_and_forgotten() -> None:
     assert script.result().error is None
 
 
-def test_unasked_bytes_never_grow_beyond_their_bound() -> None:
+def test_unsolicited_bytes_use_bounded_memory() -> None:
     script = BusScript(make_core(1))
     chance = random.Random(1)
     at = 0.0

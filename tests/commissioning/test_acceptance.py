@@ -17,7 +17,7 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.commissioning.acceptance import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
 from drivebus.ports import locks, open_port
 from drivebus.simulator.bus import SimulatedBus
-from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
 
 ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
@@ -37,7 +37,7 @@ class AgreeingPerson(acceptance_command.TerminalAcceptance):
 def bench() -> Any:
     clear_simulated_buses()
     port: Any = open_port(ACCEPTANCE_LINK)
-    yield port.simulated_bus
+    yield simulated_bus_of(port)
     clear_simulated_buses()
 
 

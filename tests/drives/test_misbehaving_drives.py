@@ -27,6 +27,7 @@ from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfir
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
+from drivebus.simulator.port import simulated_bus_of
 from fixtures.drives import (
     MODELS,
     SAFE_HZ,
@@ -69,13 +70,13 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
             task = asyncio.ensure_future(jogging(drive))
             await until_turning(bench, task)
             await asyncio.sleep(begun_s)
-            bench.port.simulated_bus.unplug()
+            simulated_bus_of(bench.port).unplug()
             await asyncio.sleep(0.6)
             task.cancel()
             with pytest.raises((DrivebusError, asyncio.CancelledError)):
                 await task
             assert drive.stop_pending
-            bench.port.simulated_bus.replug()
+            simulated_bus_of(bench.port).replug()
             await asyncio.sleep(10.0)
             assert not bench.station().motor.energised
             await asyncio.sleep(5.0)
@@ -115,9 +116,9 @@ def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: flo
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(drive.stop(), patience_s)
             busy.cancel()
-            bench.port.simulated_bus.unplug()
+            simulated_bus_of(bench.port).unplug()
             await asyncio.sleep(0.01)
-            bench.port.simulated_bus.replug()
+            simulated_bus_of(bench.port).replug()
             await asyncio.sleep(40.0)
             assert not bench.station().motor.energised
 
@@ -129,7 +130,7 @@ def test_an_unconfirmed_stop_is_not_repeated_on_a_bus_that_was_closed() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
             await drive.status()
-            bench.port.simulated_bus.unplug()
+            simulated_bus_of(bench.port).unplug()
             with pytest.raises(StopUnconfirmed):
                 await drive.stop()
             assert drive.stop_pending

@@ -53,9 +53,7 @@ async def test_a_second_instance_is_rejected_100_times_of_100_with_the_pid_of_th
     assert str(first.pid) in caught.value.text("zh")
 
 
-async def test_the_lock_of_a_killed_instance_is_stale_and_does_not_stand_in_the_way(
-    pty: Pty, first: subprocess.Popen[bytes]
-) -> None:
+async def test_the_stale_lock_of_a_killed_instance_is_replaced(pty: Pty, first: subprocess.Popen[bytes]) -> None:
     os.kill(first.pid, signal.SIGKILL)
     first.wait()
     files = list(lock_dir().iterdir())
@@ -91,7 +89,7 @@ async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_
     await one.close()
 
 
-def test_a_program_that_only_knows_flock_is_locked_out_and_locks_us_out(
+def test_a_program_that_uses_only_flock_is_locked_out_and_locks_out_drivebus(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without our lock file (another user's state directory) the device's own lock still stands."""
@@ -113,7 +111,7 @@ def test_a_program_that_only_knows_flock_is_locked_out_and_locks_us_out(
     os.close(stranger)
 
 
-def test_an_exclusive_lock_sets_the_terminal_flag_and_takes_it_back(pty: Pty) -> None:
+def test_an_exclusive_lock_sets_the_terminal_flag_and_clears_it(pty: Pty) -> None:
     import fcntl
 
     TIOCGEXCL = 0x80045440

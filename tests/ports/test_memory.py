@@ -14,7 +14,7 @@ from drivebus.serial_settings import SerialSettings
 from fixtures.receiver import FakeReceiver, wait_until
 
 
-async def test_what_one_end_writes_the_other_receives() -> None:
+async def test_each_end_receives_the_bytes_that_the_other_writes() -> None:
     left, right = create_pair()
     a, b = FakeReceiver(), FakeReceiver()
     await left.open(a)
@@ -26,7 +26,7 @@ async def test_what_one_end_writes_the_other_receives() -> None:
     assert (a.data, b.data) == (b"answer", b"ask")
 
 
-async def test_paced_bytes_come_one_by_one_each_at_its_last_stop_bit() -> None:
+async def test_with_line_timing_each_byte_arrives_at_its_last_stop_bit() -> None:
     left, right = create_pair(SerialSettings(4800, 8, "E", 1), has_line_timing=True)
     sink = FakeReceiver()
     await left.open(FakeReceiver())
@@ -54,7 +54,7 @@ async def test_bytes_of_an_earlier_opening_never_arrive() -> None:
     assert sink.data == b""
 
 
-async def test_a_closed_port_refuses_to_write() -> None:
+async def test_a_closed_port_rejects_a_write() -> None:
     left, _ = create_pair()
     with pytest.raises(PortLost):
         left.write(b"x")

@@ -37,7 +37,7 @@ async def test_a_missing_port_names_those_that_exist(monkeypatch: pytest.MonkeyP
     assert error.scope is ErrorScope.PORT
 
 
-async def test_a_machine_without_ports_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_machine_without_ports_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch)
     monkeypatch.setattr(open_errors, "_in_wsl", lambda: False)
     assert (await refused("/dev/ttyUSB9")).key == "ports.missing-none"
@@ -49,7 +49,7 @@ async def test_a_machine_without_ports_says_so(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("what", ["file", "folder", "device"])
-async def test_what_is_no_serial_port_is_named(tmp_path: Path, what: str) -> None:
+async def test_a_file_that_is_no_serial_port_is_rejected_by_name(tmp_path: Path, what: str) -> None:
     path = {"file": tmp_path / "file", "folder": tmp_path, "device": Path("/dev/null")}[what]
     (tmp_path / "file").write_text("")
     assert (await refused(str(path))).key == "ports.not-serial"
@@ -93,7 +93,7 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
     assert (error.key, error.params["mode"]) == ("ports.permission-rule", "-rw-rw----")
 
 
-def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
+def test_a_busy_port_names_the_program_that_uses_it(pty: Pty) -> None:
     program = "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(9)"
     with subprocess.Popen([sys.executable, "-c", program, pty.path], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
@@ -106,7 +106,7 @@ def test_a_busy_port_names_the_program_that_holds_it(pty: Pty) -> None:
     assert process_name(child.pid) == ""
 
 
-def test_a_holder_that_proc_hides_is_known_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_that_proc_hides_is_identified_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
     monkeypatch.setattr(open_errors, "device_users", lambda paths: {path: [] for path in paths})
     program = (
@@ -142,16 +142,14 @@ def test_our_own_lock_is_not_reported_as_a_user(pty: Pty) -> None:
         ("minicom", "ports.held", "minicom (pid 42)"),
     ],
 )
-def test_a_known_holder_comes_with_its_own_remedy(name: str, key: str, hint: str) -> None:
+def test_a_known_program_comes_with_its_own_remedy(name: str, key: str, hint: str) -> None:
     error = open_errors.in_use_error("/dev/ttyS0", DeviceUser(42, name))
     assert error.key == key
     assert hint in str(error)
     assert hint.split(" (")[0] in error.text("zh")
 
 
-def test_a_hidden_holder_is_suspected_by_name_else_found_with_a_command(
-    pty: Pty, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hidden_user_is_guessed_by_name_or_found_with_a_command(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(open_errors, "pids_named", lambda name: [7] if name == "brltty" else [])
     error = open_errors.open_error(pty.path, OSError(errno.EBUSY, "busy"))
     assert (error.key, error.params["pid"]) == ("ports.held-brltty", 7)
@@ -189,7 +187,7 @@ def test_processes_are_found_by_name() -> None:
     assert pids_named("no such program") == []
 
 
-def test_every_sentence_has_its_places_in_both_languages() -> None:
+def test_every_message_has_its_parameters_in_both_languages() -> None:
     import re
 
     for room in ("ports.", "capture."):
@@ -200,7 +198,7 @@ def test_every_sentence_has_its_places_in_both_languages() -> None:
             assert places[0] == places[1], key
 
 
-def test_the_sentence_of_a_missing_port(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_of_a_missing_port(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch, "/dev/ttyUSB1")
     error = open_errors.open_error("/dev/ttyUSB0", FileNotFoundError(errno.ENOENT, "x"))
     assert str(error) == "/dev/ttyUSB0 does not exist; plug the adapter in or use one that does: /dev/ttyUSB1"

@@ -25,7 +25,7 @@ def decoded(chunks: list[bytes]) -> tuple[bytes, int]:
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, 1, 0x41, 0xFE, 0xFF]), st.booleans())), st.data())
-def test_marks_are_counted_and_ff_survives_whole_byte_by_byte_and_split_anywhere(
+def test_line_errors_are_counted_and_ff_survives_at_every_split(
     line: list[tuple[int, bool]], data: st.DataObject
 ) -> None:
     raw = encoded(line)
@@ -36,15 +36,15 @@ def test_marks_are_counted_and_ff_survives_whole_byte_by_byte_and_split_anywhere
     assert decoded([raw[i : i + 1] for i in range(len(raw))]) == expected
 
 
-def test_a_break_is_a_bad_zero() -> None:
+def test_a_break_is_a_line_error_on_a_zero_byte() -> None:
     assert decoded([b"\xff\x00\x00"]) == (b"\x00", 1)
 
 
-def test_an_escape_that_no_kernel_writes_is_a_bad_byte_not_a_good_one() -> None:
+def test_an_invalid_escape_is_a_line_error() -> None:
     assert decoded([b"\xff\x41"]) == (b"\xff\x41", 1)
 
 
-def test_an_unfinished_escape_is_forgotten_when_the_port_is_reopened() -> None:
+def test_an_unfinished_escape_is_discarded_when_the_port_is_reopened() -> None:
     decoder = ParityMarkDecoder()
     assert decoder.decode(b"a\xff\x00") == (b"a", 0)
     decoder.reset()

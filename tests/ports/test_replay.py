@@ -43,7 +43,7 @@ def recorded(path: Path) -> str:
     return f"replay://{path}"
 
 
-def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_path: Path) -> None:
+def test_received_bytes_arrive_at_their_recorded_times_and_written_bytes_are_compared(tmp_path: Path) -> None:
     async def main() -> None:
         port, sink, loop = open_port(recorded(tmp_path / "a.dbcap")), FakeReceiver(), asyncio.get_running_loop()
         assert isinstance(port, ReplayPort)
@@ -77,7 +77,7 @@ def test_received_bytes_come_at_their_times_and_written_ones_are_compared(tmp_pa
     run(main())
 
 
-def test_with_request_timing_each_reply_follows_its_request_whenever_that_comes(tmp_path: Path) -> None:
+def test_with_request_timing_each_reply_follows_its_request_at_any_time(tmp_path: Path) -> None:
     async def main() -> None:
         port, sink = open_port(recorded(tmp_path / "a.dbcap"), timing="request"), FakeReceiver()
         assert isinstance(port, ReplayPort)
@@ -121,7 +121,7 @@ def test_a_request_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -
 
 @pytest.mark.parametrize("timing", ["clock", "request"])
 @pytest.mark.parametrize(("model", "hz"), [("c320", 5.0), ("vc660", 5.0), ("dzb100", 0.5), ("df800", 5.0)])
-def test_a_bus_on_a_capture_hears_again_what_was_recorded(tmp_path: Path, model: str, hz: float, timing: str) -> None:
+def test_a_bus_on_a_capture_receives_the_recorded_replies(tmp_path: Path, model: str, hz: float, timing: str) -> None:
     """To the last reply, and the same story sends the same bytes."""
     path = tmp_path / "a.dbcap"
 
@@ -162,7 +162,7 @@ def test_a_replay_has_the_serial_settings_of_its_capture_unless_others_are_given
         open_port(f"replay://{tmp_path}/none.dbcap")
 
 
-def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_path: Path) -> None:
+def test_a_recording_port_records_every_byte_and_changes_none(tmp_path: Path) -> None:
     path = tmp_path / "a.dbcap"
 
     async def main() -> None:
@@ -198,7 +198,7 @@ def test_a_capturing_port_records_what_passes_and_passes_what_it_records(tmp_pat
     assert rx.time_s == pytest.approx(1 + 11 / 4800, abs=1e-6)
 
 
-def test_a_capture_that_can_not_be_made_leaves_the_port_closed(tmp_path: Path) -> None:
+def test_a_capture_that_cannot_be_created_leaves_the_port_closed(tmp_path: Path) -> None:
     async def main() -> None:
         near, _ = create_pair()
         (tmp_path / "a.dbcap").write_text("somebody's evidence")

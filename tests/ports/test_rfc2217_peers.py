@@ -113,18 +113,18 @@ async def both_ways(link: str, pty: Pty) -> None:
     await port.close()
 
 
-async def test_ser2net_takes_our_line_settings_and_every_byte(pty: Pty, ser2net: tuple[int, int]) -> None:
+async def test_ser2net_accepts_the_serial_settings_and_every_byte(pty: Pty, ser2net: tuple[int, int]) -> None:
     await both_ways(f"rfc2217://127.0.0.1:{ser2net[0]}?baud=19200&format=8N2", pty)
     speed, cflag = termios.tcgetattr(pty.master)[5], termios.tcgetattr(pty.master)[2]
     assert speed == termios.B19200
     assert cflag & termios.CSTOPB
 
 
-async def test_raw_ser2net_takes_every_byte(pty: Pty, ser2net: tuple[int, int]) -> None:
+async def test_raw_ser2net_transports_every_byte(pty: Pty, ser2net: tuple[int, int]) -> None:
     await both_ways(f"tcp://127.0.0.1:{ser2net[1]}", pty)
 
 
-async def test_raw_ser2net_is_no_rfc2217_server(pty: Pty, ser2net: tuple[int, int]) -> None:
+async def test_raw_ser2net_is_not_accepted_as_rfc2217_server(pty: Pty, ser2net: tuple[int, int]) -> None:
     from drivebus.errors import PortUnavailable
 
     with pytest.raises(PortUnavailable) as caught:
@@ -141,6 +141,8 @@ def pyserial_server(pty: Pty) -> Iterator[int]:
         child.kill()
 
 
-async def test_pyserials_server_takes_our_line_settings_and_every_byte(pty: Pty, pyserial_server: int) -> None:
+async def test_the_server_of_pyserial_accepts_the_serial_settings_and_every_byte(
+    pty: Pty, pyserial_server: int
+) -> None:
     await both_ways(f"rfc2217://127.0.0.1:{pyserial_server}?baud=38400&format=8N2", pty)
     assert termios.tcgetattr(pty.master)[5] == termios.B38400

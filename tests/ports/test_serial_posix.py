@@ -40,7 +40,7 @@ async def test_bytes_go_both_ways(pty: Pty) -> None:
     assert sink.lost == []
 
 
-async def test_a_pty_says_that_neither_its_pace_nor_its_parity_is_real(pty: Pty) -> None:
+async def test_a_pty_reports_neither_line_timing_nor_parity(pty: Pty) -> None:
     """The missing capability is shown, not fatal."""
     port = await opened(pty.path, FakeReceiver(), baud=19200, format="8E1")
     assert (port.capabilities.has_line_timing, port.capabilities.parity) == (False, False)
@@ -73,7 +73,7 @@ async def test_an_odd_baud_rate_is_set_and_read_back(pty: Pty) -> None:
     await port.close()
 
 
-async def test_a_good_ff_survives_the_marks_of_a_real_kernel(pty: Pty) -> None:
+async def test_a_good_ff_survives_the_parity_marks_of_the_kernel(pty: Pty) -> None:
     """With PARMRK the kernel doubles FF, whole and byte by byte."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
@@ -196,7 +196,7 @@ async def test_a_write_that_the_kernel_does_not_take_whole_goes_on_in_order(pty:
     await port.close()
 
 
-async def test_a_stall_costs_the_port_and_never_blocks(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_stalled_write_loses_the_port_and_never_blocks(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.ports.serial_posix.WRITE_STALL_TIMEOUT_S", 0.02)
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
@@ -208,7 +208,7 @@ async def test_a_stall_costs_the_port_and_never_blocks(pty: Pty, monkeypatch: py
     await port.close()
 
 
-async def test_quiet_leaves_bytes_in_the_kernel_until_its_time(pty: Pty) -> None:
+async def test_a_paused_reader_leaves_bytes_in_the_kernel_until_its_time(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     assert isinstance(port, PausableReader)
@@ -226,7 +226,7 @@ async def test_quiet_leaves_bytes_in_the_kernel_until_its_time(pty: Pty) -> None
     await port.close()
 
 
-async def test_a_quiet_without_end_is_ended_by_its_owner(pty: Pty) -> None:
+async def test_a_pause_without_end_is_ended_by_its_caller(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     port.pause_until(math.inf)
@@ -262,7 +262,7 @@ async def test_bytes_waiting_in_the_kernel_are_delivered_on_request(pty: Pty) ->
     await port.close()
 
 
-async def test_a_receiver_that_falls_quiet_again_is_never_watched(pty: Pty) -> None:
+async def test_a_receiver_that_pauses_again_is_not_registered_with_the_loop(pty: Pty) -> None:
     """The cheapest way to poll: one read at the computed end of each reply, no epoll change at all."""
 
     class Again(FakeReceiver):
@@ -287,7 +287,7 @@ async def test_a_receiver_that_falls_quiet_again_is_never_watched(pty: Pty) -> N
     port.pause_until(0)  # a closed port has nothing to deliver
 
 
-async def test_a_hang_up_in_the_quiet_is_noticed_when_it_ends(pty: Pty) -> None:
+async def test_a_hang_up_during_a_pause_is_detected_when_the_pause_ends(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     port.pause_until(asyncio.get_running_loop().time() + 0.02)
@@ -382,7 +382,7 @@ def device(name: str, **facts: object) -> discovery.serialx_adapter.Device:
     return discovery.serialx_adapter.Device(**{"device": name, "resolved_device": name, **blank, **facts})  # type: ignore[arg-type]
 
 
-def test_an_adapter_is_known_by_its_serial_number_and_one_without_by_its_socket() -> None:
+def test_an_adapter_is_identified_by_its_serial_number_or_else_by_its_usb_socket() -> None:
     found = discovery.describe(
         [
             device("/dev/ttyUSB10", vid=0x1A86, pid=0x7523, product="USB Serial", interface_num=0),
@@ -402,7 +402,7 @@ def test_an_adapter_is_known_by_its_serial_number_and_one_without_by_its_socket(
     assert [port.description for port in found] == ["ttyS0", "FT232R", "ttyUSB3", "USB Serial"]
 
 
-def test_two_adapters_with_one_serial_number_are_distinguished_by_their_sockets() -> None:
+def test_adapters_with_the_same_serial_number_are_distinguished_by_their_usb_sockets() -> None:
     """Clones share a serial number: by that name the wrong bus would be opened."""
     twins = [device(f"/dev/ttyUSB{n}", vid=1, pid=2, serial_number="XYZ123", interface_num=0) for n in (0, 1)]
     found = discovery.describe(twins, {}, {"/dev/ttyUSB0": "/by-path/a", "/dev/ttyUSB1": "/by-path/b"})

@@ -63,7 +63,7 @@ async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) 
     assert [error.params["reason"] for error in sink.lost] == ["removed"]
 
 
-async def test_a_com_port_that_sends_nothing_any_more_is_given_up(transport: Transport) -> None:
+async def test_a_com_port_that_sends_nothing_is_lost_after_the_timeout(transport: Transport) -> None:
     port, sink = WindowsPort(parse_port_url("COM3")), FakeReceiver()
     await port.open(sink)
     transport.unsent = MAX_UNSENT_BYTES + 1
@@ -72,7 +72,7 @@ async def test_a_com_port_that_sends_nothing_any_more_is_given_up(transport: Tra
     assert (transport.sent, transport.ended) == (b"", "aborted")
 
 
-async def test_a_closed_com_port_tells_nothing(transport: Transport) -> None:
+async def test_a_closed_com_port_delivers_nothing(transport: Transport) -> None:
     port, sink = WindowsPort(parse_port_url("COM3")), FakeReceiver()
     await port.open(sink)
     await port.close()
@@ -81,7 +81,7 @@ async def test_a_closed_com_port_tells_nothing(transport: Transport) -> None:
     assert (transport.ended, sink.data, sink.lost) == ("closed", b"", [])
 
 
-async def test_a_com_port_that_can_not_be_opened_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_com_port_that_cannot_be_opened_reports_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     async def missing(*_: object) -> Transport:
         raise FileNotFoundError(2, "not found")
 

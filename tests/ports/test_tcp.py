@@ -55,7 +55,7 @@ async def refused(port: Port) -> PortUnavailable:
     return caught.value
 
 
-async def test_bytes_go_both_ways_and_nothing_is_claimed_of_pace_and_parity() -> None:
+async def test_bytes_go_both_ways_without_line_timing_or_parity() -> None:
     async with server(echo) as number:
         port, sink = open_port(f"tcp://127.0.0.1:{number}?baud=19200&format=8E1"), FakeReceiver()
         await port.open(sink)
@@ -78,7 +78,7 @@ async def test_bytes_go_both_ways_and_nothing_is_claimed_of_pace_and_parity() ->
         assert sink.lost == []
 
 
-async def test_frames_go_out_at_once_and_a_dead_peer_is_noticed() -> None:
+async def test_frames_are_sent_at_once_and_a_dead_peer_is_detected() -> None:
     async with server(listen) as number:
         port = open_port(f"tcp://localhost:{number}")
         await port.open(FakeReceiver())
@@ -90,7 +90,7 @@ async def test_frames_go_out_at_once_and_a_dead_peer_is_noticed() -> None:
         await port.close()
 
 
-async def test_a_server_that_takes_nothing_costs_the_port_and_its_frames_are_not_sent_later() -> None:
+async def test_a_server_that_reads_nothing_loses_the_port_and_its_frames_are_not_sent_later() -> None:
     async with server(listen) as number:
         port, sink = open_port(f"tcp://127.0.0.1:{number}"), FakeReceiver()
         await port.open(sink)
@@ -116,7 +116,7 @@ async def test_a_server_that_hangs_up_is_reported_once_and_the_port_opens_again(
             port.write(b"x")
 
 
-async def test_a_rejected_connection_says_that_nothing_listens() -> None:
+async def test_a_rejected_connection_reports_that_no_server_listens() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         number = free.getsockname()[1]
@@ -139,7 +139,7 @@ async def test_a_silent_network_is_given_up_after_the_timeout(monkeypatch: pytes
     assert (error.key, error.params["seconds"]) == ("ports.net-timeout", 0.1)
 
 
-async def test_an_unreachable_network_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_unreachable_network_reports_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     async def unreachable(*_: object) -> None:
         raise OSError(101, "Network is unreachable")
 
@@ -170,7 +170,7 @@ def acknowledged(baud: int = 9600, bits: int = 8, parity: int = 1, stop: int = 1
     return b"".join(subnegotiation(command, value) for command, value in answers.items())
 
 
-async def test_a_server_that_never_acknowledges_a_setting_does_not_hold_the_opening_up(
+async def test_a_server_that_never_acknowledges_a_setting_does_not_delay_the_opening(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(rfc2217, "NEGOTIATION_TIMEOUT_S", 0.05)

@@ -40,7 +40,7 @@ def heard(chunks: list[bytes]) -> tuple[bytes, int, bytes, dict[int, bytes]]:
     return data, marks, answer, client.acknowledged
 
 
-def test_a_stream_is_taken_apart_whole_byte_by_byte_and_split_anywhere() -> None:
+def test_a_stream_is_decoded_at_every_split() -> None:
     expected = (b"a\xffbc\xff", 1, bytes((IAC, DONT, 1)), {1: b"\xff\x00\xff\x00"})
     assert heard([STREAM]) == expected
     assert heard([STREAM[i : i + 1] for i in range(len(STREAM))]) == expected
@@ -54,7 +54,7 @@ def test_data_survives_escaping(data: bytes) -> None:
 
 
 @given(st.lists(st.binary(max_size=40), max_size=20))
-def test_no_server_can_break_the_codec_or_make_it_grow(chunks: list[bytes]) -> None:
+def test_no_server_bytes_raise_or_use_unbounded_memory(chunks: list[bytes]) -> None:
     client = TelnetClient()
     client.start()
     for chunk in chunks:
@@ -63,14 +63,14 @@ def test_no_server_can_break_the_codec_or_make_it_grow(chunks: list[bytes]) -> N
     assert len(client.acknowledged) <= 256
 
 
-def test_an_endless_subnegotiation_is_not_kept() -> None:
+def test_an_endless_subnegotiation_is_discarded() -> None:
     client = TelnetClient()
     client.receive(bytes((IAC, SB, COM_PORT)) + b"x" * 10_000)
     assert client._sub is not None
     assert len(client._sub) == MAX_SUBNEGOTIATION_BYTES
 
 
-def test_an_agreement_is_not_confirmed_for_ever() -> None:
+def test_an_agreement_is_confirmed_only_once() -> None:
     """RFC 855: a change of state is replied to, its confirmation is not."""
     client = TelnetClient()
     client.start()

@@ -51,7 +51,7 @@ async def test_a_real_port_has_line_timing_parity_marks_and_an_exclusive_lock(pt
 
 
 @pytest.mark.usefixtures("real")
-async def test_a_driver_that_drops_parity_is_rejected_and_nothing_stays_open(pty: Pty) -> None:
+async def test_a_driver_that_ignores_parity_is_rejected_and_nothing_stays_open(pty: Pty) -> None:
     """DZB100 has no other check; a pty's driver drops PARENB silently."""
     await (await opened(pty, FakeReceiver())).close()
     before = open_descriptors()
@@ -67,9 +67,7 @@ async def test_a_driver_that_drops_parity_is_rejected_and_nothing_stays_open(pty
 
 
 @pytest.mark.usefixtures("real")
-async def test_a_capability_of_parity_is_claimed_only_where_it_was_proved(
-    pty: Pty, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_parity_is_reported_only_where_it_was_tested(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     proved = []
     monkeypatch.setattr(tty, "_verify_termios", lambda fd, path, settings: proved.append(settings.format))
     port = await opened(pty, FakeReceiver(), format="8E1")
@@ -87,7 +85,7 @@ async def test_a_pty_notes_that_its_parity_is_not_checked(pty: Pty) -> None:
     await port.close()
 
 
-async def test_an_adapter_that_hands_bytes_over_late_is_made_quick_or_noted(
+async def test_an_adapter_with_high_latency_is_set_to_low_latency_or_noted(
     pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An FTDI adapter delays bytes by up to 16 ms unless it is configured."""
@@ -128,7 +126,7 @@ async def test_kernel_rs485_is_set_and_read_back(pty: Pty, monkeypatch: pytest.M
     os.close(fd)
 
 
-async def test_a_driver_that_refuses_low_latency_is_used_without(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_driver_that_rejects_low_latency_is_used_without_it(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     tries = []
 
     def set_up(fd: int, path: str, settings: SerialSettings, **latency: bool) -> None:
@@ -150,7 +148,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr("drivebus.ports.serial_posix.os." + name, fails)
 
 
-async def test_an_adapter_that_goes_while_a_frame_is_half_sent_is_reported_once(
+async def test_an_adapter_unplugged_while_a_frame_is_half_sent_is_reported_once(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sink = FakeReceiver()

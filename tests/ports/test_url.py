@@ -30,19 +30,19 @@ from drivebus.serial_settings import SerialSettings
         ("replay://a.dbcap", "replay", "a.dbcap", None, "a.dbcap"),
     ],
 )
-def test_a_link_is_taken_apart(text: str, scheme: str, host: str, port: int | None, path: str) -> None:
+def test_a_port_url_is_parsed(text: str, scheme: str, host: str, port: int | None, path: str) -> None:
     link = parse_port_url(text)
     assert (link.scheme, link.host, link.port, link.path) == (scheme, host, port, path)
 
 
-def test_the_query_sets_the_line_and_says_that_it_was_given() -> None:
+def test_the_query_sets_the_serial_settings_and_marks_them_explicit() -> None:
     link = parse_port_url("serial:///dev/ttyUSB0?baud=19200&format=8e1&rs485=on")
     assert link.settings == SerialSettings(19200, 8, "E", 1)
     assert link.explicit == {"baud", "format"}
     assert dict(link.options) == {"rs485": "on"}
 
 
-def test_an_explicit_argument_beats_the_query() -> None:
+def test_an_explicit_argument_overrides_the_query() -> None:
     link = parse_port_url("tcp://h:1?baud=1200&echo=on", baud=9600, format="8O1", echo="off", timeout=None)
     assert (link.settings, link.options) == (SerialSettings(9600, 8, "O", 1), {"echo": "off"})
 
@@ -89,7 +89,7 @@ def test_a_wrong_port_url_is_rejected_with_the_text_found(text: str, key: str, f
         ("inverter", "drivebus ports"),
     ],
 )
-def test_a_wrong_link_names_the_next_step(text: str, hint: str) -> None:
+def test_a_wrong_port_url_names_the_next_step(text: str, hint: str) -> None:
     with pytest.raises(PortUrlError) as caught:
         parse_port_url(text)
     assert caught.value.params["hint"] == hint
@@ -123,7 +123,7 @@ def test_options_are_words_flags_and_numbers() -> None:
     assert link.number("other", 3, 0.1, 60) == 3
 
 
-def test_the_sentence_of_a_wrong_link() -> None:
+def test_the_message_of_a_wrong_port_url() -> None:
     with pytest.raises(PortUrlError) as caught:
         parse_port_url("COM3?baud=96OO")
     assert str(caught.value) == (
@@ -133,7 +133,7 @@ def test_the_sentence_of_a_wrong_link() -> None:
 
 
 @pytest.mark.parametrize("page", ["ports.md", "ports.zh.md"])
-def test_every_link_of_the_page_is_one(page: str) -> None:
+def test_every_port_url_of_the_page_is_valid(page: str) -> None:
     text = (Path(__file__).parents[2] / "docs" / "reference" / page).read_text(encoding="utf-8")
     links = re.findall(r"^\| `([^`]*(?:/|COM)[^`]*)` \|", text, re.MULTILINE)
     assert len(links) == 8
@@ -156,5 +156,5 @@ def test_every_link_of_the_page_is_one(page: str) -> None:
         "memory://page?line_timing=on&echo=on",
     ],
 )
-def test_every_option_of_the_page_is_taken_where_the_page_says(link: str) -> None:
+def test_every_option_of_the_page_is_accepted_by_its_scheme(link: str) -> None:
     assert open_port(link).url.startswith(link.partition("?")[0])

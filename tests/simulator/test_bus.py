@@ -1,4 +1,4 @@
-"""Benches: sim:// ports, weather end to end, unplugging, two masters, faults of stations, determinism."""
+"""Simulated buses: ``sim://`` ports, line quality, unplugging, two masters, station faults, determinism."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ STATUS = modbus.ReadRegisters(1, 0x3000, 4)
 
 
 @pytest.fixture(autouse=True)
-def _fresh_names() -> Iterator[None]:
+def _no_named_buses() -> Iterator[None]:
     clear_simulated_buses()
     yield
     clear_simulated_buses()
 
 
-@pytest.mark.parametrize("lacking", ["handle_request", "reply_delay_s", "trip_code", "power_up"])
-def test_a_family_that_leaves_out_what_only_it_can_say_is_no_station(lacking: str) -> None:
-    """It fails when it is made, not at the first frame, trip or power cut of a bench."""
-    given = {
-        name: lambda self: None for name in {"handle_request", "reply_delay_s", "trip_code", "power_up"} - {lacking}
+@pytest.mark.parametrize("missing", ["handle_request", "reply_delay_s", "trip_code", "power_up"])
+def test_a_station_class_without_its_own_methods_cannot_be_instantiated(missing: str) -> None:
+    """The error comes from the constructor, not from the first frame, trip or power cut."""
+    methods = {
+        name: lambda self: None for name in {"handle_request", "reply_delay_s", "trip_code", "power_up"} - {missing}
     }
-    with pytest.raises(TypeError, match=lacking):
-        type("Half", (Station,), given)(1, {})
+    with pytest.raises(TypeError, match=missing):
+        type("IncompleteStation", (Station,), methods)(1, {})
 
 
-def test_a_transaction_takes_what_the_arithmetic_says() -> None:
+def test_a_transaction_takes_the_computed_time() -> None:
     async def scenario() -> float:
-        async with SimulatorClient("sim://vc660@1?baud=19200&format=8E1") as desk:
+        async with SimulatorClient("sim://vc660@1?baud=19200&format=8E1") as client:
             sent = asyncio.get_running_loop().time()
-            await desk.request(STATUS)
-            return desk.received[0][0] - sent
+            await client.request(STATUS)
+            return client.received[0][0] - sent
 
     character_s = 11 / 19200
     assert run_virtual(scenario()) == pytest.approx((8 + 13) * character_s + 0.004)
 
 
-def test_the_line_is_the_factory_setting_unless_the_link_says() -> None:
+def test_the_serial_settings_are_the_factory_settings_unless_the_url_sets_them() -> None:
     assert open_port("sim://c320@1").settings == SerialSettings(9600, 8, "E")
     assert open_port("sim://dzb100@1").settings == SerialSettings(4800, 8, "E")
     assert open_port("sim://vc660@1?baud=38400").settings == SerialSettings(38400, 8, "N")
@@ -66,31 +66,31 @@ def test_a_sim_port_is_a_port() -> None:
 
 def test_families_can_share_a_wire() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1-2+df800@8") as desk:
-            assert (await desk.request(STATUS)).values[0] == 1
-            assert (await desk.request(modbus.ReadRegisters(8, 100, 1))).values == (5000,)
+        async with SimulatorClient("sim://vc660@1-2+df800@8") as client:
+            assert (await client.request(STATUS)).values[0] == 1
+            assert (await client.request(modbus.ReadRegisters(8, 100, 1))).values == (5000,)
 
     run_virtual(scenario())
 
 
-def test_nobody_answers_for_an_address_without_a_drive() -> None:
+def test_an_address_without_a_drive_gives_no_reply() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            return await desk.request(modbus.ReadRegisters(9, 0x3000, 1))
+        async with SimulatorClient("sim://vc660@1") as client:
+            return await client.request(modbus.ReadRegisters(9, 0x3000, 1))
 
     assert run_virtual(scenario()) is None
 
 
-def test_a_drives_line_other_than_the_hosts_is_silence() -> None:
+def test_a_drive_with_other_serial_settings_than_the_master_does_not_reply() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1?baud=9600&drives=19200-8N1") as desk:
-            assert await desk.raw(desk.codec.encode_request(STATUS)) == b""
-            assert desk.station().frame_count == 0
+        async with SimulatorClient("sim://vc660@1?baud=9600&drives=19200-8N1") as client:
+            assert await client.raw(client.codec.encode_request(STATUS)) == b""
+            assert client.station().frame_count == 0
 
     run_virtual(scenario())
 
 
-def test_two_masters_with_different_settings_hear_each_other_as_noise() -> None:
+def test_two_masters_with_different_settings_receive_each_other_as_noise() -> None:
     async def scenario() -> None:
         async with (
             SimulatorClient("sim://vc660@1?name=a") as right,
@@ -99,225 +99,226 @@ def test_two_masters_with_different_settings_hear_each_other_as_noise() -> None:
             frame = right.codec.encode_request(STATUS)
             await right.raw(frame)
             assert wrong.received
-            assert all(marks == len(data) for _, data, marks in wrong.received)
+            assert all(line_errors == len(data) for _, data, line_errors in wrong.received)
             assert frame not in [data for _, data, _ in wrong.received]
 
     run_virtual(scenario())
 
 
-def test_two_masters_who_speak_at_once_get_no_answer() -> None:
+def test_two_masters_that_transmit_at_once_get_no_reply() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1,2?name=a") as one, SimulatorClient("sim://vc660@1,2?name=a") as two:
-            assert one.simulated_bus is two.simulated_bus is find_simulated_bus("a")
-            one.port.write(one.codec.encode_request(STATUS))
+        async with (
+            SimulatorClient("sim://vc660@1,2?name=a") as first,
+            SimulatorClient("sim://vc660@1,2?name=a") as second,
+        ):
+            assert first.simulated_bus is second.simulated_bus is find_simulated_bus("a")
+            first.port.write(first.codec.encode_request(STATUS))
             await asyncio.sleep(0.002)
-            two.port.write(one.codec.encode_request(modbus.ReadRegisters(2, 0x3000, 4)))
+            second.port.write(first.codec.encode_request(modbus.ReadRegisters(2, 0x3000, 4)))
             await asyncio.sleep(0.5)
-            assert one.simulated_bus.wire.collisions == 1
-            assert (one.station(1).reply_count, one.station(2).reply_count) == (0, 0)
+            assert first.simulated_bus.wire.collisions == 1
+            assert (first.station(1).reply_count, first.station(2).reply_count) == (0, 0)
 
     run_virtual(scenario())
 
 
-def test_a_second_master_hears_the_first_and_its_drive() -> None:
-    async def scenario() -> list[bytes]:
-        async with SimulatorClient("sim://vc660@1?name=a") as one, SimulatorClient("sim://vc660@1?name=a") as two:
-            reply = await one.raw(one.codec.encode_request(STATUS))
-            received_frames = [data for _, data, _ in two.received]
-            assert received_frames == [one.codec.encode_request(STATUS), reply]
-            return received_frames
-
-    run_virtual(scenario())
-
-
-def test_a_named_bench_keeps_its_drives_when_the_host_restarts() -> None:
+def test_a_second_master_receives_the_first_and_its_drive() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1?name=plant") as desk:
-            await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
-            await desk.request(modbus.WriteRegister(1, 0x2000, 1))
+        async with SimulatorClient("sim://vc660@1?name=a") as first, SimulatorClient("sim://vc660@1?name=a") as second:
+            reply = await first.raw(first.codec.encode_request(STATUS))
+            assert [data for _, data, _ in second.received] == [first.codec.encode_request(STATUS), reply]
+
+    run_virtual(scenario())
+
+
+def test_a_named_bus_keeps_its_drives_when_the_master_restarts() -> None:
+    async def scenario() -> None:
+        async with SimulatorClient("sim://vc660@1?name=plant") as client:
+            await client.request(modbus.WriteRegister(1, 0x2001, 3000))
+            await client.request(modbus.WriteRegister(1, 0x2000, 1))
         await asyncio.sleep(10.0)
-        async with SimulatorClient("sim://vc660@1?name=plant") as desk:
-            assert (await desk.request(STATUS)).values[2] == 3000
+        async with SimulatorClient("sim://vc660@1?name=plant") as client:
+            assert (await client.request(STATUS)).values[2] == 3000
 
     run_virtual(scenario())
 
 
 def test_a_frame_written_just_before_closing_still_reaches_the_drive() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            desk.port.write(desk.codec.encode_request(modbus.WriteRegister(1, 0x2000, 1)))
+        async with SimulatorClient("sim://vc660@1") as client:
+            client.port.write(client.codec.encode_request(modbus.WriteRegister(1, 0x2000, 1)))
         await asyncio.sleep(1.0)
-        assert desk.station().motor.starts == 1
+        assert client.station().motor.starts == 1
 
     run_virtual(scenario())
 
 
-def test_an_unplugged_bench_loses_the_port_once_and_the_drives_go_on() -> None:
+def test_an_unplugged_bus_loses_the_port_once_and_the_drives_go_on() -> None:
     async def scenario() -> None:
-        desk = SimulatorClient("sim://vc660@1")
-        await desk.port.open(desk)
-        await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
-        await desk.request(modbus.WriteRegister(1, 0x2000, 1))
-        desk.port.write(desk.codec.encode_request(STATUS))
-        desk.received.clear()
-        desk.simulated_bus.unplug()
+        client = SimulatorClient("sim://vc660@1")
+        await client.port.open(client)
+        await client.request(modbus.WriteRegister(1, 0x2001, 3000))
+        await client.request(modbus.WriteRegister(1, 0x2000, 1))
+        client.port.write(client.codec.encode_request(STATUS))
+        client.received.clear()
+        client.simulated_bus.unplug()
         await asyncio.sleep(10.0)
-        assert [type(error) for error in desk.lost] == [PortLost]
-        assert desk.received == []
+        assert [type(error) for error in client.lost] == [PortLost]
+        assert client.received == []
         with pytest.raises(PortLost):
-            desk.port.write(b"x")
+            client.port.write(b"x")
         with pytest.raises(PortUnavailable):
-            await desk.port.open(desk)
-        desk.simulated_bus.replug()
-        await desk.port.open(desk)
-        assert (await desk.request(STATUS)).values[2] == 3000
+            await client.port.open(client)
+        client.simulated_bus.replug()
+        await client.port.open(client)
+        assert (await client.request(STATUS)).values[2] == 3000
 
     run_virtual(scenario())
 
 
 def test_an_open_port_is_not_opened_twice() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1") as desk:
+        async with SimulatorClient("sim://vc660@1") as client:
             with pytest.raises(PortUnavailable):
-                await desk.port.open(desk)
+                await client.port.open(client)
 
     run_virtual(scenario())
 
 
 def test_an_echo_brings_the_request_back_when_it_has_been_sent() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
-            frame = desk.codec.encode_request(STATUS)
+        async with SimulatorClient("sim://vc660@1?line_quality=echo") as client:
+            frame = client.codec.encode_request(STATUS)
             sent = asyncio.get_running_loop().time()
-            data = await desk.raw(frame)
+            data = await client.raw(frame)
             assert data.startswith(frame) and len(data) == 8 + 13
-            assert desk.received[0][0] - sent == pytest.approx(8 * 10 / 9600)
+            assert client.received[0][0] - sent == pytest.approx(8 * 10 / 9600)
 
     run_virtual(scenario())
 
 
 def test_the_echo_of_a_write_to_a_dead_drive_is_identical_to_its_acknowledgement() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://vc660@1?line_quality=echo") as desk:
-            desk.station().faults.silent = True
-            return await desk.request(modbus.WriteRegister(1, 0x2000, 1))
+        async with SimulatorClient("sim://vc660@1?line_quality=echo") as client:
+            client.station().faults.silent = True
+            return await client.request(modbus.WriteRegister(1, 0x2000, 1))
 
     assert isinstance(run_virtual(scenario()), modbus.WriteAck)
 
 
-def test_a_late_reply_comes_where_the_next_one_is_expected() -> None:
+def test_a_late_reply_arrives_where_the_next_one_is_expected() -> None:
     async def scenario() -> list[bytes]:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().faults.next_added_delays_s.append(0.3)
-            assert await desk.raw(desk.codec.encode_request(STATUS), 0.2) == b""
-            await desk.raw(desk.codec.encode_request(modbus.ReadRegisters(1, 0, 1)), 0.5)
-            return [data for _, data, _ in desk.received]
+        async with SimulatorClient("sim://vc660@1") as client:
+            client.station().faults.next_added_delays_s.append(0.3)
+            assert await client.raw(client.codec.encode_request(STATUS), 0.2) == b""
+            await client.raw(client.codec.encode_request(modbus.ReadRegisters(1, 0, 1)), 0.5)
+            return [data for _, data, _ in client.received]
 
     first, second = run_virtual(scenario())
-    assert len(first) == 13  # of the request before
+    assert len(first) == 13  # the reply to the previous request
     assert len(second) == 7
 
 
-def test_two_drives_at_one_address_garble_their_replies() -> None:
+def test_the_replies_of_two_drives_at_one_address_collide() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            desk.simulated_bus.add(make_station("vc660", 1))
-            data = await desk.raw(desk.codec.encode_request(STATUS))
-            assert desk.simulated_bus.wire.collisions == 1
+        async with SimulatorClient("sim://vc660@1") as client:
+            client.simulated_bus.add(make_station("vc660", 1))
+            data = await client.raw(client.codec.encode_request(STATUS))
+            assert client.simulated_bus.wire.collisions == 1
             assert len(data) == 13
             assert data[:3] != bytes((1, 3, 8))
 
     run_virtual(scenario())
 
 
-def test_a_wrong_address_answers_as_somebody_else() -> None:
+def test_a_drive_with_a_wrong_address_replies_under_that_address() -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().faults.wrong_address = 5
-            return await desk.raw(desk.codec.encode_request(STATUS))
+        async with SimulatorClient("sim://vc660@1") as client:
+            client.station().faults.wrong_address = 5
+            return await client.raw(client.codec.encode_request(STATUS))
 
     assert run_virtual(scenario())[0] == 5
 
 
-def test_a_slow_drive_answers_later_by_so_much() -> None:
+def test_a_slow_drive_replies_later_by_the_added_delay() -> None:
     async def scenario() -> float:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            desk.station().faults.added_delay_s = 0.1
+        async with SimulatorClient("sim://vc660@1") as client:
+            client.station().faults.added_delay_s = 0.1
             sent = asyncio.get_running_loop().time()
-            await desk.request(STATUS)
-            return desk.received[0][0] - sent
+            await client.request(STATUS)
+            return client.received[0][0] - sent
 
     assert run_virtual(scenario()) == pytest.approx(21 * 10 / 9600 + 0.104)
 
 
-def test_a_mute_drive_obeys_and_a_silent_one_does_not() -> None:
+def test_a_mute_drive_executes_requests_and_a_silent_one_does_not() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1,2") as desk:
-            desk.station(1).faults.mute = True
-            desk.station(2).faults.silent = True
+        async with SimulatorClient("sim://vc660@1,2") as client:
+            client.station(1).faults.mute = True
+            client.station(2).faults.silent = True
             for address in (1, 2):
-                assert await desk.request(modbus.WriteRegister(address, 0x2000, 1)) is None
-            assert (desk.station(1).motor.starts, desk.station(2).motor.starts) == (1, 0)
+                assert await client.request(modbus.WriteRegister(address, 0x2000, 1)) is None
+            assert (client.station(1).motor.starts, client.station(2).motor.starts) == (1, 0)
 
     run_virtual(scenario())
 
 
-def test_a_stuck_drive_shows_what_it_showed() -> None:
+def test_frozen_monitors_keep_their_values() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://vc660@1") as desk:
-            await desk.request(modbus.WriteRegister(1, 0x2001, 3000))
-            await desk.request(modbus.WriteRegister(1, 0x2000, 1))
+        async with SimulatorClient("sim://vc660@1") as client:
+            await client.request(modbus.WriteRegister(1, 0x2001, 3000))
+            await client.request(modbus.WriteRegister(1, 0x2000, 1))
             await asyncio.sleep(3.0)
-            desk.station().faults.frozen_readings = True
-            shown = (await desk.request(STATUS)).values
+            client.station().faults.frozen_readings = True
+            shown = (await client.request(STATUS)).values
             await asyncio.sleep(5.0)
-            assert (await desk.request(STATUS)).values == shown
-            assert desk.station().motor.output_hz > shown[2] / 100
+            assert (await client.request(STATUS)).values == shown
+            assert client.station().motor.output_hz > shown[2] / 100
 
     run_virtual(scenario())
 
 
-def test_a_marked_byte_spoils_the_frame_that_it_is_in() -> None:
+def test_a_line_error_invalidates_its_own_frame_only() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1?line_quality=flip=1") as desk:
-            await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
-            assert desk.station().frame_count == 0
-            desk.simulated_bus.line_quality = "clean"
-            assert (await desk.request(sunfar.ReadMonitor(1, 0))).data == 0
+        async with SimulatorClient("sim://c320@1?line_quality=flip=1") as client:
+            await client.raw(client.codec.encode_request(sunfar.ReadMonitor(1, 0)))
+            assert client.station().frame_count == 0
+            client.simulated_bus.line_quality = "clean"
+            assert (await client.request(sunfar.ReadMonitor(1, 0))).data == 0
 
     run_virtual(scenario())
 
 
-@pytest.mark.parametrize("weather", ["lossy,late,junk=0.1,duplicate=0.1,cut_first=0.05", "bytes,noisy"])
-def test_the_same_seed_gives_the_same_trace(weather: str) -> None:
+@pytest.mark.parametrize("line_quality", ["lossy,late,junk=0.1,duplicate=0.1,cut_first=0.05", "bytes,noisy"])
+def test_the_same_seed_gives_the_same_trace(line_quality: str) -> None:
     async def scenario(seed: int) -> str:
-        async with SimulatorClient(f"sim://vc660@1-3?line_quality={weather}&seed={seed}") as desk:
+        async with SimulatorClient(f"sim://vc660@1-3?line_quality={line_quality}&seed={seed}") as client:
             trace = hashlib.sha256()
             for n in range(120):
                 request = modbus.WriteRegister(1, 0x2000, n % 2) if n % 7 == 0 else STATUS
-                await desk.raw(desk.codec.encode_request(request), 0.2)
-                trace.update(repr(desk.received).encode())
+                await client.raw(client.codec.encode_request(request), 0.2)
+                trace.update(repr(client.received).encode())
             return trace.hexdigest()
 
     assert run_virtual(scenario(5)) == run_virtual(scenario(5))
     assert run_virtual(scenario(5)) != run_virtual(scenario(6))
 
 
-def test_a_bench_can_be_used_in_another_loop() -> None:
+def test_a_simulated_bus_can_be_used_in_another_event_loop() -> None:
     async def scenario() -> int:
-        async with SimulatorClient("sim://vc660@1?name=kept") as desk:
-            await desk.request(modbus.WriteRegister(1, 0x2000, 1))
-            return int(desk.station().motor.starts)
+        async with SimulatorClient("sim://vc660@1?name=shared") as client:
+            await client.request(modbus.WriteRegister(1, 0x2000, 1))
+            return int(client.station().motor.starts)
 
     assert [run_virtual(scenario()), run_virtual(scenario())] == [1, 1]
 
 
 def test_c300_shows_its_current_where_c320_shows_its_voltage() -> None:
     async def scenario(model: str) -> int:
-        async with SimulatorClient(f"sim://{model}@1?ramp=1", sunfar.SunfarCodec()) as desk:
-            await desk.request(sunfar.SunfarControl(1, sunfar.SunfarOperation.RUN_FORWARD_AT, 5000))
+        async with SimulatorClient(f"sim://{model}@1?ramp=1", sunfar.SunfarCodec()) as client:
+            await client.request(sunfar.SunfarControl(1, sunfar.SunfarOperation.RUN_FORWARD_AT, 5000))
             await asyncio.sleep(3.0)
-            return int((await desk.request(sunfar.ReadMonitor(1, 1))).data)
+            return int((await client.request(sunfar.ReadMonitor(1, 1))).data)
 
     assert run_virtual(scenario("c320")) == 380
     assert 20 < run_virtual(scenario("c300")) < 40
@@ -338,13 +339,13 @@ def test_c300_shows_its_current_where_c320_shows_its_voltage() -> None:
         ("sim://c320@1?colour=red", "ports.option-unknown"),
     ],
 )
-def test_a_link_that_names_no_bench_is_refused(link: str, key: str) -> None:
+def test_an_invalid_sim_url_is_rejected(link: str, key: str) -> None:
     with pytest.raises((ConfigurationError, PortUrlError)) as caught:
         open_port(link)
     assert caught.value.key == key
 
 
-def test_the_refusal_of_a_model_names_those_that_exist() -> None:
+def test_the_rejection_of_a_model_names_the_existing_ones() -> None:
     with pytest.raises(ConfigurationError) as caught:
         open_port("sim://c999@1")
     assert str(caught.value) == (

@@ -1,4 +1,4 @@
-"""The pretend C320 answers, refuses and moves as appendix one of its manual says."""
+"""The simulated C320 replies, rejects and moves as described in appendix one of its manual."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ def control(operation: SunfarOperation, data: int = 0, address: int = 1) -> sunf
 
 
 def frame(address: int, kind: int, operation: int, *rest: str) -> bytes:
-    """Any ASCII frame, also those that a host may never send."""
+    """Return any ASCII frame, also one that a master must never send."""
     body = f"{address:02X}{kind:X}{operation:02X}{''.join(rest)}".encode()
     return b"*" + body + b"%04X\r" % sum(body)
 
 
-async def running(desk: SimulatorClient, hz: float = 30.0, address: int = 1) -> None:
-    await desk.request(control(SunfarOperation.RUN_FORWARD_AT, round(hz * 100), address))
+async def running(client: SimulatorClient, hz: float = 30.0, address: int = 1) -> None:
+    await client.request(control(SunfarOperation.RUN_FORWARD_AT, round(hz * 100), address))
     await asyncio.sleep(15.0)
 
 
 def test_it_runs_at_the_frequency_that_the_start_carries() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            reply = await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
+        async with SimulatorClient("sim://c320@1") as client:
+            reply = await client.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
             assert reply.response is SunfarResponse.OK
             await asyncio.sleep(5.0)
-            assert (await desk.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.ACCELERATING_FORWARD
+            assert (await client.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.ACCELERATING_FORWARD
             await asyncio.sleep(5.0)
-            reply = await desk.request(sunfar.ReadMonitor(1, 0))
+            reply = await client.request(sunfar.ReadMonitor(1, 0))
             assert (reply.state, reply.data) == (SunfarState.RUNNING_FORWARD, 3000)
 
     run_virtual(scenario())
@@ -45,8 +45,8 @@ def test_it_runs_at_the_frequency_that_the_start_carries() -> None:
 
 def test_the_reply_to_a_start_still_shows_stopped() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1") as desk:
-            return await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
+        async with SimulatorClient("sim://c320@1") as client:
+            return await client.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
 
     assert run_virtual(scenario()).state is SunfarState.STOPPED
 
@@ -64,25 +64,25 @@ def test_the_reply_to_a_start_still_shows_stopped() -> None:
 )
 def test_the_manuals_reads_and_writes_with_operation_01_start_the_motor(bad: bytes) -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().setpoint_hz = 20.0
-            assert len(await desk.raw(bad)) == 18
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().setpoint_hz = 20.0
+            assert len(await client.raw(bad)) == 18
             await asyncio.sleep(10.0)
-            assert desk.station().motor.output_hz == pytest.approx(20.0)
-            assert desk.station().motor.starts == 1
+            assert client.station().motor.output_hz == pytest.approx(20.0)
+            assert client.station().motor.starts == 1
 
     run_virtual(scenario())
 
 
 def test_reads_with_operation_00_have_no_effect() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            before = desk.station().motor.output_hz
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            before = client.station().motor.output_hz
             for request in reads():
-                await desk.request(request, 0.1)
-            assert desk.station().motor.output_hz == before
-            assert desk.station().motor.starts == 1
+                await client.request(request, 0.1)
+            assert client.station().motor.output_hz == before
+            assert client.station().motor.starts == 1
 
     run_virtual(scenario())
 
@@ -93,11 +93,11 @@ def reads() -> Iterator[Any]:
     yield from (sunfar.SunfarReadParameter(1, group, item) for group in range(16) for item in (0, 1, 4, 10, 12))
 
 
-def test_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
+def test_a_digit_encoded_as_3ah_is_answered_with_code_7() -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://c320@1") as desk:
+        async with SimulatorClient("sim://c320@1") as client:
             body = b"0150110:0010"
-            return await desk.raw(b"*" + body + b"%04X\r" % sum(body))
+            return await client.raw(b"*" + body + b"%04X\r" % sum(body))
 
     reply = run_virtual(scenario())
     assert len(reply) == 11
@@ -106,56 +106,56 @@ def test_a_digit_spelled_3ah_is_answered_with_code_7() -> None:
 
 def test_packed_hex_frames_are_answered_in_packed_hex() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1", sunfar.SunfarCodec("hex")) as desk:
-            return await desk.request(sunfar.SunfarReadParameter(1, 0, 1))
+        async with SimulatorClient("sim://c320@1", sunfar.SunfarCodec("hex")) as client:
+            return await client.request(sunfar.SunfarReadParameter(1, 0, 1))
 
     assert run_virtual(scenario()).data == 2
 
 
 def test_a_read_of_f0_1_and_of_d_1_have_replies_of_the_same_shape() -> None:
     async def scenario() -> tuple[bytes, bytes]:
-        async with SimulatorClient("sim://c320@1") as desk:
-            codec = desk.codec
-            parameter = await desk.raw(codec.encode_request(sunfar.SunfarReadParameter(1, 0, 1)))
-            monitor = await desk.raw(codec.encode_request(sunfar.ReadMonitor(1, 1)))
+        async with SimulatorClient("sim://c320@1") as client:
+            codec = client.codec
+            parameter = await client.raw(codec.encode_request(sunfar.SunfarReadParameter(1, 0, 1)))
+            monitor = await client.raw(codec.encode_request(sunfar.ReadMonitor(1, 1)))
             return parameter, monitor
 
     parameter, monitor = run_virtual(scenario())
     assert parameter[:9] == monitor[:9]
 
 
-def test_a_fault_takes_the_place_of_the_item_and_of_nothing_else() -> None:
+def test_a_fault_code_replaces_the_item_and_nothing_else() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().trip(Trip.OVERLOAD)
-            return await desk.request(sunfar.ReadMonitor(1, 4))
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().trip(Trip.OVERLOAD)
+            return await client.request(sunfar.ReadMonitor(1, 4))
 
     reply = run_virtual(scenario())
     assert reply.state is SunfarState.FAULT
     assert reply.fault_code == 6
     assert reply.item is None
-    assert reply.data == 537, "2.4.6 gives only digits 7 and 8 another meaning"
+    assert reply.data == 537, "by 2.4.6 only digits 7 and 8 have another meaning"
 
 
 def test_a_fault_is_reset_and_the_drive_starts_again() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            desk.station().trip(Trip.EXTERNAL)
-            await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
-            assert desk.station().motor.output_hz == 0.0
-            reply = await desk.request(control(SunfarOperation.RESET_FAULT))
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            client.station().trip(Trip.EXTERNAL)
+            await client.request(control(SunfarOperation.RUN_FORWARD_AT, 3000))
+            assert client.station().motor.output_hz == 0.0
+            reply = await client.request(control(SunfarOperation.RESET_FAULT))
             assert reply.state is SunfarState.STOPPED
-            await running(desk)
-            assert desk.station().motor.output_hz == pytest.approx(30.0)
+            await running(client)
+            assert client.station().motor.output_hz == pytest.approx(30.0)
 
     run_virtual(scenario())
 
 
 def test_t06_0dh_as_data_of_a_hex_frame_ends_nothing() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@13", sunfar.SunfarCodec("hex")) as desk:
-            return await desk.request(sunfar.SunfarWriteParameter(13, 1, 0, 0x0D0D))
+        async with SimulatorClient("sim://c320@13", sunfar.SunfarCodec("hex")) as client:
+            return await client.request(sunfar.SunfarWriteParameter(13, 1, 0, 0x0D0D))
 
     assert run_virtual(scenario()).response is SunfarResponse.OK
 
@@ -171,42 +171,42 @@ def test_t06_0dh_as_data_of_a_hex_frame_ends_nothing() -> None:
         (sunfar.ReadIdentity(1, 9), SunfarResponse.RESERVED),
     ],
 )
-def test_what_it_refuses_it_refuses_with_the_manuals_code(request_: Any, response: SunfarResponse) -> None:
+def test_a_rejected_request_is_answered_with_the_code_of_the_manual(request_: Any, response: SunfarResponse) -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1") as desk:
-            return await desk.request(request_)
+        async with SimulatorClient("sim://c320@1") as client:
+            return await client.request(request_)
 
     reply = run_virtual(scenario())
     assert reply.response is response
     assert reply.data in (None, 0)
 
 
-def test_a_refused_write_reports_data_0000_and_changes_nothing() -> None:
+def test_a_rejected_write_reports_data_0000_and_changes_nothing() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            reply = await desk.request(sunfar.SunfarWriteParameter(1, 9, 3, 9, save=True))
+        async with SimulatorClient("sim://c320@1") as client:
+            reply = await client.request(sunfar.SunfarWriteParameter(1, 9, 3, 9, save=True))
             assert (reply.response, reply.data) == (SunfarResponse.OUT_OF_RANGE, 0)
-            assert desk.station().memory.eeprom_writes.total() == 0
+            assert client.station().memory.eeprom_writes.total() == 0
 
     run_virtual(scenario())
 
 
 def test_some_parameters_are_locked_while_running() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            assert (await desk.request(sunfar.SunfarWriteParameter(1, 0, 1, 0))).response is SunfarResponse.RUNNING
-            assert (await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.OK
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            assert (await client.request(sunfar.SunfarWriteParameter(1, 0, 1, 0))).response is SunfarResponse.RUNNING
+            assert (await client.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.OK
 
     run_virtual(scenario())
 
 
-def test_a_password_forbids_every_write_but_no_read() -> None:
+def test_a_password_locks_every_write_and_no_read() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().memory.locked = True
-            assert (await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.PASSWORD
-            assert (await desk.request(sunfar.SunfarReadParameter(1, 9, 4))).response is SunfarResponse.OK
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().memory.locked = True
+            assert (await client.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))).response is SunfarResponse.PASSWORD
+            assert (await client.request(sunfar.SunfarReadParameter(1, 9, 4))).response is SunfarResponse.OK
 
     run_virtual(scenario())
 
@@ -214,8 +214,8 @@ def test_a_password_forbids_every_write_but_no_read() -> None:
 @pytest.mark.parametrize("kind", range(6, 16))
 def test_reserved_classes_are_answered_with_code_8(kind: int) -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://c320@1") as desk:
-            return await desk.raw(frame(1, kind, 0, "0", "00"))
+        async with SimulatorClient("sim://c320@1") as client:
+            return await client.raw(frame(1, kind, 0, "0", "00"))
 
     reply = run_virtual(scenario())
     assert (len(reply), reply[3:4]) == (11, b"8")
@@ -224,56 +224,56 @@ def test_reserved_classes_are_answered_with_code_8(kind: int) -> None:
 @pytest.mark.parametrize("operation", [0x07, 0x17, 0x22, 0x30, 0x31, 0xFF])
 def test_reserved_operations_are_answered_with_code_8_and_do_nothing(operation: int) -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            reply = await desk.raw(frame(1, 4, operation, "0BB8"))
+        async with SimulatorClient("sim://c320@1") as client:
+            reply = await client.raw(frame(1, 4, operation, "0BB8"))
             assert (len(reply), reply[3:4]) == (11, b"8")
             await asyncio.sleep(5.0)
-            assert desk.station().motor.output_hz == 0.0
+            assert client.station().motor.output_hz == 0.0
 
     run_virtual(scenario())
 
 
 @pytest.mark.parametrize("at", [0, 9, 13])
-def test_a_bad_head_sum_or_end_mark_gets_no_answer(at: int) -> None:
+def test_a_bad_head_sum_or_end_byte_gets_no_reply(at: int) -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://c320@1") as desk:
-            good = bytearray(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
+        async with SimulatorClient("sim://c320@1") as client:
+            good = bytearray(client.codec.encode_request(sunfar.ReadMonitor(1, 0)))
             good[at] ^= 0x01
-            return await desk.raw(bytes(good))
+            return await client.raw(bytes(good))
 
     assert run_virtual(scenario()) == b""
 
 
-def test_a_frequency_above_the_maximum_is_refused_and_starts_nothing() -> None:
+def test_a_frequency_above_the_maximum_is_rejected_and_starts_nothing() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            reply = await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 5001))
+        async with SimulatorClient("sim://c320@1") as client:
+            reply = await client.request(control(SunfarOperation.RUN_FORWARD_AT, 5001))
             assert reply.response is SunfarResponse.OUT_OF_RANGE
             await asyncio.sleep(5.0)
-            assert desk.station().motor.starts == 0
+            assert client.station().motor.starts == 0
 
     run_virtual(scenario())
 
 
-def test_all_stations_obey_a_broadcast_stop_and_none_answers() -> None:
+def test_all_stations_execute_a_broadcast_stop_and_none_replies() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@0-3") as desk:
+        async with SimulatorClient("sim://c320@0-3") as client:
             for address in range(4):
-                await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000, address))
+                await client.request(control(SunfarOperation.RUN_FORWARD_AT, 3000, address))
             await asyncio.sleep(10.0)
-            assert await desk.raw(desk.codec.encode_request(control(SunfarOperation.STOP, 0, 31))) == b""
+            assert await client.raw(client.codec.encode_request(control(SunfarOperation.STOP, 0, 31))) == b""
             await asyncio.sleep(11.0)
-            assert [desk.station(address).motor.energised for address in range(4)] == [False] * 4
+            assert [client.station(address).motor.energised for address in range(4)] == [False] * 4
 
     run_virtual(scenario())
 
 
 def test_the_first_byte_of_a_reply_comes_within_eight_characters() -> None:
     async def scenario() -> float:
-        async with SimulatorClient("sim://c320@1?line_quality=bytes") as desk:
+        async with SimulatorClient("sim://c320@1?line_quality=bytes") as client:
             sent = asyncio.get_running_loop().time()
-            await desk.raw(desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
-            return desk.received[0][0] - sent
+            await client.raw(client.codec.encode_request(sunfar.ReadMonitor(1, 0)))
+            return client.received[0][0] - sent
 
     character_s = 11 / 9600
     assert run_virtual(scenario()) == pytest.approx((14 + 4 + 1) * character_s)
@@ -284,22 +284,22 @@ def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognised(
     characters: float, answered: bool
 ) -> None:
     async def scenario() -> tuple[bytes, int]:
-        async with SimulatorClient("sim://c320@1,2") as desk:
-            request = desk.codec.encode_request(sunfar.ReadMonitor(1, 0))
-            line = desk.simulated_bus.settings
-            desk.port.write(desk.codec.encode_request(sunfar.ReadMonitor(3, 0)))
+        async with SimulatorClient("sim://c320@1,2") as client:
+            request = client.codec.encode_request(sunfar.ReadMonitor(1, 0))
+            line = client.simulated_bus.settings
+            client.port.write(client.codec.encode_request(sunfar.ReadMonitor(3, 0)))
             await asyncio.sleep(line.seconds(14 + characters))
-            return await desk.raw(request), desk.station().gap_violations
+            return await client.raw(request), client.station().gap_violations
 
     data, violations = run_virtual(scenario())
     assert bool(data) is answered
     assert violations == 0
 
 
-def test_a_header_in_the_middle_of_other_bytes_is_no_frame() -> None:
+def test_a_head_in_the_middle_of_other_bytes_starts_no_frame() -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://c320@1") as desk:
-            return await desk.raw(b"\x00" + desk.codec.encode_request(sunfar.ReadMonitor(1, 0)))
+        async with SimulatorClient("sim://c320@1") as client:
+            return await client.raw(b"\x00" + client.codec.encode_request(sunfar.ReadMonitor(1, 0)))
 
     assert run_virtual(scenario()) == b""
 
@@ -308,81 +308,81 @@ def test_a_header_in_the_middle_of_other_bytes_is_no_frame() -> None:
     ("action", "expected"),
     [(0, SunfarState.RUNNING_FORWARD), (1, SunfarState.DECELERATING_FORWARD), (2, SunfarState.FAULT)],
 )
-def test_f9_3_decides_what_happens_after_f9_4_without_a_frame(action: int, expected: SunfarState) -> None:
+def test_f9_3_selects_the_reaction_to_f9_4_seconds_without_a_frame(action: int, expected: SunfarState) -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(1, 9, 3, action))
-            await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 200))
-            await running(desk)
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(sunfar.SunfarWriteParameter(1, 9, 3, action))
+            await client.request(sunfar.SunfarWriteParameter(1, 9, 4, 200))
+            await running(client)
             await asyncio.sleep(4.0)
-            assert desk.station().state is SunfarState.RUNNING_FORWARD
+            assert client.station().state is SunfarState.RUNNING_FORWARD
             await asyncio.sleep(2.0)
-            assert desk.station().state is expected
+            assert client.station().state is expected
 
     run_virtual(scenario())
 
 
-def test_polling_feeds_the_comm_loss_timer_and_frames_for_others_do_not() -> None:
+def test_polling_restarts_the_comm_loss_timer_and_foreign_frames_do_not() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1,2") as desk:
+        async with SimulatorClient("sim://c320@1,2") as client:
             for address in (1, 2):
-                await desk.request(sunfar.SunfarWriteParameter(address, 9, 4, 20))
-                await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 3000, address))
+                await client.request(sunfar.SunfarWriteParameter(address, 9, 4, 20))
+                await client.request(control(SunfarOperation.RUN_FORWARD_AT, 3000, address))
             for _ in range(12):
-                await desk.request(sunfar.ReadMonitor(1, 0), 1.0)
-            assert desk.station(1).running
-            assert not desk.station(2).running
+                await client.request(sunfar.ReadMonitor(1, 0), 1.0)
+            assert client.station(1).running
+            assert not client.station(2).running
 
     run_virtual(scenario())
 
 
-def test_a_frame_after_comm_loss_is_obeyed_by_its_operation_field() -> None:
+def test_a_frame_after_comm_loss_is_executed_by_its_operation_field() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 20))
-            await running(desk)
-            assert not desk.station().running
-            await desk.request(control(SunfarOperation.RUN_FORWARD))
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(sunfar.SunfarWriteParameter(1, 9, 4, 20))
+            await running(client)
+            assert not client.station().running
+            await client.request(control(SunfarOperation.RUN_FORWARD))
             await asyncio.sleep(1.0)
-            assert desk.station().running
+            assert client.station().running
 
     run_virtual(scenario())
 
 
-def test_class_3_is_lost_at_power_down_and_class_5_is_kept_and_counted() -> None:
+def test_class_3_is_lost_at_power_down_and_class_5_is_saved_and_counted() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))
-            await desk.request(sunfar.SunfarWriteParameter(1, 6, 12, 4, save=True))
-            desk.station().power_cycle()
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(sunfar.SunfarWriteParameter(1, 9, 4, 30))
+            await client.request(sunfar.SunfarWriteParameter(1, 6, 12, 4, save=True))
+            client.station().power_cycle()
             await asyncio.sleep(3.0)
-            assert (await desk.request(sunfar.SunfarReadParameter(1, 9, 4))).data == 0
-            assert (await desk.request(sunfar.SunfarReadParameter(1, 6, 12))).data == 4
-            memory = desk.station().memory
+            assert (await client.request(sunfar.SunfarReadParameter(1, 9, 4))).data == 0
+            assert (await client.request(sunfar.SunfarReadParameter(1, 6, 12))).data == 4
+            memory = client.station().memory
             assert memory.eeprom_writes[0x60C] == 1
             assert memory.eeprom_writes[0x904] == 0
 
     run_virtual(scenario())
 
 
-def test_a_rebooting_drive_answers_nothing_and_does_not_run_afterwards() -> None:
+def test_a_rebooting_drive_sends_no_reply_and_does_not_run_afterwards() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            desk.station().power_cycle(off_s=2.0)
-            assert await desk.request(sunfar.ReadMonitor(1, 0)) is None
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            client.station().power_cycle(off_s=2.0)
+            assert await client.request(sunfar.ReadMonitor(1, 0)) is None
             await asyncio.sleep(2.0)
-            reply = await desk.request(sunfar.ReadMonitor(1, 0))
+            reply = await client.request(sunfar.ReadMonitor(1, 0))
             assert (reply.state, reply.data) == (SunfarState.STOPPED, 0)
 
     run_virtual(scenario())
 
 
-def test_f6_12_selects_what_a_control_reply_carries() -> None:
+def test_f6_12_selects_the_item_in_a_control_reply() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(1, 6, 12, 4))
-            return await desk.request(sunfar.SunfarControl(1, SunfarOperation.STOP, expected_item=4))
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(sunfar.SunfarWriteParameter(1, 6, 12, 4))
+            return await client.request(sunfar.SunfarControl(1, SunfarOperation.STOP, expected_item=4))
 
     reply = run_virtual(scenario())
     assert reply.item == 4
@@ -390,39 +390,39 @@ def test_f6_12_selects_what_a_control_reply_carries() -> None:
 
 
 @pytest.mark.parametrize("operation", [SunfarOperation.RUN_FORWARD_AT, SunfarOperation.JOG_FORWARD])
-def test_keypad_control_ignores_the_bus_but_answers(operation: SunfarOperation) -> None:
+def test_keypad_control_ignores_commands_of_the_bus_and_replies(operation: SunfarOperation) -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().keypad_set(0x003, 0)
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().keypad_set(0x003, 0)
             data = 1000 if operation.sets_frequency else 0
-            assert (await desk.request(control(operation, data))).response is SunfarResponse.OK
+            assert (await client.request(control(operation, data))).response is SunfarResponse.OK
             await asyncio.sleep(5.0)
-            assert not desk.station().running
-            assert (await desk.request(sunfar.ReadIdentity(1, 3))).info == "010000"
+            assert not client.station().running
+            assert (await client.request(sunfar.ReadIdentity(1, 3))).info == "010000"
 
     run_virtual(scenario())
 
 
 def test_with_f0_1_not_2_the_frequency_of_the_bus_is_ignored() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().keypad_set(0x001, 0)
-            desk.station().keypad_set(0x002, 1000)
-            await running(desk, 30.0)
-            assert desk.station().motor.output_hz == pytest.approx(10.0)
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().keypad_set(0x001, 0)
+            client.station().keypad_set(0x002, 1000)
+            await running(client, 30.0)
+            assert client.station().motor.output_hz == pytest.approx(10.0)
 
     run_virtual(scenario())
 
 
 def test_a_person_can_start_and_stop_at_the_keypad() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().keypad_run(25.0)
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().keypad_run(25.0)
             await asyncio.sleep(6.0)
-            assert (await desk.request(sunfar.ReadMonitor(1, 0))).data == 2500
-            desk.station().keypad_stop()
+            assert (await client.request(sunfar.ReadMonitor(1, 0))).data == 2500
+            client.station().keypad_stop()
             await asyncio.sleep(6.0)
-            assert (await desk.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.STOPPED
+            assert (await client.request(sunfar.ReadMonitor(1, 0))).state is SunfarState.STOPPED
 
     run_virtual(scenario())
 
@@ -434,54 +434,54 @@ def test_a_person_can_start_and_stop_at_the_keypad() -> None:
         (SunfarOperation.JOG_REVERSE, SunfarState.JOGGING_REVERSE, -5.0),
     ],
 )
-def test_it_jogs_until_told_to_stop(operation: SunfarOperation, jogging: SunfarState, output_hz: float) -> None:
+def test_it_jogs_until_a_jog_stop(operation: SunfarOperation, jogging: SunfarState, output_hz: float) -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(control(operation))
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(control(operation))
             await asyncio.sleep(3.0)
-            assert desk.station().state is jogging
-            assert desk.station().motor.output_hz == pytest.approx(output_hz)
-            await desk.request(control(SunfarOperation.JOG_STOP))
+            assert client.station().state is jogging
+            assert client.station().motor.output_hz == pytest.approx(output_hz)
+            await client.request(control(SunfarOperation.JOG_STOP))
             await asyncio.sleep(3.0)
-            assert desk.station().state is SunfarState.STOPPED
+            assert client.station().state is SunfarState.STOPPED
 
     run_virtual(scenario())
 
 
 def test_a_jog_stop_does_not_stop_a_run() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            await desk.request(control(SunfarOperation.JOG_STOP))
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            await client.request(control(SunfarOperation.JOG_STOP))
             await asyncio.sleep(1.0)
-            assert desk.station().state is SunfarState.RUNNING_FORWARD
+            assert client.station().state is SunfarState.RUNNING_FORWARD
 
     run_virtual(scenario())
 
 
-def test_an_emergency_stop_switches_off_and_holds_until_a_stop_or_reset() -> None:
+def test_an_emergency_stop_switches_off_and_latches_until_a_stop_or_reset() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            assert (await desk.request(control(SunfarOperation.EMERGENCY_STOP))).state is SunfarState.EMERGENCY_STOP
-            await desk.request(control(SunfarOperation.RUN_FORWARD))
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            assert (await client.request(control(SunfarOperation.EMERGENCY_STOP))).state is SunfarState.EMERGENCY_STOP
+            await client.request(control(SunfarOperation.RUN_FORWARD))
             await asyncio.sleep(2.0)
-            desk.station().keypad_run(5.0)
-            assert not desk.station().running, "nor by the keypad"
-            assert (await desk.request(control(SunfarOperation.RESET_FAULT))).state is SunfarState.STOPPED
+            client.station().keypad_run(5.0)
+            assert not client.station().running, "nor by the keypad"
+            assert (await client.request(control(SunfarOperation.RESET_FAULT))).state is SunfarState.STOPPED
 
     run_virtual(scenario())
 
 
 def test_reverse_runs_show_reverse_states() -> None:
     async def scenario() -> list[SunfarState]:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(control(SunfarOperation.RUN_REVERSE_AT, 1000))
-            states = [desk.station().state]
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(control(SunfarOperation.RUN_REVERSE_AT, 1000))
+            states = [client.station().state]
             await asyncio.sleep(3.0)
-            states.append(desk.station().state)
-            await desk.request(control(SunfarOperation.STOP))
-            states.append(desk.station().state)
+            states.append(client.station().state)
+            await client.request(control(SunfarOperation.STOP))
+            states.append(client.station().state)
             return states
 
     assert run_virtual(scenario()) == [
@@ -493,53 +493,53 @@ def test_reverse_runs_show_reverse_states() -> None:
 
 def test_an_instantaneous_power_loss_is_ridden_through_with_speed_search() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(1, 4, 0, 1))
-            await running(desk)
-            desk.station().power_dip(0.3)
+        async with SimulatorClient("sim://c320@1") as client:
+            await client.request(sunfar.SunfarWriteParameter(1, 4, 0, 1))
+            await running(client)
+            client.station().power_dip(0.3)
             await asyncio.sleep(0.2)
-            assert desk.station().state is SunfarState.RESTARTING
+            assert client.station().state is SunfarState.RESTARTING
             await asyncio.sleep(15.0)
-            assert desk.station().state is SunfarState.RUNNING_FORWARD
-            assert desk.station().motor.output_hz == pytest.approx(30.0)
+            assert client.station().state is SunfarState.RUNNING_FORWARD
+            assert client.station().motor.output_hz == pytest.approx(30.0)
 
     run_virtual(scenario())
 
 
 def test_without_mains_the_dc_bus_is_not_ready() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            desk.station().power_dip(100.0)
+        async with SimulatorClient("sim://c320@1") as client:
+            client.station().power_dip(100.0)
             await asyncio.sleep(50.0)
-            assert (await desk.request(sunfar.ReadMonitor(1, 4))).state is SunfarState.NOT_READY
+            assert (await client.request(sunfar.ReadMonitor(1, 4))).state is SunfarState.NOT_READY
 
     run_virtual(scenario())
 
 
 def test_its_identity_is_class_voltage_and_decimal_power() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://c320@1") as desk:
-            return await desk.request(sunfar.ReadIdentity(1, 0))
+        async with SimulatorClient("sim://c320@1") as client:
+            return await client.request(sunfar.ReadIdentity(1, 0))
 
     assert run_virtual(scenario()).info == "400022"
 
 
-def test_the_echo_of_an_own_class_3_request_is_no_reply_of_a_silent_drive() -> None:
+def test_the_echo_of_a_class_3_request_looks_like_the_reply_of_a_silent_drive() -> None:
     async def scenario() -> bytes:
-        async with SimulatorClient("sim://c320@1?line_quality=echo") as desk:
-            desk.station().faults.silent = True
-            request = desk.codec.encode_request(sunfar.SunfarWriteParameter(1, 4, 0, 0))
-            data = await desk.raw(request)
+        async with SimulatorClient("sim://c320@1?line_quality=echo") as client:
+            client.station().faults.silent = True
+            request = client.codec.encode_request(sunfar.SunfarWriteParameter(1, 4, 0, 0))
+            data = await client.raw(request)
             assert data == request
             return data
 
     assert len(run_virtual(scenario())) == 18
 
 
-def test_monitors_can_be_asked_for_by_their_decimal_index() -> None:
+def test_monitors_can_be_read_by_their_decimal_index() -> None:
     async def scenario() -> tuple[Any, Any]:
-        async with SimulatorClient("sim://c320@1?monitor_index=bcd") as desk:
-            return await desk.request(sunfar.ReadMonitor(1, 0x37)), await desk.request(sunfar.ReadMonitor(1, 0x0F))
+        async with SimulatorClient("sim://c320@1?monitor_index=bcd") as client:
+            return await client.request(sunfar.ReadMonitor(1, 0x37)), await client.request(sunfar.ReadMonitor(1, 0x0F))
 
     known, unknown = run_virtual(scenario())
     assert known.response is SunfarResponse.OK
@@ -548,32 +548,32 @@ def test_monitors_can_be_asked_for_by_their_decimal_index() -> None:
 
 def test_the_e_series_counts_in_tenths_of_a_hertz() -> None:
     async def scenario() -> Any:
-        async with SimulatorClient("sim://e550@1") as desk:
-            await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
+        async with SimulatorClient("sim://e550@1") as client:
+            await client.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
             await asyncio.sleep(10.0)
-            assert desk.station().motor.output_hz == pytest.approx(30.0)
-            return await desk.request(sunfar.ReadMonitor(1, 0))
+            assert client.station().motor.output_hz == pytest.approx(30.0)
+            return await client.request(sunfar.ReadMonitor(1, 0))
 
     assert run_virtual(scenario()).data == 300
 
 
 def test_a_stop_with_a_frequency_stops() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1") as desk:
-            await running(desk)
-            await desk.request(control(SunfarOperation.STOP_AT, 1000))
+        async with SimulatorClient("sim://c320@1") as client:
+            await running(client)
+            await client.request(control(SunfarOperation.STOP_AT, 1000))
             await asyncio.sleep(10.0)
-            assert desk.station().state is SunfarState.STOPPED
-            assert desk.station().setpoint_hz == 10.0
+            assert client.station().state is SunfarState.STOPPED
+            assert client.station().setpoint_hz == 10.0
 
     run_virtual(scenario())
 
 
-def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
+def test_the_e_series_has_selector_and_comm_loss_time_at_other_parameters() -> None:
     async def scenario(model: str, group: int, item: int) -> tuple[SunfarResponse, SunfarResponse]:
-        async with SimulatorClient(f"sim://{model}@1", sunfar.SunfarCodec()) as desk:
-            there = await desk.request(sunfar.SunfarReadParameter(1, group, item))
-            here = await desk.request(sunfar.SunfarReadParameter(1, *((6, 12) if model == "e500" else (9, 4))))
+        async with SimulatorClient(f"sim://{model}@1", sunfar.SunfarCodec()) as client:
+            there = await client.request(sunfar.SunfarReadParameter(1, group, item))
+            here = await client.request(sunfar.SunfarReadParameter(1, *((6, 12) if model == "e500" else (9, 4))))
             return there.response, here.response
 
     assert run_virtual(scenario("e500", 3, 8)) == (SunfarResponse.OK, SunfarResponse.RESERVED)
@@ -582,55 +582,55 @@ def test_the_sisters_keep_selector_and_comm_loss_time_elsewhere() -> None:
 
 @pytest.mark.parametrize("model", ["e300", "e550"])
 @pytest.mark.parametrize(("action", "stops"), [(0x00, True), (0x01, True), (0x10, False), (0x11, False)])
-def test_the_tens_digit_of_the_e_series_says_whether_it_stops(model: str, action: int, stops: bool) -> None:
+def test_the_tens_digit_of_the_e_series_selects_whether_it_stops(model: str, action: int, stops: bool) -> None:
     """E300 manual, F4.3: 0 stop, 1 keep state. It stops at its time, and not as a fault."""
 
     async def scenario() -> None:
-        async with SimulatorClient(f"sim://{model}@1?ramp=1") as desk:
-            desk.station().keypad_set(0x4_03, action)
-            desk.station().keypad_set(0x4_04, 50)
-            await desk.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
+        async with SimulatorClient(f"sim://{model}@1?ramp=1") as client:
+            client.station().keypad_set(0x4_03, action)
+            client.station().keypad_set(0x4_04, 50)
+            await client.request(control(SunfarOperation.RUN_FORWARD_AT, 300))
             await asyncio.sleep(4.9)
-            assert desk.station().motor.energised
+            assert client.station().motor.energised
             await asyncio.sleep(2.0)
-            assert desk.station().motor.energised is not stops
-            assert desk.station().motor.trip is None
+            assert client.station().motor.energised is not stops
+            assert client.station().motor.trip is None
 
     run_virtual(scenario())
 
 
 def test_dc_braking_is_a_state_of_its_own() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1?ramp=1") as desk:
-            desk.station().motor.dc_brake_s = 2.0
-            await running(desk)
-            await desk.request(control(SunfarOperation.STOP))
+        async with SimulatorClient("sim://c320@1?ramp=1") as client:
+            client.station().motor.dc_brake_s = 2.0
+            await running(client)
+            await client.request(control(SunfarOperation.STOP))
             await asyncio.sleep(1.5)
-            assert desk.station().state is SunfarState.DC_BRAKING
+            assert client.station().state is SunfarState.DC_BRAKING
 
     run_virtual(scenario())
 
 
-def test_a_new_frequency_changes_a_running_drive_and_starts_no_stopped_one() -> None:
+def test_a_new_frequency_changes_a_running_drive_and_does_not_start_a_stopped_drive() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1?ramp=1") as desk:
-            await desk.request(control(SunfarOperation.SET_FREQUENCY, 2000))
-            assert desk.station().motor.starts == 0
-            await desk.request(control(SunfarOperation.RUN_FORWARD))
+        async with SimulatorClient("sim://c320@1?ramp=1") as client:
+            await client.request(control(SunfarOperation.SET_FREQUENCY, 2000))
+            assert client.station().motor.starts == 0
+            await client.request(control(SunfarOperation.RUN_FORWARD))
             await asyncio.sleep(1.0)
-            await desk.request(control(SunfarOperation.SET_FREQUENCY, 4000))
+            await client.request(control(SunfarOperation.SET_FREQUENCY, 4000))
             await asyncio.sleep(2.0)
-            assert desk.station().motor.output_hz == pytest.approx(40.0)
+            assert client.station().motor.output_hz == pytest.approx(40.0)
 
     run_virtual(scenario())
 
 
 def test_a_jog_does_not_disturb_a_run() -> None:
     async def scenario() -> None:
-        async with SimulatorClient("sim://c320@1?ramp=1") as desk:
-            await running(desk)
-            await desk.request(control(SunfarOperation.JOG_REVERSE))
+        async with SimulatorClient("sim://c320@1?ramp=1") as client:
+            await running(client)
+            await client.request(control(SunfarOperation.JOG_REVERSE))
             await asyncio.sleep(3.0)
-            assert desk.station().motor.output_hz == pytest.approx(30.0)
+            assert client.station().motor.output_hz == pytest.approx(30.0)
 
     run_virtual(scenario())

@@ -1,4 +1,4 @@
-"""A pretend C320 in each reading of what its manual leaves open, read by the host with and without the setting."""
+"""Simulated C320 in each variant that its manual leaves open, read by a master with and without the setting."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from drivebus.simulator.models import c320
 from drivebus.simulator.motor import Trip
-from drivebus.testing.virtual_time import run as story
+from drivebus.simulator.port import simulated_bus_of
+from drivebus.testing.virtual_time import run
 from fixtures.simulator import SimulatorClient
 
 
-def test_the_spelling_is_the_one_that_the_manual_prints() -> None:
-    """The ten as 3AH, and the equals sign in the sum."""
-    plain = sunfar.SunfarCodec().encode_reply(
+def test_each_encoding_is_the_one_in_the_manual() -> None:
+    """The digit ten is 3AH, and the checksum is of the changed digits."""
+    strict = sunfar.SunfarCodec().encode_reply(
         sunfar.SunfarReply(5, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 1, 0x0A, 0x0016)
     )
-    odd = c320.tolerant_digits(plain)
-    assert b"A" in plain[1:-5] and b":" in odd[1:-5] and b"A" not in odd[1:-5]
-    assert len(odd) == len(plain)
+    tolerant = c320.tolerant_digits(strict)
+    assert b"A" in strict[1:-5] and b":" in tolerant[1:-5] and b"A" not in tolerant[1:-5]
+    assert len(tolerant) == len(strict)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "hex"])
 @pytest.mark.parametrize("digits", ["strict", "tolerant"])
 @pytest.mark.parametrize("nibble", [False, True])
-def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, digits: str, nibble: bool) -> None:
+def test_a_drive_of_any_encoding_runs_at_the_frequency_of_the_configured_master(
+    encoding: str, digits: str, nibble: bool
+) -> None:
     async def scenario() -> None:
         port = open_port(f"sim://c320@1?ramp=1&digits={digits}&nibble={'on' if nibble else 'off'}")
         async with Bus(port) as bus:
@@ -44,71 +47,71 @@ def test_a_drive_of_any_spelling_runs_where_the_host_was_told(encoding: str, dig
             assert (await drive.read(["F1.10"]))["F1.10"].value == 0x0ABC
             assert (await drive.stop()).status == "confirmed"
 
-    story(scenario())
+    run(scenario())
 
 
-@pytest.mark.parametrize(("encoding", "odd"), [("ascii", "digits=tolerant"), ("hex", "nibble=on")])
-def test_the_strict_host_publishes_nothing_of_the_other_spelling(encoding: str, odd: str) -> None:
+@pytest.mark.parametrize(("encoding", "variant"), [("ascii", "digits=tolerant"), ("hex", "nibble=on")])
+def test_a_strict_master_publishes_nothing_of_the_other_encoding(encoding: str, variant: str) -> None:
     async def scenario() -> None:
-        port = open_port(f"sim://c320@1?{odd}")
+        port = open_port(f"sim://c320@1?{variant}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding)
-            port.simulated_bus.station(1).keypad_set(0x010A, 0x0ABC)  # type: ignore[attr-defined]
+            simulated_bus_of(port).station(1).keypad_set(0x010A, 0x0ABC)
             with contextlib.suppress(ProtocolError, NoReply):
                 assert (await drive.read(["F1.10"]))["F1.10"].value is None
             assert set(bus.statistics().errors) & {"AlphabetError", "ChecksumError"}
 
-    story(scenario())
+    run(scenario())
 
 
 @pytest.mark.parametrize(("watchdog", "runs"), [("own", False), ("all", True)])
-def test_frames_for_others_feed_the_comm_loss_timer_of_one_reading_only(watchdog: str, runs: bool) -> None:
+def test_foreign_frames_restart_the_comm_loss_timer_in_one_variant_only(watchdog: str, runs: bool) -> None:
     async def scenario() -> None:
-        async with SimulatorClient(f"sim://c320@1,2?watchdog={watchdog}") as desk:
-            await desk.request(sunfar.SunfarWriteParameter(2, 9, 4, 20))
-            await desk.request(sunfar.SunfarControl(2, sunfar.SunfarOperation.RUN_FORWARD_AT, 3000))
+        async with SimulatorClient(f"sim://c320@1,2?watchdog={watchdog}") as client:
+            await client.request(sunfar.SunfarWriteParameter(2, 9, 4, 20))
+            await client.request(sunfar.SunfarControl(2, sunfar.SunfarOperation.RUN_FORWARD_AT, 3000))
             for _ in range(12):
-                await desk.request(sunfar.ReadMonitor(1, 0), 1.0)
-            assert desk.station(2).running is runs
+                await client.request(sunfar.ReadMonitor(1, 0), 1.0)
+            assert client.station(2).running is runs
             await asyncio.sleep(20.0)
-            assert not desk.station(2).running
+            assert not client.station(2).running
 
-    story(scenario())
+    run(scenario())
 
 
-async def identified(link: str, encoding: str) -> tuple[Identity, Identity, int | None, int]:
-    """Who a drive in a fault says that it is, then without the fault; the fault that is believed, and the true one."""
-    port = open_port(link)
+async def identify_in_a_fault(url: str, encoding: str) -> tuple[Identity, Identity, int | None, int]:
+    """Return the identity in a fault and without it, the reported fault code and the true one."""
+    port = open_port(url)
     async with Bus(port) as bus:
-        station = port.simulated_bus.station(1)  # type: ignore[attr-defined]
+        station = simulated_bus_of(port).station(1)
         drive = Drive(bus, "c320", 1, encoding=encoding)
         station.trip(Trip.OVERHEAT)
-        faulty = await drive.identify()
+        in_fault = await drive.identify()
         fault = (await drive.status()).fault
         station.motor.reset()
-        return faulty, await drive.identify(), fault and fault.code, station.trip_code(Trip.OVERHEAT)
+        return in_fault, await drive.identify(), fault and fault.code, station.trip_code(Trip.OVERHEAT)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "hex"])
-@pytest.mark.parametrize("reading", ["code", "information"])
-def test_of_an_identity_in_a_fault_nothing_is_told_that_one_reading_makes_untrue(reading: str, encoding: str) -> None:
-    """Digits 7-8 are the fault's code or the voltage class: neither is believed of them, what stands behind them is."""
-    faulty, whole, code, true_code = story(identified(f"sim://c320@1?class0_fault={reading}", encoding))
+@pytest.mark.parametrize("variant", ["code", "information"])
+def test_an_identity_in_a_fault_is_reported_only_as_far_as_both_variants_agree(variant: str, encoding: str) -> None:
+    """Digits 7-8 are the fault code or the voltage class: they are reported as neither, the digits after them are."""
+    in_fault, complete, code, true_code = run(identify_in_a_fault(f"sim://c320@1?class0_fault={variant}", encoding))
     assert code == true_code
-    assert (faulty.voltage_class_v, faulty.host_controls, faulty.host_sets_frequency) == (None, None, None)
-    assert faulty.power_kw == whole.power_kw == 2.2
-    assert (whole.voltage_class_v, whole.host_controls, whole.host_sets_frequency) == (380, True, True)
-    assert [(part, "--" + digits[2:]) for part, digits in whole.digits] == list(faulty.digits)
+    assert (in_fault.voltage_class_v, in_fault.host_controls, in_fault.host_sets_frequency) == (None, None, None)
+    assert in_fault.power_kw == complete.power_kw == 2.2
+    assert (complete.voltage_class_v, complete.host_controls, complete.host_sets_frequency) == (380, True, True)
+    assert [(part, "--" + digits[2:]) for part, digits in complete.digits] == list(in_fault.digits)
 
 
-@pytest.mark.parametrize("reading", ["code", "information"])
-def test_the_two_readings_of_an_identity_in_a_fault_differ_on_the_wire(reading: str) -> None:
+@pytest.mark.parametrize("variant", ["code", "information"])
+def test_the_two_variants_of_an_identity_in_a_fault_differ_on_the_wire(variant: str) -> None:
     async def scenario() -> None:
-        async with SimulatorClient(f"sim://c320@1?class0_fault={reading}") as desk:
-            desk.station().trip(Trip.OVERHEAT)
-            frame = await desk.raw(desk.codec.encode_request(sunfar.ReadIdentity(1, 0)))
-            code = b"%02X" % desk.station().trip_code(Trip.OVERHEAT)
+        async with SimulatorClient(f"sim://c320@1?class0_fault={variant}") as client:
+            client.station().trip(Trip.OVERHEAT)
+            frame = await client.raw(client.codec.encode_request(sunfar.ReadIdentity(1, 0)))
+            code = b"%02X" % client.station().trip_code(Trip.OVERHEAT)
             assert code != b"40"
-            assert (frame[4:6], frame[7:9]) == (b"20", code if reading == "code" else b"40")
+            assert (frame[4:6], frame[7:9]) == (b"20", code if variant == "code" else b"40")
 
-    story(scenario())
+    run(scenario())

@@ -1,4 +1,4 @@
-"""How stations hear: any bytes, in any pieces, never raise, never make a station do what it was not told."""
+"""Framing of the stations: no bytes in any pieces raise or make a station execute a request it did not receive."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def rtu() -> FrameReceiver:
     return FrameReceiver((modbus.ModbusRtuCodec(),), RTU_RULE, LINE)
 
 
-def hears(station: Station, data: bytes) -> list[ReceivedFrame]:
-    ear = FrameReceiver(station.codecs, station.rule, LINE)
-    return ear.feed(data, 0, 1.0) + ear.on_silence()
+def received_frames(station: Station, data: bytes) -> list[ReceivedFrame]:
+    receiver = FrameReceiver(station.codecs, station.rule, LINE)
+    return receiver.feed(data, 0, 1.0) + receiver.on_silence()
 
 
-def obeyed(station: Station, frame: ReceivedFrame, now: float) -> None:
+def execute(station: Station, frame: ReceivedFrame, now: float) -> None:
     if frame.address == station.address:
         station.handle_frame(frame.message, frame.codec, LINE, now, error=frame.error)
 
 
 def frames(codec: Codec, rng: random.Random) -> Iterator[bytes]:
-    """Noise, and good requests with one to three wrong bytes."""
+    """Yield noise, and good requests with one to three wrong bytes."""
     for _ in range(150):
         yield rng.randbytes(rng.randrange(1, 40))
     for _ in range(250):
@@ -58,13 +58,13 @@ def test_no_bytes_make_a_station_raise_or_run(model: str, settings: dict[str, st
     rng = random.Random(11)
     for codec in station.codecs:
         for n, data in enumerate(frames(codec, rng)):
-            for frame in hears(station, data):
-                obeyed(station, frame, float(n))
+            for frame in received_frames(station, data):
+                execute(station, frame, float(n))
     assert station.motor.starts == 0
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660", "df800"])
-def test_whatever_is_read_can_be_sent(model: str) -> None:
+def test_every_decoded_request_can_be_encoded(model: str) -> None:
     station = make_station(model, 1)
     station.motor.ambient_c = station.motor.temperature_c = -20.0
     codec = station.codecs[0]
@@ -74,60 +74,60 @@ def test_whatever_is_read_can_be_sent(model: str) -> None:
     else:
         requests = [modbus.ReadRegisters(1, register) for register in range(0x3100)]
     for request in requests:
-        [frame] = hears(station, codec.encode_request(request))
-        text = station.handle_frame(frame.message, codec, LINE, 0.0, error=frame.error)
-        assert text is not None and text.data
+        [frame] = received_frames(station, codec.encode_request(request))
+        reply = station.handle_frame(frame.message, codec, LINE, 0.0, error=frame.error)
+        assert reply is not None and reply.data
 
 
-def test_a_frame_is_heard_whole_or_in_pieces() -> None:
-    ear = rtu()
-    ear.feed(READ[:3], 0, 1.0)
-    ear.feed(READ[3:], 0, LINE.seconds(2))
-    [received] = ear.on_silence()
-    assert received.frame == READ and not received.short_gap
+def test_a_frame_is_received_whole_or_in_pieces() -> None:
+    receiver = rtu()
+    receiver.feed(READ[:3], 0, 1.0)
+    receiver.feed(READ[3:], 0, LINE.seconds(2))
+    [frame] = receiver.on_silence()
+    assert frame.frame == READ and not frame.short_gap
 
 
-def test_a_pause_of_the_gap_begins_afresh() -> None:
-    ear = rtu()
-    ear.feed(READ[:3], 0, 1.0)
-    ear.feed(READ, 0, LINE.seconds(3.5))
-    assert [received.frame for received in ear.on_silence()] == [READ]
+def test_silence_of_the_gap_begins_a_new_frame() -> None:
+    receiver = rtu()
+    receiver.feed(READ[:3], 0, 1.0)
+    receiver.feed(READ, 0, LINE.seconds(3.5))
+    assert [frame.frame for frame in receiver.on_silence()] == [READ]
 
 
-def test_a_marked_byte_voids_its_frame_and_not_the_next() -> None:
-    ear = rtu()
-    ear.feed(READ, 1, 1.0)
-    assert ear.on_silence() == []
-    ear.feed(READ, 0, 1.0)
-    assert len(ear.on_silence()) == 1
+def test_a_line_error_invalidates_its_frame_and_not_the_next() -> None:
+    receiver = rtu()
+    receiver.feed(READ, 1, 1.0)
+    assert receiver.on_silence() == []
+    receiver.feed(READ, 0, 1.0)
+    assert len(receiver.on_silence()) == 1
 
 
-def test_a_short_gap_is_told() -> None:
-    ear = rtu()
-    ear.feed(READ, 0, LINE.seconds(3.0))
-    [received] = ear.on_silence()
-    assert received.short_gap
-    assert received.silence_s == LINE.seconds(3.0)
+def test_a_short_gap_is_reported() -> None:
+    receiver = rtu()
+    receiver.feed(READ, 0, LINE.seconds(3.0))
+    [frame] = receiver.on_silence()
+    assert frame.short_gap
+    assert frame.silence_s == LINE.seconds(3.0)
 
 
 def test_jitter_up_to_the_tolerance_is_no_short_gap() -> None:
-    ear = FrameReceiver((modbus.ModbusRtuCodec(),), RTU_RULE, LINE, tolerance_s=0.001)
-    ear.feed(READ, 0, ear.gap_s - 0.0009)
-    [received] = ear.on_silence()
-    assert not received.short_gap
+    receiver = FrameReceiver((modbus.ModbusRtuCodec(),), RTU_RULE, LINE, tolerance_s=0.001)
+    receiver.feed(READ, 0, receiver.gap_s - 0.0009)
+    [frame] = receiver.on_silence()
+    assert not frame.short_gap
 
 
-def test_what_follows_a_c320_frame_without_silence_is_not_recognised() -> None:
+def test_bytes_after_a_c320_frame_without_silence_are_ignored() -> None:
     station = make_station("c320", 1)
-    ear = FrameReceiver(station.codecs, station.rule, LINE)
+    receiver = FrameReceiver(station.codecs, station.rule, LINE)
     frame = station.codecs[0].encode_request(sunfar.ReadMonitor(1, 0))
-    assert len(ear.feed(frame + frame, 0, 1.0)) == 1
-    assert ear.feed(frame, 0, LINE.seconds(1)) == []
-    assert len(ear.feed(frame, 0, LINE.seconds(5))) == 1
+    assert len(receiver.feed(frame + frame, 0, 1.0)) == 1
+    assert receiver.feed(frame, 0, LINE.seconds(1)) == []
+    assert len(receiver.feed(frame, 0, LINE.seconds(5))) == 1
 
 
-def test_a_c320_hears_both_encodings_by_their_head() -> None:
+def test_a_c320_recognises_both_encodings_by_their_head() -> None:
     station = make_station("c320", 1)
     for codec in station.codecs:
-        [received] = hears(station, codec.encode_request(sunfar.ReadMonitor(1, 0)))
-        assert received.codec is codec
+        [frame] = received_frames(station, codec.encode_request(sunfar.ReadMonitor(1, 0)))
+        assert frame.codec is codec

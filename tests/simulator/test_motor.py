@@ -1,4 +1,4 @@
-"""The motor's physics: exact ramps, energy that balances, trips that come when they must."""
+"""Motor model: exact ramps, balanced energy, and trips at their limits."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_energy_from_the_mains_is_losses_load_work_and_kinetic_energy(dt: float)
         m.step(dt)
     power_w = m.rating.power_kw * 1e3
     kinetic_j = 0.5 * m.rating.inertia_s * power_w
-    load_j = 0.5 * power_w * (2.5 + 25.0)  # 5 s of ramp count half
+    load_j = 0.5 * power_w * (2.5 + 25.0)  # the 5 s of the ramp count half
     own_j = 15.0 * 30.0
     assert m.energy_j == pytest.approx(m.loss_j + kinetic_j + load_j + own_j, rel=1e-3)
     assert m.energy_kwh == pytest.approx(m.energy_j / 3.6e6)
@@ -228,9 +228,9 @@ def test_a_power_cut_trips_on_under_voltage_and_the_drive_is_not_ready() -> None
 
 
 @pytest.mark.parametrize(
-    "load", [MotorLoad(0.3), MotorLoad.fan(0.8), MotorLoad.hoist(0.5)], ids=["constant", "fan", "winch"]
+    "load", [MotorLoad(0.3), MotorLoad.fan(0.8), MotorLoad.hoist(0.5)], ids=["constant", "fan", "hoist"]
 )
-def test_a_coasting_rotor_comes_to_rest_the_same_in_one_step_or_many(load: MotorLoad) -> None:
+def test_a_coasting_rotor_stops_at_the_same_time_in_one_step_or_many(load: MotorLoad) -> None:
     many, one = motor(load), motor(load)
     for m in (many, one):
         m.run(50.0)
@@ -257,7 +257,7 @@ def test_a_start_finds_a_rotor_that_still_turns() -> None:
     assert m.trip is None
 
 
-def test_a_held_ramp_stands_still() -> None:
+def test_a_held_ramp_keeps_its_frequency() -> None:
     m = motor()
     m.run(50.0)
     m.step(2.0)
@@ -290,14 +290,14 @@ def test_a_hot_cabinet_trips_on_over_heat() -> None:
 
 def test_the_same_commands_give_the_same_motor() -> None:
     def history() -> list[float]:
-        m, seen = motor(MotorLoad.fan()), []
+        m, values = motor(MotorLoad.fan()), []
         for n in range(200):
             if n == 3:
                 m.run(40.0)
             if n == 120:
                 m.stop()
             m.step(0.1)
-            seen += [m.output_hz, m.current_a, m.bus_v, m.temperature_c]
-        return seen
+            values += [m.output_hz, m.current_a, m.bus_v, m.temperature_c]
+        return values
 
     assert history() == history()

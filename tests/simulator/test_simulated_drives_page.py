@@ -1,4 +1,4 @@
-"""The reference page names every model, setting and weather that exists, in both languages."""
+"""The reference page names every model, option and line quality in both languages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PAGES = Path(__file__).parents[2] / "docs" / "reference"
 
 
 @pytest.mark.parametrize("page", ["simulated-drives.md", "simulated-drives.zh.md"])
-def test_the_page_names_everything_that_can_be_chosen(page: str) -> None:
+def test_the_page_names_every_model_and_option(page: str) -> None:
     text = (PAGES / page).read_text(encoding="utf-8")
     missing = [
         word

@@ -1,4 +1,4 @@
-"""The wire: character times, collisions, noise, echo, lateness. Pure, so time is a number here."""
+"""Wire of the simulated bus: character times, collisions, noise, echo, lateness; time is an argument."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ CHARACTER_S = 10 / 9600
 BOTH = (Side.MASTERS, Side.STATIONS)
 
 
-def wire(weather: str = "", line: SerialSettings = LINE, seed: int = 1) -> Wire:
-    return Wire(line, parse_line_quality(weather), random.Random(seed))
+def wire(line_quality: str = "", line: SerialSettings = LINE, seed: int = 1) -> Wire:
+    return Wire(line, parse_line_quality(line_quality), random.Random(seed))
 
 
 def arrivals(w: Wire, side: Side = Side.MASTERS) -> list[tuple[float, bytes, int]]:
@@ -32,24 +32,24 @@ def arrivals(w: Wire, side: Side = Side.MASTERS) -> list[tuple[float, bytes, int
 
 def test_a_frame_arrives_when_its_last_stop_bit_has_ended() -> None:
     w = wire()
-    w.transmit("host", b"12345678", 1.0, BOTH)
+    w.transmit("master", b"12345678", 1.0, BOTH)
     assert w.next_event_at() == pytest.approx(1.0 + 8 * CHARACTER_S)
     assert arrivals(w) == [(pytest.approx(1.0 + 8 * CHARACTER_S), b"12345678", 0)]
 
 
 def test_parity_makes_a_character_eleven_bits_long() -> None:
     w = wire(line=SerialSettings(9600, 8, "E"))
-    w.transmit("host", b"12345678", 0.0, BOTH)
+    w.transmit("master", b"12345678", 0.0, BOTH)
     assert w.next_event_at() == pytest.approx(8 * 11 / 9600)
 
 
-def test_bytes_come_one_by_one_at_their_own_times() -> None:
+def test_bytes_arrive_singly_each_at_its_own_time() -> None:
     w = wire("bytes")
     w.transmit("station", b"abc", 0.0, (Side.MASTERS,))
     assert arrivals(w) == [(pytest.approx((n + 1) * CHARACTER_S), b"abc"[n : n + 1], 0) for n in range(3)]
 
 
-def test_an_adapter_hands_bytes_over_in_batches_of_16_ms() -> None:
+def test_an_adapter_delivers_bytes_in_batches_of_16_ms() -> None:
     w = wire("batch=16")
     data = bytes(range(32))
     w.transmit("station", data, 0.001, (Side.MASTERS,))
@@ -60,23 +60,23 @@ def test_an_adapter_hands_bytes_over_in_batches_of_16_ms() -> None:
 
 def test_bytes_written_while_the_line_is_busy_follow_without_a_pause() -> None:
     w = wire()
-    first = w.transmit("host", b"1234", 0.0, BOTH)
-    second = w.transmit("host", b"56", 0.001, BOTH)
+    first = w.transmit("master", b"1234", 0.0, BOTH)
+    second = w.transmit("master", b"56", 0.001, BOTH)
     assert second.start == first.end
-    assert second.quiet_s == pytest.approx(0.0)
+    assert second.silence_s == pytest.approx(0.0)
     assert w.collisions == 0
 
 
-def test_the_silence_before_a_frame_is_measured_from_whoever_spoke_last() -> None:
+def test_the_silence_before_a_frame_is_measured_from_the_last_transmitter() -> None:
     w = wire()
-    w.transmit("host", b"1234", 0.0, BOTH)
+    w.transmit("master", b"1234", 0.0, BOTH)
     reply = w.transmit("station", b"5678", 0.01, (Side.MASTERS,))
-    next_one = w.transmit("host", b"1234", reply.end + 0.002, BOTH)
-    assert reply.quiet_s == pytest.approx(0.01 - 4 * CHARACTER_S)
-    assert next_one.quiet_s == pytest.approx(0.002)
+    request = w.transmit("master", b"1234", reply.end + 0.002, BOTH)
+    assert reply.silence_s == pytest.approx(0.01 - 4 * CHARACTER_S)
+    assert request.silence_s == pytest.approx(0.002)
 
 
-def test_two_who_talk_at_once_garble_each_other() -> None:
+def test_two_transmissions_at_once_corrupt_each_other() -> None:
     w = wire()
     w.transmit("one", bytes(10), 0.0, BOTH)
     w.transmit("two", bytes([255]) * 10, 5 * CHARACTER_S, BOTH)
@@ -84,10 +84,10 @@ def test_two_who_talk_at_once_garble_each_other() -> None:
     assert w.collisions == 1
     assert first[:5] == bytes(5)
     assert first[5:] != bytes(5)
-    assert second == bytes([255]) * 5  # its first five drowned
+    assert second == bytes([255]) * 5  # its first five characters are lost
 
 
-def test_what_was_delivered_before_a_collision_stays_delivered() -> None:
+def test_bytes_delivered_before_a_collision_stay_delivered() -> None:
     w = wire("bytes")
     w.transmit("one", bytes(4), 0.0, BOTH)
     assert w.pop_event(CHARACTER_S) is not None
@@ -100,26 +100,25 @@ def test_half_of_a_collision_is_noticed_by_parity() -> None:
     w = wire(line=SerialSettings(9600, 8, "E"))
     w.transmit("one", bytes(200), 0.0, BOTH)
     w.transmit("two", bytes(200), 0.0, BOTH)
-    marks = sum(marks for _, _, marks in arrivals(w))
-    assert 60 < marks < 140
+    assert 60 < sum(line_errors for _, _, line_errors in arrivals(w)) < 140
 
 
-def test_a_lost_frame_reaches_nobody() -> None:
+def test_a_lost_frame_reaches_no_receiver() -> None:
     w = wire("loss=1")
-    w.transmit("host", b"1234", 0.0, BOTH)
+    w.transmit("master", b"1234", 0.0, BOTH)
     assert w.next_event_at() is None
 
 
-def test_a_flipped_bit_is_marked_where_there_is_parity_and_unseen_where_there_is_none() -> None:
+def test_a_flipped_bit_is_a_line_error_with_parity_and_undetected_without() -> None:
     for line, marked in ((SerialSettings(9600, 8, "E"), True), (LINE, False)):
         w = wire("flip=1", line)
-        w.transmit("host", bytes(50), 0.0, BOTH)
-        [(_, data, marks)] = arrivals(w)
+        w.transmit("master", bytes(50), 0.0, BOTH)
+        [(_, data, line_errors)] = arrivals(w)
         assert all(byte.bit_count() == 1 for byte in data)
-        assert marks == (50 if marked else 0)
+        assert line_errors == (50 if marked else 0)
 
 
-def test_a_late_reply_comes_late_but_whole() -> None:
+def test_a_late_reply_arrives_late_but_complete() -> None:
     w = wire("late=1:0.4")
     w.transmit_reply("station", b"1234", 0.0, 0.0)
     [(at, data, _)] = arrivals(w)
@@ -127,7 +126,7 @@ def test_a_late_reply_comes_late_but_whole() -> None:
     assert data == b"1234"
 
 
-def test_late_replies_of_one_station_come_in_order() -> None:
+def test_late_replies_of_one_station_arrive_in_order() -> None:
     w = wire("late=0.5:5", seed=3)
     for n in range(50):
         w.transmit_reply("station", bytes((n,)), n * 0.1, n * 0.1)
@@ -135,20 +134,20 @@ def test_late_replies_of_one_station_come_in_order() -> None:
     assert w.collisions == 0
 
 
-def test_a_duplicate_reply_comes_twice() -> None:
+def test_a_duplicate_reply_arrives_twice() -> None:
     w = wire("duplicate=1")
     w.transmit_reply("station", b"1234", 0.0, 0.0)
     assert [data for _, data, _ in arrivals(w)] == [b"1234", b"1234"]
 
 
 def test_the_driver_can_cut_the_first_and_the_last_byte() -> None:
-    for weather, expected in (("cut_first=1", b"234"), ("cut_last=1", b"123")):
-        w = wire(weather)
+    for line_quality, expected in (("cut_first=1", b"234"), ("cut_last=1", b"123")):
+        w = wire(line_quality)
         w.transmit("station", b"1234", 0.0, (Side.MASTERS,))
         assert [data for _, data, _ in arrivals(w)] == [expected]
 
 
-def test_a_stray_byte_can_come_before_a_reply() -> None:
+def test_a_stray_byte_can_precede_a_reply() -> None:
     w = wire("junk=1")
     w.transmit_reply("station", b"1234", 0.0, 0.0)
     [(_, data, _)] = arrivals(w)
@@ -157,10 +156,10 @@ def test_a_stray_byte_can_come_before_a_reply() -> None:
 
 def test_a_wrong_baud_rate_is_unreadable() -> None:
     w = wire()
-    w.transmit("host", b"12345678", 0.0, BOTH, SerialSettings(19200))
-    [(at, data, marks)] = arrivals(w)
+    w.transmit("master", b"12345678", 0.0, BOTH, SerialSettings(19200))
+    [(at, data, line_errors)] = arrivals(w)
     assert at == pytest.approx(8 * 10 / 19200)
-    assert data != b"12345678" and marks == 8
+    assert data != b"12345678" and line_errors == 8
 
 
 def test_nothing_passes_an_unplugged_wire() -> None:
@@ -171,23 +170,23 @@ def test_nothing_passes_an_unplugged_wire() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
-    def received(seed: int) -> list[tuple[float, bytes, int]]:
+    def noisy_arrivals(seed: int) -> list[tuple[float, bytes, int]]:
         w = wire("noisy,late=0.3:0.2,duplicate=0.1", seed=seed)
         for n in range(200):
             w.transmit_reply("station", bytes(range(12)), n * 1.0, n * 1.0)
         return arrivals(w)
 
-    assert received(7) == received(7)
-    assert received(7) != received(8)
+    assert noisy_arrivals(7) == noisy_arrivals(7)
+    assert noisy_arrivals(7) != noisy_arrivals(8)
 
 
-def test_clean_weather_draws_no_lots() -> None:
-    w = Wire(LINE, LineQuality(), NoLuck())
+def test_a_clean_line_uses_no_random_numbers() -> None:
+    w = Wire(LINE, LineQuality(), UnusedRng())
     w.transmit_reply("station", b"1234", 0.0, 0.0)
     assert [data for _, data, _ in arrivals(w)] == [b"1234"]
 
 
-class NoLuck:
+class UnusedRng:
     def random(self) -> float:
         raise AssertionError
 
@@ -212,21 +211,21 @@ class NoLuck:
         ("lossy,loss=0.5", LineQuality(loss=0.5, flip=0.001)),
     ],
 )
-def test_a_weather_is_read(text: str, expected: LineQuality) -> None:
+def test_a_line_quality_is_parsed(text: str, expected: LineQuality) -> None:
     assert parse_line_quality(text) == expected
 
 
 @pytest.mark.parametrize(
     "text", ["rain", "loss", "loss=", "loss=2", "loss=-0.1", "loss=nan", "late=x:1", "batch=-1", "loss=0.1:3"]
 )
-def test_a_line_quality_that_makes_no_sense_is_refused(text: str) -> None:
+def test_an_invalid_line_quality_is_rejected(text: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         parse_line_quality(text)
     assert caught.value.key in ("sim.line_quality_word", "sim.line_quality_number")
     assert caught.value.params["found"] == text
 
 
-def test_the_rejection_of_a_line_quality_says_what_was_found_and_expected() -> None:
+def test_the_rejection_of_a_line_quality_names_the_found_and_expected_text() -> None:
     with pytest.raises(ConfigurationError) as caught:
         parse_line_quality("loss=2")
     assert str(caught.value) == "line quality loss=2: expected a number 0 … 1, as in loss=0.05 or late=0.1:0.4"

@@ -63,7 +63,7 @@ def test_the_address_logs_in_once(demo: Demo, browser: httpx.Client) -> None:
     assert again.status_code == 401
 
 
-def test_who_comes_back_has_a_password_and_the_configuration_is_a_file(demo: Demo, browser: httpx.Client) -> None:
+def test_a_later_login_needs_the_password_and_the_configuration_is_a_file(demo: Demo, browser: httpx.Client) -> None:
     """After an idle while the page asks for it, and the address logs in only once."""
     base, printed = str(browser.base_url).rstrip("/"), demo[1]
     who = {"name": printed["user"], "password": printed["password"]}
@@ -73,7 +73,7 @@ def test_who_comes_back_has_a_password_and_the_configuration_is_a_file(demo: Dem
     assert "[drive.fan-1]" in file["text"]
 
 
-def test_twelve_drives_of_four_families_on_four_lines_answer(browser: httpx.Client) -> None:
+def test_twelve_drives_of_four_families_on_four_buses_reply(browser: httpx.Client) -> None:
     deadline = time.monotonic() + PATIENCE_S
     found: dict[str, dict[str, object]] = {}
     while time.monotonic() < deadline and {one["presence"] for one in found.values()} != {"online"}:
@@ -84,7 +84,7 @@ def test_twelve_drives_of_four_families_on_four_lines_answer(browser: httpx.Clie
     assert len({one["model"] for one in found.values()}) == len({one["bus"] for one in found.values()}) == 4
 
 
-def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
+def test_the_demo_starts_with_eight_hours_of_history(browser: httpx.Client) -> None:
     now_ms = int(time.time() * 1000)
     span = {"from_ms": now_ms - int(HOURS * 3_600_000), "to_ms": now_ms}
     found = browser.get("api/v1/history/trend", params={"tags": "spindle-1.output_frequency", **span}).json()
@@ -96,7 +96,7 @@ def test_a_shift_of_eight_hours_lies_behind_it(browser: httpx.Client) -> None:
     assert {"command"} <= {marker["kind"] for marker in markers}
 
 
-def test_ctrl_c_ends_it_and_nothing_of_it_is_left(demo: Demo) -> None:
+def test_ctrl_c_ends_the_demo_and_leaves_no_process_or_file(demo: Demo) -> None:
     process, printed = demo
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 0

@@ -42,7 +42,7 @@ def turning(here: SystemBench) -> float:
 
 @pytest.mark.parametrize("direction", list(Direction))
 @every_drive
-def test_a_run_turns_the_motor_the_right_way_at_the_right_speed_and_a_stop_ends_it(
+def test_a_run_turns_the_motor_in_its_direction_at_its_speed_and_a_stop_ends_it(
     kind: SystemVariant, direction: Direction
 ) -> None:
     async def scenario() -> None:
@@ -66,7 +66,7 @@ def test_a_run_turns_the_motor_the_right_way_at_the_right_speed_and_a_stop_ends_
 
 
 @every_reporting_drive
-def test_waiting_returns_when_the_motor_is_there_and_not_before(kind: SystemVariant) -> None:
+def test_waiting_returns_when_the_motor_has_reached_the_target_and_not_before(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             reached = await here.drive.run(30.0, wait=True)
@@ -79,7 +79,7 @@ def test_waiting_returns_when_the_motor_is_there_and_not_before(kind: SystemVari
 
 
 @every_reporting_drive
-def test_waiting_for_a_motor_that_trips_raises_with_what_it_reported(kind: SystemVariant) -> None:
+def test_waiting_for_a_motor_that_trips_raises_with_the_reported_state(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             waiting = asyncio.ensure_future(here.drive.run(40.0, wait=True))
@@ -96,7 +96,7 @@ def test_waiting_for_a_motor_that_trips_raises_with_what_it_reported(kind: Syste
 
 
 @every_drive
-def test_a_new_frequency_is_what_the_motor_then_runs_at(kind: SystemVariant) -> None:
+def test_a_new_frequency_becomes_the_speed_of_the_motor(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
@@ -113,7 +113,7 @@ def test_a_new_frequency_is_what_the_motor_then_runs_at(kind: SystemVariant) -> 
 
 
 @every_drive
-def test_running_on_at_another_frequency_is_no_second_start(kind: SystemVariant) -> None:
+def test_a_run_at_another_frequency_does_not_start_again(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
@@ -127,7 +127,7 @@ def test_running_on_at_another_frequency_is_no_second_start(kind: SystemVariant)
 
 
 @every_reporting_drive
-def test_a_reverse_while_it_runs_forward_is_refused_before_anything_is_sent(kind: SystemVariant) -> None:
+def test_a_reverse_while_it_runs_forward_is_rejected_before_anything_is_sent(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0, Direction.FORWARD)
@@ -175,7 +175,7 @@ def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemV
 
 
 @every_drive
-def test_a_tripped_drive_is_named_reset_and_started_again(kind: SystemVariant) -> None:
+def test_a_tripped_drive_is_reported_reset_and_started_again(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(20.0)
@@ -267,7 +267,7 @@ def test_a_lost_reply_to_a_start_never_starts_twice(kind: SystemVariant) -> None
 
 
 @every_drive
-def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(kind: SystemVariant) -> None:
+def test_a_lost_start_is_sent_again_only_where_the_drive_reports_stopped(kind: SystemVariant) -> None:
     """Ruling 6; never for DF800, which shows nothing."""
 
     async def scenario() -> None:
@@ -285,7 +285,7 @@ def test_a_lost_start_is_sent_again_only_where_the_drive_shows_that_it_stands(ki
 
 @pytest.mark.parametrize("after_s", [0.45, 0.6, 0.8, 1.2, 1.8])
 @every_drive
-def test_a_stop_at_the_keypad_is_not_undone_by_the_host(kind: SystemVariant, after_s: float) -> None:
+def test_a_stop_at_the_keypad_is_not_undone_by_the_master(kind: SystemVariant, after_s: float) -> None:
     """The start was executed and its reply lost; once running was seen nobody sends it again."""
 
     async def scenario() -> None:
@@ -308,7 +308,7 @@ def discard(_: object) -> None:
 
 
 @every_drive
-def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_again(kind: SystemVariant) -> None:
+def test_a_start_whose_drive_goes_silent_is_unknown_and_not_repeated(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             station = here.station()
@@ -325,7 +325,7 @@ def test_a_drive_that_falls_silent_after_its_start_is_unknown_and_not_started_ag
 
 
 @every_reporting_drive
-def test_a_drive_that_takes_no_command_from_the_bus_is_never_called_started(kind: SystemVariant) -> None:
+def test_a_drive_that_ignores_commands_of_the_bus_is_never_reported_started(kind: SystemVariant) -> None:
     """The pre-flight names it where the parameter can be read; else the motor that stands tells."""
 
     async def scenario() -> None:
@@ -347,7 +347,7 @@ WORDS = {"confirmed", "acknowledged", "refused", "failed", "unknown"}
 
 @pytest.mark.parametrize("weather", ["loss=0.1,flip=0.001,bytes", "late=0.15:0.12,bytes", "noisy,bytes"])
 @every_drive
-def test_in_bad_weather_every_word_is_true_against_the_motor(kind: SystemVariant, weather: str) -> None:
+def test_on_a_bad_line_every_reported_outcome_matches_the_motor(kind: SystemVariant, weather: str) -> None:
     """G05 in the small: a hundred commands a drive; what is called confirmed is so, and no start is executed twice."""
 
     async def scenario(seed: int) -> None:
@@ -389,7 +389,7 @@ def test_in_bad_weather_every_word_is_true_against_the_motor(kind: SystemVariant
         run_virtual(scenario(seed))
 
 
-def test_df800_says_that_nothing_was_seen() -> None:
+def test_a_df800_outcome_is_acknowledged_without_confirmation() -> None:
     """T17, ruling 1: its yes is acknowledged and no more."""
 
     async def scenario() -> None:
@@ -402,7 +402,7 @@ def test_df800_says_that_nothing_was_seen() -> None:
     run_virtual(scenario())
 
 
-def test_every_model_that_is_simulated_has_its_stories() -> None:
+def test_every_simulated_model_is_tested() -> None:
     from drivebus.simulator.models.catalog import simulated_models
 
     assert {kind.model for kind in SYSTEM_VARIANTS} == set(simulated_models())

@@ -78,7 +78,7 @@ def transaction_s(kind: SystemVariant, here: SystemBench) -> float:
 
 
 @every_family
-def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -> None:
+def test_polling_31_drives_takes_the_computed_time(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind, ADDRESSES[kind.model]) as here:
             await asyncio.sleep(1.0)
@@ -106,7 +106,7 @@ def test_polling_31_drives_takes_what_the_arithmetic_says(kind: SystemVariant) -
 
 @on_four_lines
 @every_family
-def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVariant, weather: str) -> None:
+def test_every_drive_of_a_full_bus_stays_online_at_any_line_quality(kind: SystemVariant, weather: str) -> None:
     async def scenario() -> None:
         async with system_bench(kind, ADDRESSES[kind.model], weather) as here:
             polls = PollRound(here)
@@ -123,7 +123,7 @@ def test_every_drive_of_a_full_line_stays_online_in_any_weather(kind: SystemVari
 
 @pytest.mark.parametrize("dead", [1, 5, 15, 30])
 @pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
-def test_silent_drives_cost_the_living_a_tenth_of_the_bus_at_most_and_come_back(kind: SystemVariant, dead: int) -> None:
+def test_silent_drives_take_at_most_a_tenth_of_the_bus_and_come_back(kind: SystemVariant, dead: int) -> None:
     """The cycle of the living stretches by 11.2 % at most for any number of dead drives."""
 
     async def scenario() -> None:
@@ -216,5 +216,5 @@ def _closing(monitor: Any) -> Any:
     return Both()
 
 
-def test_the_table_of_frames_speaks_of_every_family() -> None:
+def test_the_table_of_frames_covers_every_family() -> None:
     assert set(POLL_LENGTHS) == {kind.name for kind in FAMILIES}

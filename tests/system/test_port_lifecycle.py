@@ -13,6 +13,7 @@ from drivebus.drives import stop_bus
 from drivebus.errors import DrivebusError, EepromBudgetExceeded, OutcomeUnknown, PortLost
 from drivebus.protocols import sunfar
 from drivebus.simulator.motor import Trip
+from drivebus.simulator.port import simulated_bus_of
 from fixtures.system_bench import (
     C320,
     C320_HEX,
@@ -34,7 +35,7 @@ COMM_LOSS_ACTION, COMM_LOSS_TIME = 0x903, 0x904
 
 
 @every_drive
-def test_an_adapter_pulled_during_a_start_leaves_it_unknown_and_nothing_is_replayed(kind: SystemVariant) -> None:
+def test_a_start_during_which_the_adapter_is_unplugged_is_unknown_and_not_replayed(kind: SystemVariant) -> None:
     """I10, G09: at any moment of it; after the replug only reads leave, and the motor is as the cut left it."""
 
     async def scenario(after_s: float) -> None:
@@ -94,7 +95,7 @@ def test_polling_is_back_within_two_seconds_of_the_replug_every_time(kind: Syste
 
 
 @every_family
-def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: SystemVariant) -> None:
+def test_a_request_to_an_unplugged_adapter_is_rejected_at_once(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind) as here:
             await here.drive.run(10.0)
@@ -116,7 +117,7 @@ def test_what_is_asked_of_a_pulled_adapter_is_refused_at_once(kind: SystemVarian
 
 
 @pytest.mark.parametrize("kind", [C320, C320_HEX], ids=lambda kind: kind.name)
-def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(kind: SystemVariant) -> None:
+def test_a_c320_trips_by_its_own_timer_when_the_master_goes_silent_and_not_before(kind: SystemVariant) -> None:
     """F9.3/F9.4 (manual 2.2.4): polling feeds the timer, silence trips the drive at its time exactly."""
 
     async def scenario() -> None:
@@ -142,7 +143,7 @@ def test_a_c320_trips_by_its_own_timer_when_the_host_goes_away_and_not_before(ki
     run_virtual(scenario())
 
 
-def test_a_c320_without_the_timer_runs_on_and_the_host_says_so() -> None:
+def test_a_c320_without_the_timer_runs_on_and_the_master_reports_it() -> None:
     """What the drive will do is told before anybody leaves."""
 
     async def scenario() -> None:
@@ -236,7 +237,7 @@ def test_the_budget_of_saved_writes_ends_at_twenty_a_day(kind: SystemVariant) ->
     run_virtual(scenario())
 
 
-def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
+def test_every_drive_of_a_bus_with_two_families_is_stopped() -> None:
     """T18 allowed on purpose: C320 and VC660 on one pair of wires, 9600 8N1, each family told in its own words."""
 
     async def scenario() -> None:
@@ -246,7 +247,7 @@ def test_a_line_of_two_families_is_stopped_to_the_last_drive() -> None:
         from fixtures.system_bench import WireTap
 
         port = open_port("sim://c320@1-3+vc660@14-16?baud=9600&format=8N1&ramp=2&line_quality=bytes")
-        tap = WireTap(port.simulated_bus)
+        tap = WireTap(simulated_bus_of(port))
         bus = Bus(port, allow_mixed=True)
         drives = [Drive(bus, "c320", n, store=MemoryStore()) for n in (1, 2, 3)]
         drives += [Drive(bus, "vc660", n, store=MemoryStore()) for n in (14, 15, 16)]
@@ -278,5 +279,5 @@ def test_the_c320_station_does_start_on_a_read_that_carries_an_operation() -> No
     run_virtual(scenario())
 
 
-def test_kinds_name_each_family() -> None:
+def test_the_request_kinds_cover_each_family() -> None:
     assert {k.model for k in (C320, DZB100, VC660, DF800)} == {"c320", "dzb100", "vc660", "df800"}

@@ -79,7 +79,7 @@ def value_of(reply: Any) -> int:
     "weather", ["late=0.05:0.4,bytes", "late=0.2:5", "late=0.1:5,loss=0.05,flip=0.001,duplicate=0.05"]
 )
 @every_family
-def test_of_2000_transactions_none_is_answered_by_another_ones_reply(kind: SystemVariant, weather: str) -> None:
+def test_none_of_2000_transactions_gets_the_reply_of_another(kind: SystemVariant, weather: str) -> None:
     """Lateness up to 5 s; a station answers in order."""
 
     async def scenario() -> None:
@@ -127,9 +127,7 @@ def permitted_write(here: SystemBench, address: int, request: Any) -> BusRequest
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
 @pytest.mark.parametrize("echoes", [True, False], ids=["echo", "no echo"])
 @every_family
-def test_an_echo_adapter_mis_set_either_way_forges_no_acknowledgement(
-    kind: SystemVariant, echoes: bool, setting: str
-) -> None:
+def test_a_wrong_echo_setting_never_forges_an_acknowledgement(kind: SystemVariant, echoes: bool, setting: str) -> None:
     """Writes to a drive that is not there, beside one that is."""
 
     async def scenario() -> None:
@@ -161,7 +159,9 @@ def test_an_echo_adapter_mis_set_either_way_forges_no_acknowledgement(
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
 @pytest.mark.parametrize("echoes", [True, False], ids=["echo", "no echo"])
 @every_drive
-def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVariant, echoes: bool, setting: str) -> None:
+def test_a_stopped_drive_behind_an_echo_is_never_reported_started(
+    kind: SystemVariant, echoes: bool, setting: str
+) -> None:
     async def scenario() -> None:
         async with system_bench(kind, "1", "echo" if echoes else "clean", echo=setting) as here:
             outcome = await command_ending(here.drive.run(20.0))
@@ -177,7 +177,7 @@ def test_no_drive_behind_an_echo_is_called_started_that_is_not(kind: SystemVaria
 
 
 @every_drive
-def test_another_master_is_noticed_and_no_start_leaves_while_it_is_there(kind: SystemVariant) -> None:
+def test_another_master_is_detected_and_inhibits_every_start(kind: SystemVariant) -> None:
     """Flagged within two of its frames; a stop goes out all the same."""
 
     async def scenario() -> None:
@@ -222,7 +222,7 @@ async def duplicate_drive(kind: SystemVariant, here: SystemBench, skew_s: float)
 
 
 @every_drive
-def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind: SystemVariant) -> None:
+def test_two_drives_at_one_address_are_detected_and_stopped_but_not_started(kind: SystemVariant) -> None:
     """Two answers to one question; the command is blocked, the stop is not."""
 
     async def scenario() -> None:
@@ -248,7 +248,9 @@ def test_two_drives_at_one_address_are_noticed_and_stopped_but_not_started(kind:
 
 @pytest.mark.parametrize("skew_s", [0.0, 0.003, 0.01, 0.02, 0.035, 0.06, 0.15])
 @every_family
-def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, skew_s: float) -> None:
+def test_a_duplicate_address_is_never_started_whenever_the_second_drive_replies(
+    kind: SystemVariant, skew_s: float
+) -> None:
     """As two overlapping answers, as bytes behind an answer, as a second answer: whatever it looks like."""
 
     async def scenario() -> None:
@@ -263,7 +265,7 @@ def test_whenever_a_double_answers_nobody_starts_the_pair(kind: SystemVariant, s
 
 
 @pytest.mark.parametrize("kind", [C320, VC660, DF800], ids=lambda kind: kind.name)
-def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None:
+def test_a_reply_under_a_wrong_address_belongs_to_no_station(kind: SystemVariant) -> None:
     """It is dropped, and waiting goes on to the deadline."""
 
     async def scenario() -> None:
@@ -286,7 +288,7 @@ def test_an_answer_under_a_wrong_address_is_nobodys(kind: SystemVariant) -> None
 
 
 @pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
-def test_a_drive_whose_monitors_are_stuck_is_not_called_stopped(kind: SystemVariant) -> None:
+def test_a_drive_with_frozen_monitors_is_not_reported_stopped(kind: SystemVariant) -> None:
     """Where the state goes on saying "running" the stop stays unconfirmed; of C320 each reply has it afresh."""
 
     async def scenario() -> None:

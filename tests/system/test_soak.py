@@ -147,7 +147,7 @@ def moves(kind: SystemVariant, frame: bytes) -> bool:
 
 @pytest.mark.parametrize("seed", [1, 2, 18])
 @every_family
-def test_three_bad_minutes_break_no_invariant(kind: SystemVariant, seed: int) -> None:
+def test_the_invariants_hold_for_three_minutes_on_a_bad_line(kind: SystemVariant, seed: int) -> None:
     async def scenario() -> None:
         chance = random.Random(seed)
         async with system_bench(kind, "1-4", "clean", seed=seed) as here:

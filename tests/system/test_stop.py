@@ -131,7 +131,7 @@ def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(kind: Sys
 
 
 @every_family
-def test_i3_a_stop_is_on_the_wire_in_the_very_turn_of_the_loop_that_asks_for_it(kind: SystemVariant) -> None:
+def test_i3_a_stop_is_on_the_wire_in_the_loop_iteration_that_requests_it(kind: SystemVariant) -> None:
     """A turn later a poll that is due may have gone first."""
 
     async def scenario() -> None:
@@ -167,7 +167,7 @@ def start_of(here: SystemBench, address: int, word: int) -> BusRequest:
 
 
 @every_drive
-def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
+def test_a_stop_at_any_moment_of_a_start_overrides_it(kind: SystemVariant) -> None:
     """Whatever the start was waiting for, after the stop the motor stands and nothing starts it again."""
 
     async def scenario(after_s: float) -> None:
@@ -196,7 +196,7 @@ def test_a_stop_at_any_moment_of_a_start_wins(kind: SystemVariant) -> None:
 
 
 @every_drive
-def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: SystemVariant) -> None:
+def test_a_stop_removes_every_queued_command(kind: SystemVariant) -> None:
     """Commands of one drive wait for each other, and each was wished for before the stop."""
 
     async def scenario(after_s: float) -> None:
@@ -217,7 +217,7 @@ def test_a_stop_takes_away_every_wish_that_waits_for_its_turn(kind: SystemVarian
 
 
 @every_drive
-def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
+def test_a_stop_at_any_moment_of_a_jog_overrides_it(kind: SystemVariant) -> None:
     async def scenario(after_s: float) -> None:
         async with system_bench(kind) as here:
 
@@ -244,7 +244,7 @@ def test_a_stop_at_any_moment_of_a_jog_wins(kind: SystemVariant) -> None:
 
 
 @every_drive
-def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_motor_that_stands(kind: SystemVariant) -> None:
+def test_a_stop_through_loss_and_lateness_is_confirmed_only_by_a_stopped_motor(kind: SystemVariant) -> None:
     async def scenario(weather: str, seed: int) -> None:
         async with system_bench(kind, "1", "clean", seed=seed) as here:
             assert (await command_ending(here.drive.run(20.0))).succeeded
@@ -278,7 +278,7 @@ async def confirmed_or_alarmed(here: SystemBench, address: int) -> None:
 
 
 @every_family
-def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kind: SystemVariant) -> None:
+def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_bus_that_is_never_idle(kind: SystemVariant) -> None:
     """T_stop + 2 s, whatever waits in front of the reads that would confirm it; then it is repeated."""
 
     async def scenario() -> None:
@@ -299,7 +299,7 @@ def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_line_that_is_never_free(kin
 
 
 @pytest.mark.parametrize("kind", FAMILIES, ids=lambda kind: kind.name)
-def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: SystemVariant) -> None:
+def test_a_bus_stop_stops_every_drive_and_shows_its_evidence(kind: SystemVariant) -> None:
     """Broadcast first where the family has one (never DF800), then one by one, latched until released."""
 
     async def scenario() -> None:
@@ -340,7 +340,7 @@ def test_a_bus_stop_stops_every_drive_of_a_line_and_shows_its_evidence(kind: Sys
 
 
 @pytest.mark.parametrize("kind", [C320, DZB100, VC660], ids=lambda kind: kind.name)
-def test_a_broadcast_stop_has_stopped_the_line_before_anybody_was_asked_alone(kind: SystemVariant) -> None:
+def test_a_broadcast_stop_has_stopped_the_bus_before_any_single_drive_is_addressed(kind: SystemVariant) -> None:
     async def scenario() -> None:
         async with system_bench(kind, "1-8") as here:
             for drive in here.drives.values():
@@ -370,7 +370,7 @@ def test_i3_the_levels_after_a_broadcast_pulse_let_stops_go_first() -> None:
     run_virtual(scenario())
 
 
-def test_a_bus_stop_names_the_drive_that_does_not_answer() -> None:
+def test_a_bus_stop_names_the_drive_that_does_not_reply() -> None:
     """Unconfirmed and said so in bounded time; the others are stopped and confirmed."""
 
     async def scenario() -> None:

@@ -40,7 +40,7 @@ class HighestSetpoint:
 
 
 @pytest.mark.parametrize("coding", CODINGS)
-def test_before_its_coding_is_settled_no_dzb100_turns_faster_than_5_hz(coding: str) -> None:
+def test_before_its_coding_is_calibrated_no_dzb100_turns_faster_than_5_hz(coding: str) -> None:
     """T08: whatever is asked for, of a drive of any coding; what could mean more is refused before it is sent."""
 
     async def scenario() -> None:
@@ -68,9 +68,7 @@ def test_before_its_coding_is_settled_no_dzb100_turns_faster_than_5_hz(coding: s
 
 @pytest.mark.parametrize("query", CODINGS)
 @pytest.mark.parametrize("setpoint", CODINGS)
-def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed_is_right(
-    setpoint: str, query: str
-) -> None:
+def test_calibration_finds_every_coding_below_5_hz_and_then_the_speed_is_right(setpoint: str, query: str) -> None:
     async def scenario() -> None:
         options = {"setpoint_coding": setpoint, "query_coding": query, "parameter_coding": "hex-0.1"}
         async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
@@ -100,7 +98,7 @@ def test_the_proofs_find_any_coding_without_ever_passing_5_hz_and_then_the_speed
     run_virtual(scenario())
 
 
-def test_a_coding_that_was_proved_is_remembered_for_that_drive_only() -> None:
+def test_a_calibrated_coding_is_stored_for_that_drive_only() -> None:
     async def scenario() -> None:
         async with system_bench(DZB100, "1-2", settings=OPEN_OPTIONS) as here:
             here.station(1).setpoint_hz = 12.3
@@ -118,7 +116,9 @@ FIELDS = ("b3b2", "b2b3")
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("kind", [DF800, DF800_ASCII], ids=lambda kind: kind.name)
-def test_a_df800_turns_the_asked_way_once_a_watched_jog_has_settled_its_field(kind: SystemVariant, field: str) -> None:
+def test_a_df800_turns_in_the_requested_direction_after_calibration_by_an_observed_jog(
+    kind: SystemVariant, field: str
+) -> None:
     async def scenario() -> None:
         open_field = {"direction_proved": False}
         async with system_bench(kind, settings=open_field, direction_field=field) as here:
@@ -177,7 +177,7 @@ def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
     run_virtual(scenario())
 
 
-def test_a_proof_that_nobody_watched_settles_nothing() -> None:
+def test_a_calibration_without_an_observer_changes_nothing() -> None:
     async def scenario() -> None:
         store = MemoryStore()
         async with system_bench(DF800, settings={"direction_proved": False}) as here:

@@ -153,13 +153,13 @@ def test_a_protocol_without_a_check_gets_its_accepted_flips_counted() -> None:
     assert len(report.accepted_flips["speed"]) == 24
 
 
-def test_a_wrong_vector_is_blamed() -> None:
+def test_a_wrong_vector_is_reported() -> None:
     wrong = CodecExchange("speed", (3, 8), bytes.fromhex("55 03 07 5F"))
     with pytest.raises(CodecFault) as caught:
         check_codec(Toy(), [wrong])
     assert caught.value.rule == "encode_request returns the known bytes"
 
 
-def test_the_toy_refuses_with_protocol_errors_only() -> None:
+def test_the_toy_codec_raises_protocol_errors_only() -> None:
     with pytest.raises(ProtocolError):
         Toy().decode_reply(None, b"\x00\x00\x00\x00")

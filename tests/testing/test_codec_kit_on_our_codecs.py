@@ -114,14 +114,14 @@ CODECS: list[tuple[str, str, Any, Any]] = [
 
 
 @pytest.mark.parametrize(("family", "encoding", "codec", "received"), CODECS, ids=lambda value: str(value)[:6])
-def test_a_codec_with_a_check_believes_no_flip(family: str, encoding: str, codec: Any, received: Any) -> None:
+def test_a_codec_with_a_check_accepts_no_flip(family: str, encoding: str, codec: Any, received: Any) -> None:
     made = exchanges(family, encoding)
     assert made
     report = check_codec(codec, made, request_of=received, garbage_frames=60)
     assert not any(report.accepted_flips.values())
 
 
-def test_dzb100_believes_flips_and_the_kit_counts_them() -> None:
+def test_dzb100_accepts_flips_and_the_kit_counts_them() -> None:
     """Nothing on its wire detects a flip: a read reply's data digits and the acknowledgement byte are open to them.
 
     A write and a command echo their data, so only byte 2 is left: 07H is an error reply, 02H and 04H are state digits.

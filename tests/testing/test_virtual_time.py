@@ -20,7 +20,7 @@ def test_a_virtual_day_passes_at_once_and_exactly() -> None:
     assert time.perf_counter() - begun < 10
 
 
-def test_timers_run_in_order_and_see_their_own_time() -> None:
+def test_timers_run_in_order_each_at_its_own_time() -> None:
     async def main() -> list[tuple[str, float]]:
         loop = asyncio.get_running_loop()
         seen: list[tuple[str, float]] = []
@@ -42,7 +42,7 @@ def test_a_timeout_is_exact() -> None:
     assert run(main()) == 2.5
 
 
-def test_waiting_for_what_can_never_come_is_an_error_that_names_the_task() -> None:
+def test_waiting_for_an_event_that_never_happens_raises_and_names_the_task() -> None:
     async def main() -> None:
         asyncio.current_task().set_name("the forgotten one")  # type: ignore[union-attr]
         await asyncio.Event().wait()
@@ -67,7 +67,7 @@ def test_a_function_for_a_thread_runs_at_once() -> None:
     assert run(main()) == 7
 
 
-def test_an_error_in_the_story_comes_out() -> None:
+def test_an_error_in_the_coroutine_is_raised() -> None:
     async def main() -> None:
         await asyncio.sleep(1)
         raise KeyError("x")

@@ -76,7 +76,7 @@ class Oracle:
 
         def on_to_hosts(text: Any, first: int, last: int) -> None:
             self._deliveries.append((self.now(), text))
-            self.last_delivery_at[getattr(text.talker, "address", None)] = self.now()
+            self.last_delivery_at[getattr(text.source, "address", None)] = self.now()
             kept = [index for index in range(first, last) if index not in text.dropped]
             if kept:
                 self._last_character_end = max(self._last_character_end, text.start + (kept[-1] + 1) * text.character_s)

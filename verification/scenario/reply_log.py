@@ -88,7 +88,7 @@ class LateReplyCounter:
         flight = self._stand.bus.core.transaction
         if not name or flight is None or flight.sent_at < made_at:
             return
-        whose = "its own" if flight.prepared.station.address == said.talker.address else "another"
+        whose = "its own" if flight.prepared.station.address == said.source.address else "another"
         self._counts[f"{name}, met a newer question to {whose} station"] += 1
         if is_plausible_reply(self._stand.kind, flight.prepared.data, bytes(said.data)):
             self._counts[f"{name}, had the form of the answer to a newer question"] += 1

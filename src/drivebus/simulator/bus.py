@@ -25,7 +25,7 @@ class BusMaster(Protocol):
     settings: SerialSettings | None
     """Serial settings of the master; None where it has none that could be wrong."""
 
-    def receive(self, data: bytes, marks: int) -> None: ...
+    def receive(self, data: bytes, line_errors: int) -> None: ...
     def on_unplugged(self) -> None:
         """Handle the unplugging of the bus: the master is no longer attached."""
         ...
@@ -97,15 +97,15 @@ class SimulatedBus:
         """Unplug the adapter: every master loses its port, bytes on their way are lost, the drives go on."""
         self.wire.plugged = False
         self.wire.discard_pending()
-        hosts, self.masters = self.masters, []
-        for host in hosts:
-            host.on_unplugged()
+        masters, self.masters = self.masters, []
+        for master in masters:
+            master.on_unplugged()
 
     def replug(self) -> None:
         """Plug the adapter in again."""
         self.wire.plugged = True
-        for put_back in self.on_replug:
-            put_back()
+        for reopen in self.on_replug:
+            reopen()
 
     def attach(self, master: BusMaster) -> None:
         """Attach a master."""
@@ -138,13 +138,13 @@ class SimulatedBus:
                 groups[key] = (FrameReceiver(station.codecs, station.rule, self.settings, self.jitter_tolerance_s), [])
             groups[key][1].append(station)
         self._groups = list(groups.values())
-        self.wire.station_delays = tuple(sorted({ear.decision_delay_s for ear, _ in self._groups}))
+        self.wire.station_delays = tuple(sorted({receiver.decision_delay_s for receiver, _ in self._groups}))
 
     def set_jitter_tolerance(self, seconds: float) -> None:
         """Set the tolerance of measured silences: real ports are delayed by the operating system."""
         self.jitter_tolerance_s = seconds
-        for ear, _ in self._groups:
-            ear.tolerance_s = seconds
+        for receiver, _ in self._groups:
+            receiver.tolerance_s = seconds
 
     def _switch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
         """Move to another event loop: the wire is cleared, the drives keep their state."""
@@ -183,45 +183,38 @@ class SimulatedBus:
         self._release_timer()
 
     def _deliver_to_masters(self, transmission: Transmission, first: int, last: int) -> None:
-        data, marks = transmission.received(first, last)
-        for host in list(self.masters):
-            if not data or (host is transmission.talker and not self.line_quality.echo):
+        data, line_errors = transmission.received(first, last)
+        for master in list(self.masters):
+            if not data or (master is transmission.source and not self.line_quality.echo):
                 continue
-            if host.settings is not None and host.settings != self.settings:
-                host.receive(self.rng.randbytes(len(data)), len(data))
+            if master.settings is not None and master.settings != self.settings:
+                master.receive(self.rng.randbytes(len(data)), len(data))
             else:
-                host.receive(data, marks)
+                master.receive(data, line_errors)
 
     def _deliver_to_stations(self, transmission: Transmission, wait: float, now: float) -> None:
-        data, marks = transmission.received()
+        data, line_errors = transmission.received()
         over = self.wire.silent_since(now) <= transmission.end + 1e-9
-        for ear, stations in self._groups:
-            if ear.decision_delay_s != wait:
+        for receiver, stations in self._groups:
+            if receiver.decision_delay_s != wait:
                 continue
-            heard = ear.feed(data, marks, transmission.quiet_s)
-            if ear.rule.ends_by_silence and over:
-                heard = ear.on_silence()
-            for frame in heard:
+            frames = receiver.feed(data, line_errors, transmission.silence_s)
+            if receiver.rule.ends_by_silence and over:
+                frames = receiver.on_silence()
+            for frame in frames:
                 self._dispatch(frame, stations, transmission, now)
 
     def _dispatch(self, frame: ReceivedFrame, stations: list[Station], transmission: Transmission, now: float) -> None:
         if frame.address is None:
             return
         for station in stations:
-            everybody = frame.address == station.broadcast
-            if frame.address != station.address and not everybody:
+            is_broadcast = frame.address == station.broadcast
+            if frame.address != station.address and not is_broadcast:
                 station.on_foreign_frame(now)
                 continue
             station.record_gap(frame.silence_s, frame.short_gap)
             reply = station.handle_frame(
-                frame.message, frame.codec, self.settings, now, error=frame.error, is_broadcast=everybody
+                frame.message, frame.codec, self.settings, now, error=frame.error, is_broadcast=is_broadcast
             )
             if reply is not None:
                 self.wire.transmit_reply(station, reply.data, now, max(now, transmission.end + reply.delay_s))
-
-
-def open_port(link: Any) -> Any:
-    """Open a ``sim://`` URL: entry point of ``drivebus.simulator.port.open_port``."""
-    from drivebus.simulator.port import open_port as opened
-
-    return opened(link)

@@ -87,28 +87,28 @@ class FrameReceiver:
         frame, self._buffer = bytes(self._buffer), bytearray()
         if not frame or self._corrupted:
             return []
-        heard = self._decode(frame)
-        return [heard] if heard is not None and len(heard.frame) == len(frame) else []
+        received = self._decode(frame)
+        return [received] if received is not None and len(received.frame) == len(frame) else []
 
     def _start_characters(self) -> tuple[bytes, ...]:
         return tuple(bytes((byte,)) for byte in self.rule.start_bytes)
 
-    def _begin_frame(self, quiet_s: float, short: bool) -> None:
+    def _begin_frame(self, silence_s: float, short: bool) -> None:
         self._buffer.clear()
         self._corrupted = False
         self._short_gap = short
         self._ignoring = short and self.rule.requires_gap
-        self._silence_s = quiet_s
+        self._silence_s = silence_s
 
     def _take_complete_frame(self) -> list[ReceivedFrame]:
         """Return at most one frame; what follows it without silence is ignored."""
         frame = bytes(self._buffer)
-        heard = self._decode(frame)
-        if heard is None:
+        received = self._decode(frame)
+        if received is None:
             return []
         self._buffer.clear()
-        self._ignoring = len(frame) > len(heard.frame)
-        return [] if self._corrupted else [heard]
+        self._ignoring = len(frame) > len(received.frame)
+        return [] if self._corrupted else [received]
 
     def _decode(self, frame: bytes) -> ReceivedFrame | None:
         """Decode the frame at offset 0; None while it is incomplete."""

@@ -1,8 +1,9 @@
-"""A motor on a drive: ramps, slip, load, current, DC bus, heat, overload. Physics only; ``dt`` is an argument.
+"""Model of a motor and its power stage: ramps, slip, load, current, DC bus, heat, overload.
 
-Torque, current and speed are per unit of the rating plate inside, SI outside. The output follows its ramp exactly;
-the rotor follows the output less its slip (quasi-static, so that any ``dt`` is stable); a free rotor coasts in closed
-form. Load torque is evaluated at synchronous speed, which errs by at most twice the slip.
+It has no clock: ``dt`` is an argument. Torque, current and speed are per unit of the nameplate inside, SI outside.
+The output follows its ramp exactly; the rotor follows the output less its slip (quasi-static, so that any ``dt`` is
+stable); a free rotor coasts in closed form. Load torque is evaluated at synchronous speed, which errs by at most twice
+the slip.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ class Trip(Enum):
     OVERLOAD = "overload"
     OVERHEAT = "over-heat"
     EXTERNAL = "external fault"
-    COMM_LOSS = "host silent"
+    COMM_LOSS = "communication loss"
     OTHER = "other"
 
 
@@ -72,12 +73,12 @@ class MotorLoad:
 __all__ = ["Motor", "MotorLoad", "Nameplate", "OutputPhase", "Trip"]
 
 _MAGNETISING_CURRENT = 0.4
-"""Share of the rated current that makes the flux; the rest of the rated current makes the rated torque."""
+"""Magnetising share of the rated current; the rest produces the rated torque."""
 _TORQUE_CURRENT = sqrt(1.0 - _MAGNETISING_CURRENT**2)
 _LOSS_SHARE = 0.12
 """Losses at rated load per rated power; a quarter of them is there without load."""
 _STANDBY_POWER_W = 15.0
-"""What the drive's electronics take."""
+"""Consumption of the drive's electronics."""
 _CONTINUOUS_CURRENT = 1.05
 _OVERLOAD_RESERVE = (1.5**2 - _CONTINUOUS_CURRENT**2) * 60.0
 """I²t reserve: the customary 150 % for 60 s."""
@@ -88,15 +89,15 @@ _FRICTION_TORQUE = 0.02
 _HOIST_BRAKE_TORQUE = 2.0
 """Torque of a hoist's own brake, closed whenever the drive's output is off."""
 _MAX_STEP_S = 0.05
-"""Longest piece of a ramp that is computed at once (or a fiftieth of what is left of it)."""
+"""Longest step of a rising ramp (or a fiftieth of its rest)."""
 _MAX_BRAKING_STEP_S = 0.005
-"""The same on the way down, where the DC bus may rise quickly."""
+"""Longest step of a falling ramp, during which the DC bus may rise quickly."""
 
 
 class Motor:
     """One motor with its power stage. Signed frequencies: negative is reverse.
 
-    Commands: ``run``, ``stop``, ``quick_stop``, ``coast``, ``trip_now``, ``reset``. Time passes only in ``step``.
+    Commands: ``run``, ``stop``, ``coast``, ``force_trip``, ``reset``. Time passes only in ``step``.
     A start finds a rotor that still turns (flying start). ``decel_s`` too short for the inertia trips on over-voltage.
     """
 
@@ -146,7 +147,7 @@ class Motor:
         self.mains = 1.0
         """Mains voltage per unit; 0 is a power cut."""
         self.hold = False
-        """The ramp is held."""
+        """Whether the ramp is held."""
         self.energised = self._stopping = False
         self.trip: Trip | None = None
         self.starts = 0
@@ -175,7 +176,7 @@ class Motor:
         self._decel_now_s = self.decel_s if decel_s is None else decel_s
 
     def coast(self) -> None:
-        """Switch off at once; the rotor runs out."""
+        """Switch off at once; the rotor coasts."""
         self.energised = self._stopping = self.hold = False
         self.output_hz = self._brake_left_s = 0.0
         self.torque = self.current_a = self.power_kw = 0.0
@@ -229,7 +230,7 @@ class Motor:
         return self.energy_j / 3.6e6
 
     def step(self, dt: float) -> None:
-        """Let ``dt`` seconds pass. Ramp corners are met exactly, whatever the size of ``dt``."""
+        """Advance by ``dt`` seconds. Ramp corners are met exactly, whatever the size of ``dt``."""
         while dt > 1e-12:
             dt -= self._step_energised(dt) if self.energised else self._step_coasting(dt)
 
@@ -285,7 +286,7 @@ class Motor:
             self.force_trip(_overcurrent_trip(frequency_hz, slope_hz_s))
 
     def _update_dc_bus(self, power_w: float, dt: float) -> None:
-        """Energy decides the DC bus voltage: what the motor gives back stays in the capacitor."""
+        """Update the DC bus voltage from its energy: regenerated energy stays in the capacitor."""
         stored = self._bus_j - (power_w + _STANDBY_POWER_W) * dt
         supply_v = self._nominal_v * self.mains
         supplied = 0.5 * self._capacity_f * supply_v * supply_v
@@ -317,7 +318,7 @@ class Motor:
             self.force_trip(Trip.OVERHEAT)
 
     def _step_coasting(self, dt: float) -> float:
-        """Output off: the rotor coasts, exactly: dw/dt = -(c + k w²) / M."""
+        """Advance a coasting rotor by the closed solution of dw/dt = -(c + k w²) / M."""
         speed = abs(self.speed_hz) / self.rating.frequency_hz
         if speed > 0.0:
             rest = _coasting_speed(speed, self.load, dt / self.rating.inertia_s)

@@ -52,9 +52,9 @@ class SimPort:
         self._receiver = None
         self.simulated_bus.detach(self)
 
-    def receive(self, data: bytes, marks: int) -> None:
+    def receive(self, data: bytes, line_errors: int) -> None:
         if self._receiver is not None:
-            self._receiver.data_received(data, marks)
+            self._receiver.data_received(data, line_errors)
 
     def on_unplugged(self) -> None:
         receiver, self._receiver = self._receiver, None
@@ -63,6 +63,13 @@ class SimPort:
 
 
 _named_buses: dict[str, SimulatedBus] = {}
+
+
+def simulated_bus_of(port: object) -> SimulatedBus:
+    """Return the simulated bus behind an opened ``sim://`` port. Raises TypeError for another kind of port."""
+    if not isinstance(port, SimPort):
+        raise TypeError(f"{type(port).__name__} is not the port of a simulated bus")
+    return port.simulated_bus
 
 
 def find_simulated_bus(name: str) -> SimulatedBus:
@@ -75,54 +82,55 @@ def clear_simulated_buses() -> None:
     _named_buses.clear()
 
 
-def open_port(link: Any) -> SimPort:
+def open_port(url: Any) -> SimPort:
     """Return the port of a ``sim://MODEL@ADDRESSES`` URL, not yet opened. Raises PortUrlError or ConfigurationError.
 
-    Options: seed, line_quality, name, echo, load, ramp (seconds), drives (serial settings of the stations,
-    ``19200-8E1``, where the master's are wrong on purpose), and the options of the models (``direction_field``, …).
+    ``url`` is a ``drivebus.ports.url.PortUrl``, which this package does not import. Options: seed, line_quality, name,
+    echo, load, ramp (seconds), drives (serial settings of the stations, ``19200-8E1``, where the master's are wrong on
+    purpose), and the options of the models (``direction_field``, …).
     """
-    link.reject_unknown_options(
+    url.reject_unknown_options(
         "seed", "line_quality", "name", "echo", "load", "ramp", "drives", *station_option_names()
     )
-    name = link.options.get("name", "")
+    name = url.options.get("name", "")
     bus = _named_buses.get(name)
     if bus is None:
-        bus = _create_bus(link, name)
+        bus = _create_bus(url, name)
         if name:
             _named_buses[name] = bus
-    settings = _master_settings(link, bus.stations[0].factory_settings)
-    echo: Any = link.choice("echo", ("detect", "on", "off"), "detect" if bus.line_quality.echo else "off")
-    return SimPort(bus, settings, link.text, echo)
+    settings = _master_settings(url, bus.stations[0].factory_settings)
+    echo: Any = url.choice("echo", ("detect", "on", "off"), "detect" if bus.line_quality.echo else "off")
+    return SimPort(bus, settings, url.text, echo)
 
 
-def _create_bus(link: Any, name: str) -> SimulatedBus:
+def _create_bus(url: Any, name: str) -> SimulatedBus:
     names = station_option_names()
-    settings = {key: value for key, value in link.options.items() if key in names}
-    stations = make_stations(link.path, settings, link.options.get("load", "constant"))
-    ramp_s = link.number("ramp", 10.0, 0.1, 3600.0)
-    for station in stations if "ramp" in link.options else ():
+    settings = {key: value for key, value in url.options.items() if key in names}
+    stations = make_stations(url.path, settings, url.options.get("load", "constant"))
+    ramp_s = url.number("ramp", 10.0, 0.1, 3600.0)
+    for station in stations if "ramp" in url.options else ():
         station.set_ramps(ramp_s, ramp_s)
-    line = _station_settings(link, _master_settings(link, stations[0].factory_settings))
-    seed = int(link.number("seed", 1, 0, 2**31))
-    return SimulatedBus(stations, line, line_quality=link.options.get("line_quality", "clean"), seed=seed, name=name)
+    line = _station_settings(url, _master_settings(url, stations[0].factory_settings))
+    seed = int(url.number("seed", 1, 0, 2**31))
+    return SimulatedBus(stations, line, line_quality=url.options.get("line_quality", "clean"), seed=seed, name=name)
 
 
-def _master_settings(link: Any, factory: SerialSettings) -> SerialSettings:
+def _master_settings(url: Any, factory: SerialSettings) -> SerialSettings:
     """Return the master's serial settings: the URL's, and the factory settings for what it omits."""
-    chosen: SerialSettings = link.settings
-    if "baud" not in link.explicit:
+    chosen: SerialSettings = url.settings
+    if "baud" not in url.explicit:
         chosen = replace(chosen, baud=factory.baud)
-    if "format" not in link.explicit:
+    if "format" not in url.explicit:
         chosen = SerialSettings(chosen.baud, factory.data_bits, factory.parity, factory.stop_bits)
     return chosen
 
 
-def _station_settings(link: Any, default: SerialSettings) -> SerialSettings:
-    text = link.options.get("drives")
+def _station_settings(url: Any, default: SerialSettings) -> SerialSettings:
+    text = url.options.get("drives")
     if text is None:
         return default
     baud, _, format = text.partition("-")
     try:
         return SerialSettings.parse(int(baud), format or default.format)
     except ValueError:
-        raise PortUrlError("sim.drives", link=link.text, found=text, expected="19200-8E1") from None
+        raise PortUrlError("sim.drives", link=url.text, found=text, expected="19200-8E1") from None

@@ -39,7 +39,7 @@ class PtyServer:
 
     @property
     def path(self) -> str:
-        """Symbolic link if there is one, else the device."""
+        """Path of the symbolic link if there is one, else of the device."""
         return str(self._link) if self._link is not None else self._slave
 
     @property
@@ -55,14 +55,14 @@ class PtyServer:
         self.simulated_bus.detach(self)
         self.on_unplugged()
 
-    def receive(self, data: bytes, marks: int) -> None:
-        """Deliver bytes to the program; what it does not read is lost, as on a UART."""
+    def receive(self, data: bytes, line_errors: int) -> None:
+        """Deliver bytes to the program; bytes that it does not read are lost, as on a UART."""
         if self._descriptors is not None:
             with contextlib.suppress(OSError):
                 os.write(self._descriptors[0], data)
 
     def on_unplugged(self) -> None:
-        """Close the descriptors: the program sees a hang-up."""
+        """Close the descriptors, which is a hang-up for the program."""
         ends, self._descriptors = self._descriptors, None
         if ends is None:
             return
@@ -80,7 +80,7 @@ class PtyServer:
         if self._link is not None:
             self._update_link()
         self.simulated_bus.attach(self)
-        self._loop.add_reader(master, self._readable)
+        self._loop.add_reader(master, self._on_readable)
 
     def _update_link(self) -> None:
         """Replace the symbolic link in one step. Raises FileExistsError where the path is no symbolic link."""
@@ -92,7 +92,7 @@ class PtyServer:
         fresh.symlink_to(self._slave)
         fresh.replace(self._link)
 
-    def _readable(self) -> None:
+    def _on_readable(self) -> None:
         if self._descriptors is None:
             return
         try:

@@ -73,7 +73,7 @@ class Station(ABC):
         self.jogging = False
         self._frozen_motor: Motor | None = None
 
-    # What families say.
+    # Defined by each model.
 
     @abstractmethod
     def handle_request(self, message: Any, codec: Codec) -> Any:
@@ -99,7 +99,7 @@ class Station(ABC):
     def trip_code(self, trip: Trip) -> int:
         """Return the model's fault code."""
 
-    # What all do alike.
+    # Common to all models.
 
     @property
     def displayed_motor(self) -> Motor:
@@ -148,11 +148,11 @@ class Station(ABC):
 
     def on_foreign_frame(self, now: float) -> None:
         """Handle a frame for another station that ended at ``now``."""
-        return  # most families take no notice
+        return  # most models ignore it
 
-    def record_gap(self, quiet_s: float, short: bool) -> None:
+    def record_gap(self, silence_s: float, short: bool) -> None:
         """Record the silence before a request."""
-        self.shortest_gap_s = min(self.shortest_gap_s, quiet_s)
+        self.shortest_gap_s = min(self.shortest_gap_s, silence_s)
         self.gap_violations += short
 
     def trip(self, trip: Trip) -> None:

@@ -42,7 +42,7 @@ class _TcpMaster(asyncio.Protocol):
         self._transport = None
         self._bus.detach(self)
 
-    def receive(self, data: bytes, marks: int) -> None:
+    def receive(self, data: bytes, line_errors: int) -> None:
         if self._transport is not None:
             self._transport.write(data)
 
@@ -72,10 +72,10 @@ class TcpServer:
     async def close(self) -> None:
         """Stop listening and close the connections."""
         self._server.close()
-        for host in list(self.simulated_bus.masters):
-            if isinstance(host, _TcpMaster):
-                self.simulated_bus.detach(host)
-                host.on_unplugged()
+        for master in list(self.simulated_bus.masters):
+            if isinstance(master, _TcpMaster):
+                self.simulated_bus.detach(master)
+                master.on_unplugged()
         await self._server.wait_closed()
 
 

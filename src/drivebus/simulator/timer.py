@@ -14,11 +14,11 @@ from drivebus.timerfd import TimerFd
 
 
 class LoopTimer:
-    """Timer that calls ``ring`` once at the time that was set last."""
+    """Timer that calls ``callback`` once at the time that was set last."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, ring: Callable[[], None]) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self._loop = loop
-        self._callback = ring
+        self._callback = callback
         self._at: float | None = None
         self._handle: asyncio.TimerHandle | None = None
         self._timer: TimerFd | None = None
@@ -27,7 +27,7 @@ class LoopTimer:
                 self._timer = self._open_timerfd(loop)
 
     def _open_timerfd(self, loop: asyncio.AbstractEventLoop) -> TimerFd:
-        """Open a timerfd. Raises OSError where the system has none left or the selector can't watch it."""
+        """Return a timerfd registered with the loop. Raises OSError where the system or the selector refuses it."""
         timer = TimerFd()
         try:
             loop.add_reader(timer.fd, self._on_readable)

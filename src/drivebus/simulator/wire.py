@@ -22,22 +22,22 @@ _PAUSE_CHARACTERS = 5.0
 class Side(Enum):
     """Receivers of a transmission."""
 
-    MASTERS = "hosts"
+    MASTERS = "masters"
     STATIONS = "stations"
 
 
 class Transmission:
     """Characters of one source, without a pause between them."""
 
-    __slots__ = ("character_s", "data", "dropped", "end", "marked", "quiet_s", "start", "talker")
+    __slots__ = ("character_s", "data", "dropped", "end", "marked", "silence_s", "source", "start")
 
-    def __init__(self, talker: object, data: bytes, start: float, character_s: float, quiet_s: float) -> None:
-        self.talker = talker
+    def __init__(self, source: object, data: bytes, start: float, character_s: float, silence_s: float) -> None:
+        self.source = source
         self.data: bytes | bytearray = data
         self.start = start
         self.character_s = character_s
         self.end = start + len(data) * character_s
-        self.quiet_s = quiet_s
+        self.silence_s = silence_s
         """Silence on the wire before it, in seconds."""
         self.marked: set[int] = set()
         """Characters with a parity or framing error."""
@@ -48,11 +48,11 @@ class Transmission:
         last = len(self.data) if last is None else last
         if not self.dropped and not self.marked:
             return bytes(self.data[first:last]), 0
-        kept = [index for index in range(first, last) if index not in self.dropped]
-        return bytes(self.data[index] for index in kept), sum(index in self.marked for index in kept)
+        indices = [index for index in range(first, last) if index not in self.dropped]
+        return bytes(self.data[index] for index in indices), sum(index in self.marked for index in indices)
 
     def corrupt(self, index: int, byte: int, marked: bool) -> None:
-        """Replace one character."""
+        """Replace one character, with a line error where ``marked``."""
         if isinstance(self.data, bytes):
             self.data = bytearray(self.data)
         self.data[index] = byte
@@ -102,7 +102,7 @@ class Wire:
         self._drop_ended(now)
         start = now if at is None else at
         for recent in self._recent:
-            if recent.talker is source and recent.end > start:
+            if recent.source is source and recent.end > start:
                 start = recent.end
         transmission = Transmission(
             source, data, start, (settings or self.settings).character_s, self._silence_before(start)
@@ -122,7 +122,7 @@ class Wire:
         if self._chance(quality.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
         pause = self.settings.seconds(_PAUSE_CHARACTERS)
-        at = max((recent.end + pause for recent in self._recent if recent.talker is source), default=at)
+        at = max((recent.end + pause for recent in self._recent if recent.source is source), default=at)
         transmission = self.transmit(source, data, now, (Side.MASTERS,), at=max(at, late))
         if self._chance(quality.duplicate):
             self.transmit(source, data, now, (Side.MASTERS,), at=transmission.end + pause)
@@ -176,7 +176,7 @@ class Wire:
     def _collide(self, transmission: Transmission) -> None:
         for other in self._recent:
             if (
-                other.talker is transmission.talker
+                other.source is transmission.source
                 or other.end <= transmission.start
                 or transmission.end <= other.start
             ):

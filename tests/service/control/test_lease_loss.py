@@ -11,6 +11,7 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import ArmRequired
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.model import OnClientLost
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from fixtures.service import DRIVES, ServiceKit, plant_config, remote_actor, running_service
@@ -59,7 +60,7 @@ def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stan
             await kit.call("lease.take", ANN, drive="fan-1")
             unit = kit.service.plant.drives["fan-1"]
             if silent:
-                unit.bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
+                simulated_bus_of(unit.bus.port).unplug()
             await asyncio.sleep(15)
             assert unit.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
             assert ("control_lost" in raised(kit)) is (silent and policy is OnClientLost.HOLD)
@@ -77,7 +78,7 @@ def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
             hall = kit.service.plant
-            port = hall.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
+            port = simulated_bus_of(hall.drives["fan-1"].bus.port)
             port.unplug()
             await asyncio.sleep(2)
             (alarm,) = [one for one in hall.alarms.active() if one.kind == SystemAlarm.PORT_LOST]

@@ -24,6 +24,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, GroupConfig, OnClientLost, OnServiceStop
 from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
 from drivebus.simulator.motor import OutputPhase
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
@@ -87,7 +88,7 @@ def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> N
         async with running_service() as kit:
             await ready(kit)
             assert not await blocked(kit, "fan-1")
-            bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
             for weather in ("flip=0.02", "clean"):
                 bench.line_quality = weather
                 await asyncio.sleep(20)
@@ -237,7 +238,7 @@ def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() 
     async def story() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1", "pump-1")
-            kit.service.plant.drives["fan-1"].bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
+            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
             found = await kit.call("plant.stop")
             assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"]
             assert found["buses"]["b"]["confirmed"]
@@ -253,7 +254,7 @@ def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_go
     async def story() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
             bench.unplug()
             with pytest.raises(StopUnconfirmed):
                 await kit.call("drive.stop", drive="fan-1")
@@ -330,7 +331,7 @@ def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -
     async def story() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            kit.service.plant.drives["fan-1"].bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
+            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
             begun = kit.service.plant.now()
             message = await kit.service.stop()
             assert kit.service.plant.now() - begun <= 3.0
@@ -540,7 +541,7 @@ def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_ca
 
     async def story() -> None:
         buses = (BusConfig("a", "sim://c320@1,2?name=later"), BUSES[1])
-        bench = open_port(buses[0].link).simulated_bus  # type: ignore[attr-defined]
+        bench = simulated_bus_of(open_port(buses[0].link))
         bench.unplug()
         async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(20)

@@ -12,6 +12,7 @@ from drivebus.service.live.hub import MAX_LIST_ITEMS, STATE_STREAM, Hub
 from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.simulator.motor import Trip
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
@@ -266,7 +267,7 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
 
 def silence(kit: ServiceKit) -> None:
     """The drive's plug is pulled."""
-    bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
+    bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
     bench.stations.remove(bench.station(1))
     bench._group_stations()
 
@@ -278,7 +279,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
     async def story() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            bench = kit.service.plant.drives["fan-1"].bus.port.simulated_bus  # type: ignore[attr-defined]
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
             station = bench.station(1)
             station.trip(Trip.OVERHEAT)
             await asyncio.sleep(5)

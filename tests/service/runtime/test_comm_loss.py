@@ -11,6 +11,7 @@ from drivebus.errors import WaiverRequired
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import COMM_LOSS_NOT_READ
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import ServiceKit, plant_config, remote_actor, running_service
@@ -103,7 +104,7 @@ def test_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_
             await kit.call("drive.run", drive="small", frequency_hz=20.0)
             await asyncio.sleep(4)
             assert station.motor.energised
-            bench = kit.service.plant.drives["small"].bus.port.simulated_bus
+            bench = simulated_bus_of(kit.service.plant.drives["small"].bus.port)
             await kit.service.plant.buses["s"].bus.close()
             await asyncio.sleep(15)
             bench.advance()

@@ -18,6 +18,7 @@ from drivebus.errors import (
 )
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.load import load
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, running_service
 
@@ -251,7 +252,7 @@ def test_a_drive_with_an_unfinished_stop_is_not_removed_from_its_bus(tmp_path: P
         async with running_service(load(file)) as kit:
             await asyncio.sleep(3)
             drive = kit.service.plant.drives["fan-2"]
-            drive.bus.port.simulated_bus.unplug()  # type: ignore[attr-defined]
+            simulated_bus_of(drive.bus.port).unplug()
             await asyncio.sleep(5)
             stop = asyncio.create_task(kit.call("drive.stop", drive="fan-2"))
             await asyncio.sleep(0.1)

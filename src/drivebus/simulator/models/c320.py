@@ -1,4 +1,4 @@
-"""Simulated C320 and its sisters C300 … E550 in both encodings, after appendix one of the C320 manual.
+"""Simulated C320 and the related models C300 … E550 in both encodings, after appendix one of the C320 manual.
 
 The operation field acts in every class of frame (manual 2.4.4): a read that carries 01H starts this drive. The manual
 names F0.1, F4.0, F1.10, F6.12, F9.3 and F9.4; all other places, the scales of times, the fault numbers and monitors
@@ -114,7 +114,7 @@ def unpacked_nibbles(frame: bytes) -> bytes:
 
 
 def _unpack_field(packed: bytes) -> bytes:
-    """Identity digits already take one byte each."""
+    """Return one byte a digit; identity digits already take one byte each."""
     value, width = int.from_bytes(packed, "big"), len(packed)
     if value >= 16**width:
         return packed
@@ -139,7 +139,7 @@ STOPS = frozenset(
 
 
 class C320Station(Station):
-    """Simulated C320 or one of its sisters, with settings for what the manual leaves open.
+    """Simulated C320 or a related model, with settings for what the manual leaves open.
 
     The arguments are described in ``docs/reference/simulated-drives.md``.
     """
@@ -314,7 +314,7 @@ class C320Station(Station):
                 self._on_comm_loss()
 
     def _on_comm_loss(self) -> None:
-        """Act as F9.3 says after F9.4 without a frame (manual 2.2.4 (3); E300, E550: F4.3, F4.4)."""
+        """Execute the action of F9.3 after F9.4 without a frame (manual 2.2.4 (3); E300, E550: F4.3, F4.4)."""
         if self.memory[COMMAND_CHANNEL] != FROM_BUS or not self.running:
             return
         action = self.memory[self.comm_loss.place]
@@ -399,7 +399,7 @@ class C320Station(Station):
         return SunfarResponse.OK
 
     def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
-        """Ignored during an emergency stop: the manual names no way to run in that state."""
+        """Start the drive at its keypad, except during an emergency stop: the manual names no way to run then."""
         if not self.emergency:
             super().keypad_run(frequency_hz, reverse)
 
@@ -455,7 +455,7 @@ class C320Station(Station):
         return SunfarState.RUNNING_REVERSE if backward else SunfarState.RUNNING_FORWARD
 
     def trip_code(self, trip: Trip) -> int:
-        """Return the n of the keypad's Fu.n."""
+        """Return the number n of Fu.n on the keypad."""
         return FAULT_CODES[trip]
 
 

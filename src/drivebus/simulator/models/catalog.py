@@ -54,7 +54,7 @@ def make_station(
 
 
 def make_stations(text: str, settings: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:
-    """Every drive of a text such as ``c320@0-3,7+vc660@8``. Raises ConfigurationError."""
+    """Return every drive of a text such as ``c320@0-3,7+vc660@8``. Raises ConfigurationError."""
     stations: list[Station] = []
     for part in text.split("+"):
         model, separator, addresses = part.partition("@")
@@ -65,7 +65,7 @@ def make_stations(text: str, settings: Mapping[str, str] | None = None, load: st
 
 
 def parse_addresses(text: str) -> list[int]:
-    """``0-3,7`` → 0, 1, 2, 3, 7. Raises ConfigurationError."""
+    """Parse addresses: ``0-3,7`` → 0, 1, 2, 3, 7. Raises ConfigurationError."""
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")

@@ -21,7 +21,7 @@ COMMAND, FREQUENCY = 0x2000, 0x2001
 MAX_READ = 4
 KEYPAD_HZ, FREQUENCY_SOURCE, COMMAND_SOURCE, ACCEL_TIME, DECEL_TIME = 100, 101, 102, 107, 108
 JOG_HZ = 120
-"""The sim's own place, 0.01 Hz."""
+"""The simulator's own place, 0.01 Hz."""
 BAUD, FORMAT, ADDRESS = 700, 701, 702
 STOP, START, JOG = 1, 2, 3
 BACKWARD, FORWARD, TOGGLE = 1, 2, 3
@@ -29,7 +29,7 @@ BACKWARD, FORWARD, TOGGLE = 1, 2, 3
 
 
 def parameter_specs(address: int, encoding: str) -> dict[int, ParameterSpec]:
-    """Parameters Fg.nn = 100 g + nn of a commissioned drive."""
+    """Return the parameters Fg.nn = 100 g + nn of a commissioned drive."""
     table = {number: ParameterSpec(access=Access.READ_ONLY) for number in range(16)}
     table |= {
         KEYPAD_HZ: ParameterSpec(5000, 0, 40000),
@@ -78,7 +78,7 @@ class DF800Station(Station):
         self.reads_command = reads_command
         self.delay_s = delay_s
         self.bus_hz = 0.0
-        """2001H as last written, effective only while F1.01 = 5."""
+        """Last written 2001H, effective only while F1.01 = 5."""
         self.command = 0
 
     def power_up(self) -> None:
@@ -94,7 +94,7 @@ class DF800Station(Station):
 
     @property
     def reference_hz(self) -> float:
-        """2001H with F1.01 = 5, else F1.00."""
+        """Set frequency: 2001H with F1.01 = 5, else F1.00."""
         return self.bus_hz if self.memory[FREQUENCY_SOURCE] == 5 else self.memory[KEYPAD_HZ] / 100.0
 
     def handle_request(self, message: Any, codec: Codec) -> Any:

@@ -23,7 +23,7 @@ FREQUENCY_SOURCE, COMMAND_SOURCE, ACCEL_TIME, DECEL_TIME, JOG_HZ, BAUD, ADDRESS 
 FREQUENCY_FROM_BUS, COMMANDS_FROM_BUS = 2, 3
 LAST_PARAMETER = 80
 MAX_SETPOINT_WORD = 4000
-"""0000-4000, whatever a step is."""
+"""Highest setpoint word: 0000-4000 in every coding."""
 
 FAULT_CODES = {
     Trip.OVERCURRENT_RUNNING: 12,
@@ -37,7 +37,7 @@ FAULT_CODES = {
     Trip.COMM_LOSS: 17,
     Trip.OTHER: 7,
 }
-"""CD of Q03."""
+"""Fault code in the digits CD of Q03."""
 
 _STEPS_PER_HZ = {"hex-0.1": 10, "hex-0.01": 100, "decimal-0.1": 10, "hex-1": 1}
 
@@ -55,7 +55,7 @@ def decode_steps(word: int, coding: WordCoding) -> int | None:
 
 
 def parameter_specs(address: int, parameter_coding: WordCoding) -> dict[int, ParameterSpec]:
-    """Parameters 00-80 of a commissioned drive. There is no RAM: every write is saved."""
+    """Return parameters 00-80 of a commissioned drive. There is no RAM: every write is saved."""
     table = {number: ParameterSpec() for number in range(LAST_PARAMETER + 1)}
     table |= {
         FREQUENCY_SOURCE: ParameterSpec(FREQUENCY_FROM_BUS, 0, 9, Access.LOCKED_WHILE_RUNNING),
@@ -170,7 +170,7 @@ class DZB100Station(Station):
         return dzb100.Dzb100Reply("P", self.address, request.parameter, request.data, not refused)
 
     def _query(self, request: dzb100.Dzb100Query) -> Any:
-        """X0-X3: only the low digit counts."""
+        """Reply to a query of X0-X3; only the low digit counts."""
         word = self.query_word(request.item % 10)
         return dzb100.Dzb100Reply("Q", self.address, request.item, word or 0, word is not None)
 
@@ -195,7 +195,7 @@ class DZB100Station(Station):
         return self.command << 12 | bits << 8 | (int(str(code), 16) if self.fault_coding == "decimal" else code)
 
     def set_ramps(self, accel_s: float, decel_s: float) -> None:
-        """In 0.1 s, spelled as this drive spells its parameters."""
+        """Set both ramp times at the keypad, in 0.1 s and in this drive's parameter coding."""
         for key, seconds in zip(self.ramp_keys, (accel_s, decel_s), strict=True):
             self.keypad_set(key, encode_steps(max(1, round(seconds * 10)), self.parameter_coding))
 

@@ -19,10 +19,10 @@ from drivebus.simulator.station import SimulatedModel, Station
 PARAMETERS = 451
 """Indices 0-450 (0-1C2H)."""
 SAVE_BIT = 0x8000
-"""Bit of an index that also writes the EEPROM."""
+"""Bit of an index with which a write is also saved in the EEPROM."""
 MAX_READ = 4
 GROUP_SIZES = (30, 40, 60, 60, 50, 60, 20, 50, 40, 41)
-"""Number of parameters of F00, F01, …: not published, the simulator's own, 451 in all."""
+"""Number of parameters of each group from the first: not published, the simulator's own, 451 in all."""
 
 START, STOP, REVERSE, JOG_FORWARD, JOG_REVERSE = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
 COAST, EMERGENCY, PAUSE, HOLD, RESET = 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9
@@ -40,20 +40,20 @@ ANALOG_LIMIT = 0x3FFF
 
 
 def parameter_index(group: int, number: int) -> int:
-    """The consecutive index of Fgg.nn."""
+    """Return the consecutive index of Fgg.nn."""
     return sum(GROUP_SIZES[:group]) + number
 
 
 FREQUENCY_SOURCE, KEYPAD_HZ = parameter_index(0, 1), parameter_index(0, 2)
 COMMAND_SOURCE = parameter_index(1, 0)
 REPLY_DELAY, VIRTUAL_INPUTS = parameter_index(6, 6), parameter_index(6, 7)
-FIRST_OUTPUT, HOST_OUTPUT = parameter_index(4, 0), 28
+FIRST_OUTPUT, BUS_OUTPUT = parameter_index(4, 0), 28
 ACCEL_TIME, DECEL_TIME, JOG_HZ = parameter_index(0, 8), parameter_index(0, 9), parameter_index(0, 10)
-"""The sim's own places; 0.1 s and 0.01 Hz."""
+"""The simulator's own places; 0.1 s and 0.01 Hz."""
 
 
 def parameter_specs() -> dict[int, ParameterSpec]:
-    """The parameters as a commissioned drive has them: commands and frequency from the bus."""
+    """Return the parameters of a commissioned drive: commands and frequency from the bus."""
     table = {number: ParameterSpec() for number in range(PARAMETERS)}
     table |= {
         parameter_index(0, 0): ParameterSpec(5000, 0, 40000, Access.LOCKED_WHILE_RUNNING),
@@ -102,14 +102,14 @@ class VC660Station(Station):
 
     def power_up(self) -> None:
         self.control = 0
-        """The control word as last written."""
+        """Last written control word."""
         self.paused = self.emergency = False
         self.inputs = [0, 0]
         self.outputs = 0
         self.analog = [0, 0]
 
     def reply_delay_s(self, line: SerialSettings) -> float:
-        """F06.06, and never before the silence that ends the request."""
+        """Return F06.06, at least the silence that ends the request."""
         return max(self.memory[REPLY_DELAY] / 1000.0, line.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
@@ -130,7 +130,7 @@ class VC660Station(Station):
         return modbus.ExceptionReply(message.address, message.function, ILLEGAL_FUNCTION)
 
     def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
-        """A whole frame with a good CRC that asks for what does not exist gets an exception, anything else silence."""
+        """Return an exception for a complete frame with a good CRC and an illegal request, else None."""
         if not isinstance(error, modbus.IllegalRequest):
             return None
         code = error.code if error.function in (3, 6, 8) else ILLEGAL_FUNCTION
@@ -138,7 +138,7 @@ class VC660Station(Station):
 
     @property
     def reference_hz(self) -> float:
-        """What the drive runs at: 2001H with F00.01 = 4, else the keypad's F00.02."""
+        """Set frequency: 2001H with F00.01 = 4, else the keypad's F00.02."""
         return self.setpoint_hz if self.memory[FREQUENCY_SOURCE] == 4 else self.memory[KEYPAD_HZ] / 100.0
 
     # Reading.
@@ -155,7 +155,7 @@ class VC660Station(Station):
         return modbus.RegisterValues(request.address, 3, tuple(values))
 
     def _register(self, register: int) -> int | None:
-        """A parameter or a status register; None for what is write-only or in no table (200BH, T12)."""
+        """Return a parameter or a status register; None where it is write-only or in no table (200BH)."""
         if register < PARAMETERS:
             return self.memory[register]
         if not 0x3000 <= register <= 0x3018:
@@ -186,16 +186,16 @@ class VC660Station(Station):
             case 0x0C:
                 return round(self.reference_hz * 60 / motor.rating.pole_pairs)
             case 0x08 | 0x14:
-                return self.outputs & self._driven_by_host()
+                return self.outputs & self._bus_controlled_outputs()
             case 0x16:
                 return 1 << FAULT_BITS[motor.trip] if motor.trip else 0
             case 0x18:
                 return 1 if motor.temperature_c > 80.0 else 0
         return 0
 
-    def _driven_by_host(self) -> int:
-        """Outputs Y0-Y2 whose F04.00-02 hand them to the host (28, 29, 30)."""
-        return sum(1 << n for n in range(3) if self.memory[FIRST_OUTPUT + n] == HOST_OUTPUT + n)
+    def _bus_controlled_outputs(self) -> int:
+        """Return the mask of outputs Y0-Y2 that F04.00-02 assign to the bus (28, 29, 30)."""
+        return sum(1 << n for n in range(3) if self.memory[FIRST_OUTPUT + n] == BUS_OUTPUT + n)
 
     def _status(self, motor: Motor) -> int:
         running = motor.energised
@@ -222,7 +222,7 @@ class VC660Station(Station):
         return modbus.WriteAck(request.address, 6, request.register, request.value)
 
     def _store(self, register: int, value: int) -> int:
-        """Do it; 0, or the exception's code."""
+        """Execute a write. Return 0 or the code of the exception."""
         if 0x2000 <= register <= 0x2009:
             return self._control_register(register - 0x2000, value)
         key = register & ~SAVE_BIT
@@ -264,10 +264,10 @@ class VC660Station(Station):
         return 0
 
     def _command(self, word: int) -> None:
-        """One write to 2000H: the levels as they are, each pulse bit on its edge (or whenever it is 1). Stops win."""
+        """Execute a write to 2000H: all levels, and each pulse bit on its edge (or whenever it is 1); stops first."""
         pulses = word & PULSE_BITS & (~self.control if self.pulses == "edge" else 0xFFFF)
-        fresh = word & ~self.control
-        gone = self.control & ~word
+        rising = word & ~self.control
+        falling = self.control & ~word
         self.control = word
         if self.memory[COMMAND_SOURCE] != 2:
             return
@@ -285,7 +285,7 @@ class VC660Station(Station):
             self.jogging = False
             self.run_towards(0.0 if self.paused else self.reference_hz)
         else:
-            self._jog(word, fresh, gone)
+            self._jog(word, rising, falling)
 
     def _apply_levels(self, word: int) -> None:
         turned = self.reverse != bool(word & REVERSE)
@@ -298,13 +298,13 @@ class VC660Station(Station):
             elif turned or paused:
                 self.run_towards(self.reference_hz)
 
-    def _jog(self, word: int, fresh: int, gone: int) -> None:
+    def _jog(self, word: int, rising: int, falling: int) -> None:
         jogs = JOG_FORWARD | JOG_REVERSE
-        if fresh & jogs and not self.running:
+        if rising & jogs and not self.running:
             self.jogging = True
             hz = self.memory[JOG_HZ] / 100.0
-            self.motor.run(-hz if fresh & JOG_REVERSE else hz)
-        elif gone & jogs and not word & jogs and self.jogging:
+            self.motor.run(-hz if rising & JOG_REVERSE else hz)
+        elif falling & jogs and not word & jogs and self.jogging:
             self.motor.stop()
 
     def trip_code(self, trip: Trip) -> int:
