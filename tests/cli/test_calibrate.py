@@ -1,4 +1,4 @@
-"""``prove`` at simulated drives, with a person who presses keys: nothing moves or is written before a y (T08, T16)."""
+"""``calibrate`` on simulated drives with simulated keys: no step moves or writes before the key y."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from drivebus.testing import virtual_time
 from fixtures.child_process import PtyTerminal
 
 
-class Person:
-    """Presses the next of ``keys`` at each question; what comes before a key is done first."""
+class FakeKeys:
+    """Key queue that returns the next key at each question; a callable acts first and returns the key."""
 
     def __init__(self, *keys: str | Callable[[], str | None]) -> None:
         self.keys = list(keys)
-        self.asked: list[int] = []
+        self.starts_at_questions: list[int] = []
+        """Number of starts of the motor at each question."""
 
     def clear(self) -> None:
-        self.asked.append(station().motor.starts)
+        self.starts_at_questions.append(station().motor.starts)
 
     async def get(self, timeout_s: float | None = None) -> str | None:
         key = self.keys.pop(0)
@@ -38,13 +39,13 @@ class Person:
 
 
 def station() -> Any:
-    """As it was at its last frame, also when its time is over."""
-    return find_simulated_bus("prove").stations[0]
+    """Return the simulated station, also after the end of the command."""
+    return find_simulated_bus("calibrate").stations[0]
 
 
 @pytest.fixture(autouse=True)
-def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Simulated drives are remembered as real ones are; the terminal is one."""
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Store results of simulated drives as those of real ones, and pretend to have a terminal."""
     monkeypatch.setattr("drivebus.drives.drive.VOLATILE_SCHEMES", ())
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
@@ -54,18 +55,18 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     clear_simulated_buses()
 
 
-def proved(
-    monkeypatch: pytest.MonkeyPatch, model: str, person: Person, *options: str, before: Callable[[], None] | None = None
+def run_calibrate(
+    monkeypatch: pytest.MonkeyPatch, model: str, fake: FakeKeys, *options: str, before: Callable[[], None] | None = None
 ) -> ExitCode:
     @contextmanager
-    def reading() -> Iterator[Person]:
+    def reading() -> Iterator[FakeKeys]:
         if before is not None:
             before()
-        yield person
+        yield fake
 
     monkeypatch.setattr("drivebus.cli.keyboard.raw_keyboard", reading)
     clear_simulated_buses()
-    port = f"sim://{model}@1?" + "&".join(("name=prove", "ramp=1", *options))
+    port = f"sim://{model}@1?" + "&".join(("name=calibrate", "ramp=1", *options))
     return virtual_time.run(calibrate._calibrate(Target(port=port, model=model, address=1)))
 
 
@@ -75,31 +76,31 @@ def turn_keypad() -> str:
 
 
 @pytest.mark.parametrize("coding", ["hex-0.1", "decimal-0.1"])
-def test_t08_a_dzb100_is_proved_step_by_step_and_remembered(
+def test_a_dzb100_is_calibrated_step_by_step_and_the_results_are_stored(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], coding: str
 ) -> None:
-    person = Person(turn_keypad, "y")
+    fake = FakeKeys(turn_keypad, "y")
     options = (f"setpoint_coding={coding}", f"query_coding={coding}")
-    assert proved(monkeypatch, "dzb100", person, *options) is ExitCode.DONE
-    assert person.asked == [0, 0], "asked before the first motion"
+    assert run_calibrate(monkeypatch, "dzb100", fake, *options) is ExitCode.DONE
+    assert fake.starts_at_questions == [0, 0], "each question comes before the first motion"
     assert station().motor.starts > 0 and not station().motor.energised
     text = capsys.readouterr().out
     assert f"query_coding = {coding}" in text and f"setpoint_coding = {coding}" in text and "Stored" in text
-    no_user = Person()
-    assert proved(monkeypatch, "dzb100", no_user, *options) is ExitCode.DONE
-    assert "Nothing is left to calibrate" in capsys.readouterr().out and not no_user.asked
+    unused = FakeKeys()
+    assert run_calibrate(monkeypatch, "dzb100", unused, *options) is ExitCode.DONE
+    assert "Nothing is left to calibrate" in capsys.readouterr().out and not unused.starts_at_questions
 
 
 @pytest.mark.parametrize("keys", [("n",), (turn_keypad, "n"), (turn_keypad, "\r"), (turn_keypad, lambda: None)])
-def test_whatever_is_not_y_moves_nothing(
+def test_no_key_but_y_starts_the_motor(
     monkeypatch: pytest.MonkeyPatch, keys: tuple[str | Callable[[], str | None], ...]
 ) -> None:
-    assert proved(monkeypatch, "dzb100", Person(*keys)) is ExitCode.INTERRUPTED
+    assert run_calibrate(monkeypatch, "dzb100", FakeKeys(*keys)) is ExitCode.INTERRUPTED
     assert station().motor.starts == 0
 
 
 @pytest.mark.parametrize(("field", "key"), [("b3b2", "f"), ("b2b3", "r")])
-def test_a_df800s_direction_is_what_the_person_saw(
+def test_the_direction_of_a_df800_is_the_one_that_the_user_reports(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], field: str, key: str
 ) -> None:
     turned: list[float] = []
@@ -108,53 +109,53 @@ def test_a_df800s_direction_is_what_the_person_saw(
         direct = station().run_towards
         station().run_towards = lambda hz: (direct(hz), turned.append(station().motor.target_hz))[0]
 
-    def say() -> str:
-        assert (turned[0] > 0) == (key == "f") and not station().motor.energised, "asked once it stands"
+    def answer() -> str:
+        assert (turned[0] > 0) == (key == "f") and not station().motor.energised, "asked at standstill"
         return key
 
     options = (f"direction_field={field}",)
-    assert proved(monkeypatch, "df800", Person("y", say), *options, before=watch) is ExitCode.DONE
+    assert run_calibrate(monkeypatch, "df800", FakeKeys("y", answer), *options, before=watch) is ExitCode.DONE
     assert f"direction_field = {field}" in capsys.readouterr().out
-    assert proved(monkeypatch, "df800", Person()) is ExitCode.DONE, "it is remembered"
+    assert run_calibrate(monkeypatch, "df800", FakeKeys()) is ExitCode.DONE, "the result is stored"
 
 
-def test_who_saw_nothing_proves_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert proved(monkeypatch, "df800", Person("y", "?")) is ExitCode.FAILED
+def test_an_unclear_answer_stores_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_calibrate(monkeypatch, "df800", FakeKeys("y", "?")) is ExitCode.FAILED
     assert "nothing is stored" in capsys.readouterr().out
     assert station().motor.starts == 1
-    assert proved(monkeypatch, "df800", Person("n")) is ExitCode.INTERRUPTED, "asked again"
+    assert run_calibrate(monkeypatch, "df800", FakeKeys("n")) is ExitCode.INTERRUPTED, "the question is repeated"
 
 
-def test_a_df800_is_not_written_before_the_y(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[float] = []
+def test_a_df800_is_not_written_before_the_key_y(monkeypatch: pytest.MonkeyPatch) -> None:
+    setpoints: list[float] = []
 
-    def no() -> str:
-        seen.append(station().setpoint_hz)
+    def answer_no() -> str:
+        setpoints.append(station().setpoint_hz)
         return "n"
 
-    proved(monkeypatch, "df800", Person(no), before=lambda: setattr(station(), "setpoint_hz", 33.0))
-    assert seen == [33.0] and station().setpoint_hz == 33.0
+    run_calibrate(monkeypatch, "df800", FakeKeys(answer_no), before=lambda: setattr(station(), "setpoint_hz", 33.0))
+    assert setpoints == [33.0] and station().setpoint_hz == 33.0
 
 
-def test_a_model_without_open_proofs_is_asked_nothing(
+def test_a_calibrated_model_has_no_step_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert proved(monkeypatch, "c320", Person()) is ExitCode.DONE
+    assert run_calibrate(monkeypatch, "c320", FakeKeys()) is ExitCode.DONE
     assert "Nothing is left to calibrate on this c320" in capsys.readouterr().out
 
 
-def test_ctrl_c_in_a_proof_that_moves_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The end comes while the motor turns; the stop is confirmed before the verb returns."""
+def test_ctrl_c_during_a_calibration_run_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stop is confirmed before the command ends."""
     import asyncio
 
     from drivebus.cli import signals
 
     received: list[signals.ShutdownSignal] = []
-    listening = signals.shutdown_signals
+    original = signals.shutdown_signals
 
     @contextmanager
-    def noted() -> Iterator[signals.ShutdownSignal]:
-        with listening() as found:
+    def recording() -> Iterator[signals.ShutdownSignal]:
+        with original() as found:
             received.append(found)
             yield found
 
@@ -168,31 +169,31 @@ def test_ctrl_c_in_a_proof_that_moves_stops_the_drive(monkeypatch: pytest.Monkey
         return "y"
 
     tasks: list[Any] = []
-    monkeypatch.setattr(signals, "shutdown_signals", noted)
-    assert proved(monkeypatch, "dzb100", Person(turn_keypad, start_and_interrupt)) is ExitCode.INTERRUPTED
+    monkeypatch.setattr(signals, "shutdown_signals", recording)
+    assert run_calibrate(monkeypatch, "dzb100", FakeKeys(turn_keypad, start_and_interrupt)) is ExitCode.INTERRUPTED
     assert station().motor.starts == 1 and not station().motor.energised
 
 
-def test_a_drive_that_falls_silent_while_it_turns_is_stopped_and_said_to_be_unconfirmed(
+def test_the_stop_of_a_drive_that_goes_offline_while_it_turns_is_unconfirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def silence() -> str:
+    def mute_after_start() -> str:
         direct = station().run_towards
 
-        def deaf(hz: float) -> None:
+        def start_and_mute(hz: float) -> None:
             direct(hz)
             station().faults.mute = True
 
-        station().run_towards = deaf
+        station().run_towards = start_and_mute
         return "y"
 
     with pytest.raises(StopUnconfirmed):
-        proved(monkeypatch, "dzb100", Person(turn_keypad, silence))
-    assert not station().motor.energised, "mute, not deaf: the stop reached it"
+        run_calibrate(monkeypatch, "dzb100", FakeKeys(turn_keypad, mute_after_start))
+    assert not station().motor.energised, "the drive executes the stop without a reply"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="ptys of POSIX")
-def test_at_a_terminal_each_step_waits_for_its_key() -> None:
+def test_each_step_on_a_terminal_waits_for_its_key() -> None:
     with PtyTerminal("calibrate", "sim://df800@1", "--model", "df800", "--address", "1") as terminal:
         terminal.wait_for("Press y to jog it")
         terminal.press("y")
@@ -206,14 +207,14 @@ def test_at_a_terminal_each_step_waits_for_its_key() -> None:
 def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
     with pytest.raises(ConfigurationError) as caught:
-        proved(monkeypatch, "df800", Person())
+        run_calibrate(monkeypatch, "df800", FakeKeys())
     assert caught.value.key == "calibrate.no_terminal"
     with pytest.raises(KeyError):
         station()
 
 
 @pytest.mark.parametrize(("model", "purposes"), [("dzb100", 4), ("df800", 3), ("c320", 0)])
-def test_a_dry_run_shows_what_would_be_sent(model: str, purposes: int) -> None:
+def test_a_dry_run_prints_the_frames_of_the_open_steps(model: str, purposes: int) -> None:
     words = ["/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
     output.parse_global_options(words)
     result = CliRunner().invoke(calibrate.command, words, standalone_mode=False)

@@ -1,4 +1,4 @@
-"""The verbs that end by themselves, on simulated drives: documents, sentences and exit codes."""
+"""Commands that end by themselves, on simulated drives: JSON documents, texts and exit codes."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ C320 = ("--model", "c320", "--address", "1")
 
 
 @pytest.fixture(autouse=True)
-def benches() -> Any:
+def delete_simulated_buses() -> Any:
     yield
     clear_simulated_buses()
 
 
-def ask(*words: str, code: int = 0) -> dict[str, Any]:
-    """The document of a verb that must end with ``code``."""
+def run_json(*words: str, code: int = 0) -> dict[str, Any]:
+    """Run a command that must exit with ``code``; return its JSON document."""
     result = CliRunner().invoke(cli, [*words, "--json"])
     assert result.exit_code == code, result.output
     document: dict[str, Any] = json.loads(result.stdout)
     return document
 
 
-def say(*words: str, code: int = 0) -> str:
+def run_text(*words: str, code: int = 0) -> str:
     result = CliRunner().invoke(cli, list(words), env={"COLUMNS": "200"})
     assert result.exit_code == code, result.output
     return result.output
 
 
-STANDING = [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("df800", "unknown")]
+STATES_AT_STANDSTILL = [("c320", "stopped"), ("dzb100", "stopped"), ("vc660", "stopped"), ("df800", "unknown")]
 
 
-@pytest.mark.parametrize(("model", "state"), STANDING)
-def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: str, state: str) -> None:
-    """DF800 publishes no run status: its state is unknown, never stopped."""
-    found = ask("status", f"sim://{model}@1", "--model", model, "--address", "1")
+@pytest.mark.parametrize(("model", "state"), STATES_AT_STANDSTILL)
+def test_status_has_state_fault_and_readings_with_unit_quality_and_age(model: str, state: str) -> None:
+    """The manual of the DF800 defines no run status: its state is unknown, never stopped."""
+    found = run_json("status", f"sim://{model}@1", "--model", model, "--address", "1")
     assert found["state"] == state
     assert found["fault"] is None
     assert (found["reason"] is None) == (state != "unknown")
@@ -54,14 +54,14 @@ def test_status_tells_state_fault_and_readings_with_unit_quality_and_age(model: 
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_status_is_told_to_people_without_any_bare_key(language: str) -> None:
-    text = say("status", "sim://c320@1", *C320, "--lang", language)
+def test_the_text_of_status_has_no_catalogue_key(language: str) -> None:
+    text = run_text("status", "sim://c320@1", *C320, "--lang", language)
     assert "drives." not in text and "status." not in text
     assert ("停止" if language == "zh" else "stopped") in text
 
 
 def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
-    values = ask("read", "sim://c320@1", "F0.1", "F1.10", "output_frequency", *C320)["values"]
+    values = run_json("read", "sim://c320@1", "F0.1", "F1.10", "output_frequency", *C320)["values"]
     by_name = {one["name"]: one for one in values}
     assert by_name["F0.1"]["raw"] == 2
     assert by_name["F0.1"]["wire"] == {"space": "parameter", "address": 1, "hex": "0001H"}
@@ -69,84 +69,84 @@ def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
     assert by_name["output_frequency"]["unit"] == "Hz"
 
 
-def test_write_is_confirmed_by_reading_back_and_stays_in_the_drive() -> None:
-    link = "sim://c320@1?name=kept"
-    assert ask("write", link, "F1.10=1", *C320)["outcome"] == "confirmed"
-    assert ask("read", link, "F1.10", *C320)["values"][0]["raw"] == 1
+def test_a_write_is_confirmed_by_a_read_and_stays_in_the_drive() -> None:
+    url = "sim://c320@1?name=written"
+    assert run_json("write", url, "F1.10=1", *C320)["outcome"] == "confirmed"
+    assert run_json("read", url, "F1.10", *C320)["values"][0]["raw"] == 1
 
 
-def test_a_model_that_cannot_tell_ram_from_eeprom_needs_save_said() -> None:
+def test_a_model_without_a_separate_ram_write_requires_save() -> None:
     words = ("write", "sim://df800@1", "F1.07=12", "--model", "df800", "--address", "1")
-    error = ask(*words, code=1)["error"]
+    error = run_json(*words, code=1)["error"]
     assert error["type"] == "CapabilityError"
     assert "--save" in error["hint"]
-    assert ask(*words, "--save")["outcome"] == "confirmed"
+    assert run_json(*words, "--save")["outcome"] == "confirmed"
 
 
-def test_the_budget_of_saves_is_the_users_own_and_outlives_the_program(
+def test_the_eeprom_budget_is_set_by_the_user_and_outlives_the_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a serial port: a simulated drive's own count would end with the program."""
+    """The count is stored as for a serial port; that of a simulated drive would end with the program."""
     monkeypatch.setattr("drivebus.drives.drive.VOLATILE_SCHEMES", ())
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     words = ("write", "sim://df800@1", "--save", "--model", "df800", "--address", "1")
-    assert ask(*words, "F1.07=12", "--eeprom-writes-per-day", "1")["outcome"] == "confirmed"
-    error = ask(*words, "F1.07=13", "--eeprom-writes-per-day", "1", code=1)["error"]
+    assert run_json(*words, "F1.07=12", "--eeprom-writes-per-day", "1")["outcome"] == "confirmed"
+    error = run_json(*words, "F1.07=13", "--eeprom-writes-per-day", "1", code=1)["error"]
     assert (error["type"], error["params"]["budget"]) == ("EepromBudgetExceeded", 1)
     assert "--eeprom-writes-per-day" in error["hint"]
-    assert ask(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
+    assert run_json(*words, "F1.07=13")["outcome"] == "confirmed", "20 without the option"
 
 
-def test_a_budget_of_saves_that_is_no_whole_number_is_named_with_what_was_expected() -> None:
+def test_an_eeprom_budget_that_is_no_whole_number_is_an_error_with_the_expected_value() -> None:
     words = ("write", "sim://df800@1", "F1.07=12", "--save", "--model", "df800", "--address", "1")
-    text = ask(*words, "--eeprom-writes-per-day", "-1", code=2)["error"]["text"]
+    text = run_json(*words, "--eeprom-writes-per-day", "-1", code=2)["error"]["text"]
     assert "--eeprom-writes-per-day" in text and "found -1" in text and "expected a whole number" in text
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_silent_drive_is_told_with_what_to_do_next(language: str) -> None:
-    text = say("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
+def test_the_error_of_an_offline_drive_names_the_next_step(language: str) -> None:
+    text = run_text("status", "sim://c320@1", "--model", "c320", "--address", "2", "--lang", language, code=1)
     assert "drivebus scan PORT" in text
 
 
-def test_a_stop_that_is_the_first_word_on_a_line_of_df800_is_acknowledged() -> None:
-    """Its answer mirrors the request: only a read in between shows that the adapter does not echo."""
-    assert ask("stop", "sim://df800@1", "--model", "df800", "--address", "1")["outcome"] == "acknowledged"
+def test_a_stop_that_is_the_first_frame_on_a_bus_of_df800_is_acknowledged() -> None:
+    """The reply equals the request: a read before it shows that the adapter does not echo."""
+    assert run_json("stop", "sim://df800@1", "--model", "df800", "--address", "1")["outcome"] == "acknowledged"
 
 
 def test_stop_confirms_and_set_frequency_starts_nothing() -> None:
-    link = "sim://vc660@1?name=still"
+    url = "sim://vc660@1?name=still"
     drive = ("--model", "vc660", "--address", "1")
-    assert ask("set-frequency", link, "25", *drive)["outcome"] == "confirmed"
-    assert ask("status", link, *drive)["state"] == "stopped"
-    assert ask("stop", link, *drive)["outcome"] == "confirmed"
+    assert run_json("set-frequency", url, "25", *drive)["outcome"] == "confirmed"
+    assert run_json("status", url, *drive)["state"] == "stopped"
+    assert run_json("stop", url, *drive)["outcome"] == "confirmed"
 
 
 def test_a_frequency_above_the_maximum_is_refused_before_anything_is_sent() -> None:
-    found = ask("set-frequency", "sim://c320@1", "3999", *C320, code=1)
+    found = run_json("set-frequency", "sim://c320@1", "3999", *C320, code=1)
     assert found["error"]["type"] == "LimitError"
 
 
-def test_a_verb_that_the_model_has_not_is_refused_with_1() -> None:
-    found = ask("coast", "sim://df800@1", "--model", "df800", "--address", "1", code=1)
+def test_a_command_that_the_model_does_not_have_exits_with_1() -> None:
+    found = run_json("coast", "sim://df800@1", "--model", "df800", "--address", "1", code=1)
     assert found["error"]["type"] == "CapabilityError"
 
 
-def test_bus_stop_names_who_stopped_who_could_only_say_yes_and_where_nobody_was() -> None:
-    found = ask("stop", "--all", "sim://c320@1-2", "--model", "c320", "--address", "1-2")
+def test_a_bus_stop_lists_confirmed_and_acknowledged_drives() -> None:
+    found = run_json("stop", "--all", "sim://c320@1-2", "--model", "c320", "--address", "1-2")
     assert found["confirmed"] == [1, 2]
     assert found["unconfirmed"] == []
-    acknowledged = ask("stop", "--all", "sim://df800@1", "--model", "df800", "--address", "1")
+    acknowledged = run_json("stop", "--all", "sim://df800@1", "--model", "df800", "--address", "1")
     assert acknowledged["acknowledged"] == [1]
 
 
 def test_a_bus_stop_of_an_absent_drive_that_was_named_exits_with_4() -> None:
-    found = ask("stop", "--all", "sim://vc660@1", "--model", "vc660", "--address", "1-2", code=4)
+    found = run_json("stop", "--all", "sim://vc660@1", "--model", "vc660", "--address", "1-2", code=4)
     assert found["confirmed"] == [1]
     assert found["unconfirmed"] == [2]
 
 
-def test_scan_tells_what_it_found_and_that_it_only_read() -> None:
+def test_scan_prints_the_drives_and_that_it_only_reads() -> None:
     result = CliRunner().invoke(
         cli,
         ["scan", "sim://vc660@2", "--models", "vc660", "--addresses", "1-3", "--listen-seconds", "0.1", "--lang", "en"],
@@ -157,7 +157,7 @@ def test_scan_tells_what_it_found_and_that_it_only_read() -> None:
     assert "communication-loss timer" in result.stderr
 
 
-def test_scan_of_an_empty_line_exits_with_1_and_says_what_to_check() -> None:
+def test_a_scan_of_an_empty_bus_exits_with_1_and_names_what_to_check() -> None:
     words = (
         "scan",
         "sim://vc660@9",
@@ -170,69 +170,69 @@ def test_scan_of_an_empty_line_exits_with_1_and_says_what_to_check() -> None:
         "--lang",
         "en",
     )
-    assert "A/B" in say(*words, "--bauds", "9600", "--formats", "8N1", code=1)
+    assert "A/B" in run_text(*words, "--bauds", "9600", "--formats", "8N1", code=1)
 
 
 def test_models_lists_every_profile_with_its_grade() -> None:
-    found = {one["model"]: one["grade"] for one in ask("models")["models"]}
+    found = {one["model"]: one["grade"] for one in run_json("models")["models"]}
     assert {"c320", "dzb100", "vc660", "df800"} <= set(found)
     assert found["c300"] == "draft"
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The directory for own profiles, empty."""
+def own_profiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the empty directory of the user's own profiles."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     directory = tmp_path / "drivebus" / "profiles"
     directory.mkdir(parents=True)
     return directory
 
 
-def test_a_broken_profile_of_ones_own_hides_no_other_and_is_named(own: Path) -> None:
-    """With file, line, key and remedy, once each; whatever is wrong with it."""
-    (own / "good.toml").write_text('format = 1\nextends = "c320"\n')
-    (own / "slip.toml").write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_herz = 60.0\n')
-    (own / "vc660.toml").write_text('format = 1\nextends = "df800"\n')
-    (own / "folder.toml").mkdir()
-    document = ask("models", code=2)
+def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Path) -> None:
+    """Each file is reported once, with line, key and remedy where they are known."""
+    (own_profiles / "good.toml").write_text('format = 1\nextends = "c320"\n')
+    (own_profiles / "typo.toml").write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_herz = 60.0\n')
+    (own_profiles / "vc660.toml").write_text('format = 1\nextends = "df800"\n')
+    (own_profiles / "folder.toml").mkdir()
+    document = run_json("models", code=2)
     assert {"c320", "df800", "good"} <= {one["model"] for one in document["models"]}
     refused = {Path(one["params"]["file"]).name: one["params"] for one in document["refused"]}
     assert len(document["refused"]) == len(refused) == 3
-    slip = refused["slip.toml"]
-    assert (slip["line"], slip["key"], bool(slip["remedy"])) == (4, "limits.maximum_herz", True)
+    typo = refused["typo.toml"]
+    assert (typo["line"], typo["key"], bool(typo["remedy"])) == (4, "limits.maximum_herz", True)
     assert [refused[name]["complaints"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
         "shadows",
         "unreadable",
     ]
     result = CliRunner().invoke(cli, ["models", "--lang", "en"])
     assert result.exit_code == 2
-    assert "good" in result.stdout and "slip.toml:4" in result.stderr and "limits.maximum_herz" in result.stderr
+    assert "good" in result.stdout and "typo.toml:4" in result.stderr and "limits.maximum_herz" in result.stderr
 
 
-def test_models_lists_what_the_option_model_takes_and_nothing_twice(own: Path) -> None:
-    """Also a file without ``model =``, which keeps its base's name within."""
-    (own / "mine.toml").write_text('format = 1\nextends = "c320"\n')
-    names = [one["model"] for one in ask("models")["models"]]
+def test_models_lists_each_value_of_the_option_model_once(own_profiles: Path) -> None:
+    """A file without ``model =`` contains the model name of its base."""
+    (own_profiles / "mine.toml").write_text('format = 1\nextends = "c320"\n')
+    names = [one["model"] for one in run_json("models")["models"]]
     assert names.count("c320") == 1 and names[-1] == "mine"
     for name in names:
-        assert ask("profile", "check", str(profiles.load(name).source))["valid"]
+        assert run_json("profile", "check", str(profiles.load(name).source))["valid"]
 
 
-def test_ports_answers_on_a_machine_without_serial_ports_too() -> None:
-    assert isinstance(ask("ports")["ports"], list)
+def test_ports_also_works_on_a_machine_without_serial_ports() -> None:
+    assert isinstance(run_json("ports")["ports"], list)
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_refused_profile_is_told_with_file_and_line_and_exits_with_2(tmp_path: Path, language: str) -> None:
+def test_a_rejected_profile_is_reported_with_file_and_line_and_exits_with_2(tmp_path: Path, language: str) -> None:
     bad = tmp_path / "mine.toml"
-    bad.write_text('format = 1\nextends = "c320"\nfamily = "nobody"\n')
+    bad.write_text('format = 1\nextends = "c320"\nfamily = "no-family"\n')
     result = CliRunner().invoke(cli, ["profile", "check", str(bad), "--lang", language])
     assert result.exit_code == 2
-    (line,) = [line for line in result.stderr.splitlines() if "nobody" in line]
+    (line,) = [line for line in result.stderr.splitlines() if "no-family" in line]
     assert line.startswith(f"{bad}:3") and "family" in line and ("应为" in line) is (language == "zh")
 
 
-def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
+def test_a_valid_profile_is_reported_as_valid(tmp_path: Path) -> None:
     good = tmp_path / "mine.toml"
     good.write_text('format = 1\nextends = "vc660"\nmodel = "mine"\n')
     found = CliRunner().invoke(cli, ["profile", "check", str(good), "--json"])
@@ -242,7 +242,7 @@ def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("link", "text"),
+    ("url", "text"),
     [
         ("ttyUSB0", "/dev/ttyUSB0"),
         ("192.168.1.50:4001", "tcp://192.168.1.50:4001"),
@@ -250,28 +250,28 @@ def test_a_good_profile_is_told_to_be_good(tmp_path: Path) -> None:
         ("tcp://host", "tcp://HOST:PORT"),
     ],
 )
-def test_a_link_that_is_none_is_told_with_the_one_that_was_probably_meant(link: str, text: str) -> None:
-    result = CliRunner().invoke(cli, ["status", link, *C320, "--lang", "en"])
+def test_the_error_of_an_invalid_port_url_suggests_a_valid_one(url: str, text: str) -> None:
+    result = CliRunner().invoke(cli, ["status", url, *C320, "--lang", "en"])
     assert result.exit_code == 2
     assert text in result.stderr
 
 
-def test_a_port_that_is_not_there_is_told_with_what_to_do() -> None:
+def test_the_error_of_a_missing_port_names_the_next_step() -> None:
     result = CliRunner().invoke(cli, ["status", "/dev/ttyUSB99", *C320, "--lang", "en"])
     assert result.exit_code == 1
     assert "/dev/ttyUSB99" in result.stderr
     assert "plug the adapter in" in result.stderr
 
 
-def test_an_unknown_setting_is_told_with_those_that_there_are() -> None:
-    found = ask("status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--option", "speed=9", code=2)
+def test_the_error_of_an_unknown_option_name_lists_the_known_ones() -> None:
+    found = run_json("status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--option", "speed=9", code=2)
     assert "setpoint_coding" in found["error"]["text"]
 
 
-def test_run_refuses_an_uncapped_frequency_until_the_coding_is_settled() -> None:
-    """T08: ten times too fast under another coding."""
+def test_run_rejects_a_frequency_above_the_cap_until_the_coding_is_calibrated() -> None:
+    """Under another coding the motor would turn ten times too fast."""
     words = ("run", "sim://dzb100@1", "--model", "dzb100", "--address", "1", "--frequency", "20")
-    found = ask(*words, code=1)
+    found = run_json(*words, code=1)
     assert found["error"]["type"] in ("LimitError", "StartInhibited")
 
 
@@ -294,19 +294,19 @@ def test_each_error_has_its_exit_code(error: errors.DrivebusError, code: int) ->
     assert cli_errors.exit_code_of(error) == code
 
 
-def test_nothing_that_moved_or_may_have_moved_the_motor_goes_without_a_stop() -> None:
+def test_an_error_after_which_the_motor_may_turn_is_followed_by_a_stop() -> None:
     from drivebus.cli.commands.run import nothing_moved
 
     after = (errors.TargetNotReached, errors.OutcomeUnknown, errors.StopUnconfirmed)
     before = (errors.LimitError, errors.StartInhibited, errors.PreflightError, errors.DriveRejected, errors.NoReply)
-    unsure = errors.NoReply("x")
-    unsure.outcome = object()
-    assert not nothing_moved(unsure)
+    unknown = errors.NoReply("x")
+    unknown.outcome = object()
+    assert not nothing_moved(unknown)
     assert all(nothing_moved(kind("x")) for kind in before)
     assert not any(nothing_moved(kind("x")) for kind in after)
 
 
-def test_a_bus_stop_without_addresses_stops_who_is_there_and_says_how_many_addresses_were_silent() -> None:
-    found = ask("stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
+def test_a_bus_stop_without_addresses_stops_the_present_drives_and_counts_the_absent_addresses() -> None:
+    found = run_json("stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
     assert found["confirmed"] == [1, 2]
     assert len(found["absent"]) == 29

@@ -1,4 +1,4 @@
-"""Each worked vector through ``decode --json``: the golden frames of the manuals, as a user would ask about them."""
+"""``decode --json`` of every worked frame of the manuals."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ VECTORS = [
 BY_ID = {vector["id"]: vector for vector in VECTORS}
 
 
-def ask(vector: dict[str, Any], *more: str) -> tuple[int, dict[str, Any]]:
-    """Exit code and document of ``decode`` for a vector."""
+def decode(vector: dict[str, Any], *more: str) -> tuple[int, dict[str, Any]]:
+    """Return the exit code and the JSON document of ``decode`` for a vector."""
     words = ["decode", "--json", "--model", vector["model"], "--encoding", vector["encoding"]]
     words += ["--direction", vector["direction"]]
     if "reply_to" in vector:
@@ -31,27 +31,27 @@ def ask(vector: dict[str, Any], *more: str) -> tuple[int, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
-def test_each_vector_is_explained_with_its_verdict(vector: dict[str, Any]) -> None:
-    code, text = ask(vector)
+def test_each_vector_has_its_fields_and_verdict(vector: dict[str, Any]) -> None:
+    code, document = decode(vector)
     decodable = vector.get("decodable", True)
-    assert text["valid"] is decodable
+    assert document["valid"] is decodable
     assert code == (0 if decodable else 3)
-    assert text["direction"] == vector["direction"]
-    assert text["encoding"] == vector["encoding"]
+    assert document["direction"] == vector["direction"]
+    assert document["encoding"] == vector["encoding"]
     if decodable:
-        found = {name: text["fields"].get(name) for name in vector["fields"]}
+        found = {name: document["fields"].get(name) for name in vector["fields"]}
         assert found == vector["fields"]
     else:
-        assert text["problems"]
-    assert bool(text["hazards"]) or "hazard" not in vector
-    assert bool(text["errata"]) or "erratum" not in vector
+        assert document["problems"]
+    assert bool(document["hazards"]) or "hazard" not in vector
+    assert bool(document["errata"]) or "erratum" not in vector
     if "canonical_hex" in vector and decodable:
-        assert text["canonical_hex"] == vector["canonical_hex"]
+        assert document["canonical_hex"] == vector["canonical_hex"]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
-def test_each_vector_is_explained_for_people_in_both_languages(vector: dict[str, Any], language: str) -> None:
+def test_the_text_of_each_vector_is_in_the_users_language(vector: dict[str, Any], language: str) -> None:
     words = ["decode", "--model", vector["model"], "--encoding", vector["encoding"], "--lang", language]
     result = CliRunner().invoke(cli, [*words, "--direction", vector["direction"], *vector["hex"].split()])
     assert result.exit_code in (0, 3)
@@ -60,48 +60,48 @@ def test_each_vector_is_explained_for_people_in_both_languages(vector: dict[str,
 
 
 def names_in(fields: Any) -> set[str]:
-    """Names of fields, of those inside fields too; codings are names by themselves."""
+    """Return the names of fields and nested fields; the names of codings are not fields."""
     if isinstance(fields, list):
         return set().union(*map(names_in, fields))
     if not isinstance(fields, dict):
         return set()
-    inside = [names_in(each) for name, each in fields.items() if name != "frequency_hz_by_coding"]
-    return set(fields).union(*inside)
+    nested = [names_in(each) for name, each in fields.items() if name != "frequency_hz_by_coding"]
+    return set(fields).union(*nested)
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
-def test_each_field_has_a_name_for_people(vector: dict[str, Any]) -> None:
-    text = ask(vector)[1]
-    for fields in (text["fields"], *(one["fields"] for one in text["interpretations"])):
+def test_each_field_has_a_label(vector: dict[str, Any]) -> None:
+    document = decode(vector)[1]
+    for fields in (document["fields"], *(one["fields"] for one in document["interpretations"])):
         assert {name for name in names_in(fields) if f"decode.field.{name}" not in i18n.catalogue("zh")} == set()
 
 
 @pytest.mark.parametrize("text", [":010600F9", ": 01 06 00 F9", "3A 30 31 30 36 30 30 46 39 0D 0A"])
-def test_a_frame_may_be_given_as_the_manual_prints_it(text: str) -> None:
-    """DF800's own error form, as characters: Modbus ASCII, not RTU bytes without their CRC."""
+def test_a_modbus_ascii_frame_can_be_given_as_characters(text: str) -> None:
+    """The error form of the DF800 is Modbus ASCII, not RTU bytes without their CRC."""
     result = CliRunner().invoke(cli, ["decode", "--model", "df800", "--json", *text.split()])
-    reply_text = json.loads(result.output)
-    assert (result.exit_code, reply_text["encoding"], reply_text["fields"]["error"]) == (0, "ascii", True)
+    document = json.loads(result.output)
+    assert (result.exit_code, document["encoding"], document["fields"]["error"]) == (0, "ascii", True)
 
 
-def test_a_colon_between_pairs_is_no_modbus_frame() -> None:
+def test_colons_between_pairs_are_separators() -> None:
     result = CliRunner().invoke(cli, ["decode", "--model", "c320", "--json", "2A:30:30"])
     assert json.loads(result.output)["hex"] == "2A 30 30"
 
 
-def test_hexadecimal_digits_may_be_written_with_and_without_blanks() -> None:
+def test_hexadecimal_digits_with_and_without_blanks_are_the_same_frame() -> None:
     vector = BY_ID["vc660-loopback"]
-    glued = dict(vector, hex=vector["hex"].replace(" ", "").lower())
-    assert ask(vector)[1]["fields"] == ask(glued)[1]["fields"]
+    joined = dict(vector, hex=vector["hex"].replace(" ", "").lower())
+    assert decode(vector)[1]["fields"] == decode(joined)[1]["fields"]
 
 
 @pytest.mark.parametrize("text", ["2", "2G", "+1 02", "0x2", "１２"])
-def test_what_is_no_hexadecimal_digit_is_refused_as_usage(text: str) -> None:
+def test_an_invalid_hexadecimal_digit_is_a_usage_error(text: str) -> None:
     result = CliRunner().invoke(cli, ["decode", "--model", "c320", "--", text])
     assert result.exit_code == 2
     assert text in result.output
 
 
-def test_an_unknown_model_is_refused_as_configuration() -> None:
+def test_an_unknown_model_is_a_configuration_error() -> None:
     result = CliRunner().invoke(cli, ["decode", "--model", "c321", "2A"])
     assert result.exit_code == 2

@@ -1,4 +1,4 @@
-"""``--dry-run`` prints the frames that the manuals print (with the commands left out where those are traps, T01)."""
+"""``--dry-run`` prints the worked frames of the manuals."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ VECTORS = {
     for file in (Path(__file__).parents[2] / "vectors").glob("*.jsonl")
     for vector in map(json.loads, file.read_text(encoding="utf-8").splitlines())
 }
-NOWHERE = "/dev/there-is-no-such-port"
-"""A dry run opens no port."""
+MISSING_PORT = "/dev/missing"  # a dry run opens no port
 
 
 def dry(*words: str) -> dict[str, Any]:
-    """The document of a dry run."""
-    verb, *rest = words
-    result = CliRunner().invoke(cli, [verb, NOWHERE, *rest, "--dry-run", "--json"])
+    """Return the JSON document of a dry run."""
+    command, *rest = words
+    result = CliRunner().invoke(cli, [command, MISSING_PORT, *rest, "--dry-run", "--json"])
     assert result.exit_code == 0, result.output
     document: dict[str, Any] = json.loads(result.stdout)
     return document
@@ -85,8 +84,8 @@ def test_a_dry_run_prints_the_bytes_of_the_vector(vector_id: str, words: tuple[s
     assert canonical(vector_id) in frames(*words)
 
 
-def test_a_frame_is_told_with_its_reply_length_and_its_time_on_the_bus() -> None:
-    """15 characters out and 18 back at 9600 8E1 (11 bits), 5 characters of silence before (manual 2.2.4)."""
+def test_a_planned_frame_has_its_reply_length_and_its_time_on_the_bus() -> None:
+    """15 characters are sent and 18 received at 9600 8E1 (11 bits), after a gap of 5 characters (manual 2.2.4)."""
     frame = dry("stop", *C320)["frames"][0]
     character_s = 11 / 9600
     assert frame["reply_bytes"] == 18
@@ -95,29 +94,29 @@ def test_a_frame_is_told_with_its_reply_length_and_its_time_on_the_bus() -> None
     assert frame["bus_s"] == pytest.approx((5 + 15 + 18) * character_s, abs=2e-6)
 
 
-def test_the_line_of_a_dry_run_is_the_options_else_the_links_else_the_profiles() -> None:
+def test_serial_settings_come_from_the_options_then_the_port_url_then_the_profile() -> None:
     assert dry("stop", *C320)["serial"] == "9600 8E1"
     assert dry("stop", *C320, "--baud", "19200", "--format", "8O1")["serial"] == "19200 8O1"
-    link = f"serial://{NOWHERE}?baud=2400"
-    result = CliRunner().invoke(cli, ["stop", link, *C320, "--dry-run", "--json"])
+    url = f"serial://{MISSING_PORT}?baud=2400"
+    result = CliRunner().invoke(cli, ["stop", url, *C320, "--dry-run", "--json"])
     assert json.loads(result.stdout)["serial"] == "2400 8E1"
 
 
-def test_a_broadcast_is_told_to_have_no_reply() -> None:
+def test_a_planned_broadcast_has_no_reply() -> None:
     frame = dry("stop", "--all", "--model", "c320", "--address", "1-2")["frames"][0]
     assert frame["reply_bytes"] == 0
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"])
-@pytest.mark.parametrize("verb", ["status", "stop", "jog", "run", "scan", "monitor"])
-def test_reads_in_a_dry_run_carry_no_command_and_every_verb_that_sends_has_one(verb: str, model: str) -> None:
-    words = [verb, NOWHERE, "--dry-run", "--json"]
-    if verb == "scan":
+@pytest.mark.parametrize("command", ["status", "stop", "jog", "run", "scan", "monitor"])
+def test_every_command_has_a_dry_run_for_every_model_or_an_error_of_the_model(command: str, model: str) -> None:
+    words = [command, MISSING_PORT, "--dry-run", "--json"]
+    if command == "scan":
         words += ["--models", model]
     else:
         words += ["--model", model, "--address", "1"]
-    words += ["--frequency", "5"] if verb == "run" else []
-    words += ["--option", "setpoint_coding=hex-0.1"] if verb == "run" and model == "dzb100" else []
+    words += ["--frequency", "5"] if command == "run" else []
+    words += ["--option", "setpoint_coding=hex-0.1"] if command == "run" and model == "dzb100" else []
     result = CliRunner().invoke(cli, words)
     if result.exit_code != 0:
         assert json.loads(result.stdout)["error"]["type"] in ("CapabilityError", "StartInhibited", "LimitError")
@@ -128,43 +127,44 @@ def test_reads_in_a_dry_run_carry_no_command_and_every_verb_that_sends_has_one(v
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_dry_run_is_told_to_people_in_both_languages(language: str) -> None:
-    words = ["run", NOWHERE, *C320, "--frequency", "9.99", "--dry-run", "--lang", language]
+def test_the_text_of_a_dry_run_is_in_the_users_language(language: str) -> None:
+    words = ["run", MISSING_PORT, *C320, "--frequency", "9.99", "--dry-run", "--lang", language]
     result = CliRunner().invoke(cli, words)
     assert canonical("c320-4.6-request-ascii") in result.output
     assert "dry." not in result.output
 
 
 SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion", "acceptance"}
-"""The demo and the lab's campaigns speak to their own simulated plants only."""
-OF_A_PLANT = {"init", "check", "serve", "user", "audit"}
-"""What a plant would send is told by ``check`` before it is served; of a stop there is nothing to try. ``init`` reads
-only, as ``scan`` does, whose dry run shows the frames."""
+"""Commands that send nothing, or only to their own simulated drives, or (acceptance) have steps of their own."""
+PLANT_COMMANDS = {"init", "check", "serve", "user", "audit"}
+"""Commands on a plant: ``check`` shows its load on the buses; ``init`` only reads, as ``scan`` does."""
 
 
-def test_every_verb_that_sends_has_a_dry_run() -> None:
+def test_every_command_that_sends_has_a_dry_run() -> None:
     context = click.Context(cli)
-    for name in set(cli.list_commands(context)) - SENDS_NOTHING - OF_A_PLANT:
+    for name in set(cli.list_commands(context)) - SENDS_NOTHING - PLANT_COMMANDS:
         command = cli.get_command(context, name)
         assert command is not None
         assert "dry_run" in {param.name for param in command.params}, name
 
 
-def test_a_value_that_fits_no_word_is_refused_in_a_dry_run_too() -> None:
-    result = CliRunner().invoke(cli, ["write", NOWHERE, "F1.10=99999999", *C320, "--dry-run", "--json"])
+def test_a_value_out_of_range_is_an_error_of_a_dry_run() -> None:
+    result = CliRunner().invoke(cli, ["write", MISSING_PORT, "F1.10=99999999", *C320, "--dry-run", "--json"])
     assert result.exit_code == 1
     assert json.loads(result.stdout)["error"]["type"] == "LimitError"
 
 
-def test_a_frequency_that_goes_only_with_a_run_command_is_shown_as_a_running_drive_would_get_it() -> None:
-    proved = ("--option", "query_coding=hex-0.1", "--option", "setpoint_coding=hex-0.1")
-    found = dry("set-frequency", "10", "--model", "dzb100", "--address", "2", *proved)
+def test_a_frequency_that_needs_a_run_command_is_planned_for_a_running_drive() -> None:
+    calibrated = ("--option", "query_coding=hex-0.1", "--option", "setpoint_coding=hex-0.1")
+    found = dry("set-frequency", "10", "--model", "dzb100", "--address", "2", *calibrated)
     assert [frame["hex"] for frame in found["frames"]] == ["43 03 01 30 32 30 31 30 30 36 34"]
     assert "ran forward" in found["notes"][0]
 
 
 @pytest.mark.parametrize(("save", "frames_before"), [((), 0), (("--save",), 1)])
-def test_a_parameter_is_compared_only_before_it_is_saved(save: tuple[str, ...], frames_before: int) -> None:
-    """The comparison spares the EEPROM; a write to RAM needs none."""
+def test_a_parameter_is_compared_before_it_is_saved_and_not_before_a_ram_write(
+    save: tuple[str, ...], frames_before: int
+) -> None:
+    """The comparison saves EEPROM writes; a write to RAM needs none."""
     found = dry("write", "F1.10=16", *C320, *save)["frames"]
     assert [frame["purpose"] for frame in found][frames_before] == "write a parameter"

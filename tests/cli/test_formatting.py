@@ -1,4 +1,4 @@
-"""What people read: figures as the drive shows them, tables that fit the terminal, each thing said once."""
+"""Texts for users: values with the decimals of the keypad, outcomes, tables that fit the terminal."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ def english() -> Iterator[None]:
         ("set_speed", None, "–"),
     ],
 )
-def test_a_figure_has_the_places_of_its_scale(signal: str, value: Any, shown: str) -> None:
+def test_a_value_has_the_decimals_of_its_scale(signal: str, value: Any, shown: str) -> None:
     entry = VC660.signals[signal]
     assert format_value(value, entry.unit if value is not None else "", entry) == shown
 
 
-def test_a_figure_finer_than_its_scale_is_not_rounded_away() -> None:
+def test_a_value_finer_than_its_scale_is_not_rounded() -> None:
     assert format_value(0.25, "V", VC660.signals["dc_bus_voltage"]) == "0.25 V"
 
 
-def test_a_word_of_bits_shows_its_hexadecimal_form() -> None:
+def test_a_word_of_bits_is_also_shown_in_hexadecimal() -> None:
     reading = Reading(10.0, "", raw=10)
     assert format_reading(reading, VC660.signals["input_terminals"]) == "10 (000AH)"
     assert format_reading(missing_reading("drives.no_answer"), VC660.signals["input_terminals"]) == "–"
 
 
-def test_a_result_is_told_once_and_further_notes_below() -> None:
+def test_an_outcome_is_printed_once_with_further_notes_below() -> None:
     params = {"notation": "F1.10", "value": 1, "unit": ""}
     notes: Any = (("drives.write_confirmed", params), ("drives.disagree", {}))
     outcome = Outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", params, notes=notes)
@@ -63,7 +63,7 @@ def test_a_result_is_told_once_and_further_notes_below() -> None:
     assert len(text.splitlines()) == 2
 
 
-def test_signals_are_named_in_chinese_beside_the_name_that_read_takes() -> None:
+def test_signals_have_a_chinese_meaning_beside_their_name() -> None:
     output.parse_global_options(["--lang", "zh"])
     status = DriveStatus(DriveState.STOPPED, readings={"dc_bus_voltage": Reading(537.0, "V", source_time=1.0)})
     page = status_text(status, 2.0, VC660)
@@ -71,7 +71,7 @@ def test_signals_are_named_in_chinese_beside_the_name_that_read_takes() -> None:
 
 
 @pytest.mark.parametrize("cells", [40, 60, 80, 120])
-def test_a_table_fits_the_terminal_and_loses_no_word(cells: int) -> None:
+def test_a_table_fits_the_terminal_without_losing_a_word(cells: int) -> None:
     rows = [["output_voltage", "0 V", "uncertain: raw word: the manual does not publish its scale"], ["x", "y", ""]]
     shown = text_layout.table(["SIGNAL", "VALUE", "NOTE"], rows, cells)
     assert max(text_layout.width(line) for line in shown.splitlines()) <= cells
@@ -80,12 +80,12 @@ def test_a_table_fits_the_terminal_and_loses_no_word(cells: int) -> None:
 
 
 @pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
-def test_a_time_is_told_in_words_and_never_as_nothing(seconds: float, shown: str) -> None:
+def test_a_duration_is_at_least_one_second(seconds: float, shown: str) -> None:
     assert format_duration(seconds) == shown
 
 
-def test_a_scan_that_asked_nobody_does_not_say_that_nobody_answered(capsys: pytest.CaptureFixture[str]) -> None:
-    """Another master speaks: nothing was sent, so silence says nothing about wiring."""
+def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest.CaptureFixture[str]) -> None:
+    """After foreign traffic no request was sent, so nothing is known about the wiring."""
     progress = ScanProgress(10.0)
     print_scan("x", progress, SniffResult(489, 0, b"", 2.0), ExitCode.FAILED)
     assert capsys.readouterr().out == ""

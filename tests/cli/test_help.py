@@ -1,4 +1,4 @@
-"""Every verb explains itself in both languages, with examples that parse."""
+"""Help of every command in both languages, with examples that parse."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivebus.cli.output import width
 
 
 def commands(group: LazyGroup = cli, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    """Every verb of the tree with the words that lead to it."""
+    """Yield every command of the tree with its path."""
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
@@ -35,13 +35,13 @@ IDS = [" ".join(path) for path, _ in TREE]
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize(("path", "command"), TREE, ids=IDS)
-def test_every_verb_has_help_with_an_example_in_both_languages(
+def test_every_command_has_help_with_an_example_in_both_languages(
     path: tuple[str, ...], command: click.Command, language: str
 ) -> None:
     result = CliRunner().invoke(cli, [*path, "--help", "--lang", language])
     assert result.exit_code == 0
     assert f"drivebus {path[0]}" in result.output
-    assert not re.search(r"\b(help|cli)\.[a-z_]+", result.output), "a key without its sentence"
+    assert not re.search(r"\b(help|cli)\.[a-z_]+", result.output), "a catalogue key without text"
     assert command.examples  # type: ignore[attr-defined]
     for example in command.examples:  # type: ignore[attr-defined]
         assert example in result.output
@@ -49,7 +49,7 @@ def test_every_verb_has_help_with_an_example_in_both_languages(
 
 
 @pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if isinstance(c, CliCommand)])
-def test_every_example_is_a_command_line_that_parses(path: tuple[str, ...], command: CliCommand) -> None:
+def test_every_example_parses(path: tuple[str, ...], command: CliCommand) -> None:
     for example in command.examples:
         words = shlex.split(example.partition(" >")[0])
         assert words[: len(path) + 1] == ["drivebus", *path]
@@ -66,8 +66,7 @@ SENDING = [
 
 
 @pytest.mark.parametrize("example", [example for _, example in SENDING])
-def test_every_example_that_sends_is_one_that_its_model_takes(example: str) -> None:
-    """It parses, and the model has it too: shown by its dry run."""
+def test_the_dry_run_of_every_example_that_sends_succeeds(example: str) -> None:
     result = CliRunner().invoke(
         cli, [*shlex.split(example)[1:], *(["--dry-run"] if "--dry-run" not in example else [])]
     )
@@ -83,7 +82,7 @@ def test_help_fits_a_terminal_of_eighty_cells(path: tuple[str, ...], language: s
     assert too_wide == []
 
 
-def test_the_language_may_stand_before_or_after_the_verb_and_after_help() -> None:
+def test_the_language_option_is_accepted_before_and_after_the_command_and_after_help() -> None:
     pages = {
         CliRunner().invoke(cli, words).output
         for words in (["--lang", "zh", "stop", "--help"], ["stop", "--help", "--lang=zh"])
@@ -92,7 +91,7 @@ def test_the_language_may_stand_before_or_after_the_verb_and_after_help() -> Non
     assert "停机" in pages.pop()
 
 
-def test_the_locale_chooses_the_language_where_nobody_says() -> None:
+def test_the_locale_chooses_the_language_without_the_option() -> None:
     result = CliRunner().invoke(cli, ["--help"], env={"DRIVEBUS_LANG": "", "LC_ALL": "zh_CN.UTF-8"})
     assert "用法" in result.output
 
@@ -109,21 +108,21 @@ def test_the_locale_chooses_the_language_where_nobody_says() -> None:
         (["status", "sim://c320@1", "--model", "c320", "--address", "1", "--encoding", "x"], "ascii, hex, rtu"),
     ],
 )
-def test_a_wrong_command_line_is_told_in_the_users_language_and_exits_with_2(words: list[str], text: str) -> None:
+def test_a_usage_error_is_in_the_users_language_and_exits_with_2(words: list[str], text: str) -> None:
     result = CliRunner().invoke(cli, [*words, "--lang", "zh"])
     assert result.exit_code == 2
     assert text in result.output
     assert "--help" in result.output or "型号文件" in result.output
 
 
-def test_a_wrong_command_line_with_json_answers_with_one_document() -> None:
+def test_a_usage_error_with_json_is_one_document() -> None:
     result = CliRunner().invoke(cli, ["status", "--json", "--model"])
     assert result.exit_code == 2
     assert json.loads(result.stdout)["exit"] == 2
 
 
-def test_help_imports_nothing_that_costs_time() -> None:
-    """Start-up <= 1.5 x an empty click program rests on this list; the measurement is benchmarks/startup.py."""
+def test_help_imports_no_slow_module() -> None:
+    """The start-up time is measured by ``benchmarks/startup.py``."""
     code = (
         "import sys\n"
         "sys.argv = ['drivebus', '--help']\n"
@@ -138,7 +137,7 @@ def test_help_imports_nothing_that_costs_time() -> None:
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_each_shell_gets_a_completion_script(shell: str) -> None:
+def test_each_shell_has_a_completion_script(shell: str) -> None:
     result = CliRunner().invoke(cli, ["completion", shell])
     assert result.exit_code == 0
     assert "_DRIVEBUS_COMPLETE" in result.output
@@ -146,20 +145,22 @@ def test_each_shell_gets_a_completion_script(shell: str) -> None:
     assert document["script"] in result.output
 
 
-def test_completion_knows_the_verbs() -> None:
+def test_completion_lists_the_commands() -> None:
     env = {"_DRIVEBUS_COMPLETE": "bash_complete", "COMP_WORDS": "drivebus set", "COMP_CWORD": "1"}
     result = CliRunner().invoke(cli, [], prog_name="drivebus", env=env)
     assert "set-frequency" in result.output
 
 
-def test_no_option_leaves_its_complaint_to_click_which_speaks_english_only() -> None:
-    """Whatever can be refused is refused by a type of ours; plain text, flags and any path never are."""
+def test_no_option_type_of_click_can_reject_a_value() -> None:
+    """Errors of click's own types are English only; text, flags and any path are never rejected."""
     types = {param.name: param.type for _, command in TREE for param in command.params}
-    harmless = (click.types.StringParamType, click.types.BoolParamType)
+    never_rejecting = (click.types.StringParamType, click.types.BoolParamType)
     left = {name: one for name, one in types.items() if type(one).__module__.startswith("click.")}
-    refusing = {name for name, one in left.items() if not isinstance(one, harmless) and not _takes_any(one)}
+    refusing = {
+        name for name, one in left.items() if not isinstance(one, never_rejecting) and not _accepts_every_path(one)
+    }
     assert refusing == set()
 
 
-def _takes_any(one: object) -> bool:
+def _accepts_every_path(one: object) -> bool:
     return isinstance(one, click.Path) and one.file_okay and one.dir_okay and not one.exists

@@ -1,4 +1,4 @@
-"""``--record``: what a verb sent and heard stands in a capture, in the order and with the bytes that passed."""
+"""``--record`` writes every sent and received byte of a command to a capture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ C320 = ("--model", "c320", "--address", "1")
 
 
 @pytest.fixture(autouse=True)
-def benches() -> Any:
+def delete_simulated_buses() -> Any:
     yield
     clear_simulated_buses()
 
@@ -31,10 +31,10 @@ def sent(file: Path) -> list[str]:
     return [one.data.hex(" ").upper() for one in records if one.direction == "tx"]
 
 
-@pytest.mark.parametrize("verb", [("stop",), ("read", "F0.1"), ("write", "F1.10=1"), ("reset",)])
-def test_a_capture_holds_every_frame_of_the_verb(tmp_path: Path, verb: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("command", [("stop",), ("read", "F0.1"), ("write", "F1.10=1"), ("reset",)])
+def test_a_capture_has_every_frame_of_the_command(tmp_path: Path, command: tuple[str, ...]) -> None:
     file = tmp_path / "one.dbcap"
-    result = invoke(verb[0], "sim://c320@1", *verb[1:], *C320, "--record", str(file))
+    result = invoke(command[0], "sim://c320@1", *command[1:], *C320, "--record", str(file))
     assert result.exit_code == 0, result.output
     received = [one for one in read_capture(file).records if isinstance(one, BytesRecord) and one.direction == "rx"]
     assert sent(file) and received
@@ -48,7 +48,7 @@ def test_the_first_frame_recorded_is_the_first_frame_of_the_dry_run(tmp_path: Pa
     assert sent(file)[0] == dry["frames"][0]["hex"]
 
 
-def test_a_recorded_line_is_shown_again_by_monitor(tmp_path: Path) -> None:
+def test_monitor_shows_a_recorded_bus(tmp_path: Path) -> None:
     file = tmp_path / "line.dbcap"
     live = ("monitor", "sim://vc660@1", "--model", "vc660", "--address", "1", "--plain", "--period", "1")
     assert invoke(*live, "--duration", "1.5", "--record", str(file)).exit_code == 0
@@ -58,7 +58,7 @@ def test_a_recorded_line_is_shown_again_by_monitor(tmp_path: Path) -> None:
     assert [(one["model"], one["address"], one["state"]) for one in drives] == [("vc660", 1, "stopped")]
 
 
-def test_one_capture_holds_a_whole_scan_with_the_settings_that_each_part_was_asked_under(tmp_path: Path) -> None:
+def test_the_capture_of_a_scan_has_the_serial_settings_of_each_pass(tmp_path: Path) -> None:
     file = tmp_path / "scan.dbcap"
     words = ("scan", "sim://vc660@1?drives=19200-8N1", "--models", "vc660", "--addresses", "1-2", "--formats", "8N1")
     result = invoke(*words, "--bauds", "9600,19200", "--listen-seconds", "0.1", "--record", str(file), "--json")
@@ -81,7 +81,7 @@ def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path
 @pytest.mark.parametrize(
     "words", [("stop", "sim://c320@1", *C320, "--record", "x.txt"), ("monitor", "old.dbcap", "--record", "new.dbcap")]
 )
-def test_a_record_that_makes_no_sense_is_refused(words: tuple[str, ...]) -> None:
+def test_an_invalid_record_option_is_a_usage_error(words: tuple[str, ...]) -> None:
     result = invoke(*words)
     assert result.exit_code == 2
     assert "record" in result.stderr

@@ -1,4 +1,4 @@
-"""Whatever ends an attached run stops the drive: Ctrl-C, a terminal that goes, a request to terminate."""
+"""Every end of an attached run stops the drive: Ctrl-C, a closed terminal, a request to terminate."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ DRIVE = ("--model", "c320", "--address", "1")
 
 
 def finished(*words: str) -> subprocess.CompletedProcess[str]:
-    """A verb on the drive that ends by itself."""
+    """Run a command on the drive until it ends."""
     return subprocess.run(
         [*COMMAND, *words, *DRIVE, "--json"], capture_output=True, text=True, env=ENVIRONMENT, timeout=CHILD_TIMEOUT_S
     )
 
 
 class Plant:
-    """``simulate`` in a process of its own: it goes on when the host dies, so it knows whether the motor stopped."""
+    """``simulate`` in a process of its own, which shows after the end of the command whether the motor stopped."""
 
     def __init__(self, url: str) -> None:
         self.url = url
 
-    def ask(self, verb: str, *more: str, codes: tuple[int, ...] = (0,)) -> dict[str, Any]:
-        """Another verb on the same drive, once the port is free."""
-        done = finished(verb, self.url, *more)
-        assert done.returncode in codes, done.stderr
-        document: dict[str, Any] = json.loads(done.stdout)
+    def run(self, command: str, *more: str, codes: tuple[int, ...] = (0,)) -> dict[str, Any]:
+        """Run a command on the same drive once the port is free; return its JSON document."""
+        result = finished(command, self.url, *more)
+        assert result.returncode in codes, result.stderr
+        document: dict[str, Any] = json.loads(result.stdout)
         return document
 
     def state(self) -> str:
-        """What a later look at the drive says."""
-        return str(self.ask("status")["state"])
+        """Return the state that ``status`` reads."""
+        return str(self.run("status")["state"])
 
 
 @contextmanager
@@ -63,15 +63,15 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
 
 
 @pytest.fixture
-def plant_for_two() -> Iterator[Plant]:
-    """Behind TCP, where a second master can speak."""
+def tcp_plant() -> Iterator[Plant]:
+    """Provide a plant behind TCP, where a second master can connect."""
     with simulated("--bind", "tcp://127.0.0.1:0") as found:
         yield found
 
 
 @pytest.fixture
-def dead() -> Iterator[str]:
-    """A server that accepts everything and never answers: a drive that lost its power."""
+def offline_drive() -> Iterator[str]:
+    """Provide a port that accepts every byte and never replies, as a drive without power."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
@@ -88,13 +88,13 @@ def test_a_signal_stops_the_drive_confirms_it_and_exits_with_130(plant: Plant, n
         code = process.wait(CHILD_TIMEOUT_S)
         documents = [json.loads(line) for line in (process.stdout or ())]
     assert code == 130
-    if number != signal.SIGHUP:  # a hung-up terminal gets no more words
+    if number != signal.SIGHUP:  # no output to a closed terminal
         assert documents[-1]["event"] == "stopped"
         assert documents[-1]["outcome"] == "confirmed"
     assert plant.state() == "stopped"
 
 
-def test_a_terminal_that_hangs_up_stops_the_drive(plant: Plant) -> None:
+def test_a_closed_terminal_stops_the_drive(plant: Plant) -> None:
     with PtyTerminal(*run_words(plant)) as terminal:
         terminal.wait_for("out 20")
         terminal.hang_up()
@@ -102,8 +102,8 @@ def test_a_terminal_that_hangs_up_stops_the_drive(plant: Plant) -> None:
     assert plant.state() == "stopped"
 
 
-def test_a_pipe_that_nobody_reads_any_more_stops_the_drive(plant: Plant) -> None:
-    """``drivebus run … | head -1``: the first word that can't be printed ends the run, and the run ends with a stop."""
+def test_a_closed_pipe_stops_the_drive(plant: Plant) -> None:
+    """The first text that cannot be written (``drivebus run … | head -1``) ends the run with a stop."""
     with running_command(*run_words(plant)) as process:
         lines_until(process, lambda line: line.startswith("running"))
         assert process.stdout is not None
@@ -113,7 +113,7 @@ def test_a_pipe_that_nobody_reads_any_more_stops_the_drive(plant: Plant) -> None
     assert plant.state() == "stopped"
 
 
-def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_stop_short(plant: Plant) -> None:
+def test_ctrl_c_stops_the_drive_and_a_second_one_does_not_interrupt_the_stop(plant: Plant) -> None:
     with PtyTerminal(*run_words(plant)) as terminal:
         terminal.wait_for("running")
         terminal.press("\x03")
@@ -124,23 +124,23 @@ def test_ctrl_c_on_a_terminal_stops_the_drive_and_a_second_one_does_not_cut_the_
     assert plant.state() == "stopped"
 
 
-def test_a_detached_run_says_what_the_comm_loss_timer_will_do_and_leaves_the_drive_running(plant: Plant) -> None:
+def test_a_detached_run_reports_the_communication_loss_behaviour_and_leaves_the_drive_running(plant: Plant) -> None:
     with running_command(*run_words(plant, "--detach", "--json")) as process:
         output, _ = process.communicate(timeout=CHILD_TIMEOUT_S)
     events = [json.loads(line) for line in output.splitlines()]
     assert process.returncode == 0
     assert [event["event"] for event in events] == ["comm_loss", "started"]
     assert plant.state() in ("accelerating", "running")
-    assert plant.ask("stop")["outcome"] == "confirmed"
+    assert plant.run("stop")["outcome"] == "confirmed"
     assert plant.state() == "stopped"
 
 
-def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand(plant_for_two: Plant) -> None:
-    """Somebody else's stop reaches the drive while our host is frozen; it sees a drive that no longer runs."""
-    with running_command(*run_words(plant_for_two)) as process:
+def test_run_exits_with_1_when_another_master_stops_the_drive(tcp_plant: Plant) -> None:
+    """The stop of another master arrives while the command is suspended; then it reads a stopped drive."""
+    with running_command(*run_words(tcp_plant)) as process:
         lines_until(process, lambda line: line.startswith("running"))
         os.kill(process.pid, signal.SIGSTOP)
-        with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", plant_for_two.url)[0]))) as other:
+        with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", tcp_plant.url)[0]))) as other:
             other.sendall(bytes.fromhex("2A 30 31 34 30 33 30 30 30 30 30 31 42 38 0D"))
             time.sleep(1.0)
         os.kill(process.pid, signal.SIGCONT)
@@ -148,8 +148,8 @@ def test_run_ends_by_itself_with_1_when_the_drive_stops_by_another_hand(plant_fo
     assert process.returncode == 1
 
 
-def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: Plant) -> None:
-    """T13: one press starts nothing; the repeat of a held key does; silence stops within the lease."""
+def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_released(plant: Plant) -> None:
+    """One key press starts nothing; the key repeat starts the motor; its end stops it within the lease."""
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")
         terminal.press(" ")
@@ -163,7 +163,7 @@ def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_let_go(plant: P
     assert plant.state() == "stopped"
 
 
-def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
+def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")
         terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press("f"))
@@ -172,15 +172,15 @@ def test_jog_stops_when_the_terminal_hangs_up(plant: Plant) -> None:
     assert plant.state() == "stopped"
 
 
-def test_a_stop_that_nobody_confirms_exits_with_4(dead: str) -> None:
-    done = finished("stop", dead)
-    assert done.returncode == 4
-    document = json.loads(done.stdout)
+def test_an_unconfirmed_stop_exits_with_4(offline_drive: str) -> None:
+    result = finished("stop", offline_drive)
+    assert result.returncode == 4
+    document = json.loads(result.stdout)
     assert document["error"]["type"] == "StopUnconfirmed"
     assert document["exit"] == 4
 
 
-def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1(dead: str) -> None:
-    done = finished("run", dead, "--frequency", "20")
-    assert done.returncode == 1
-    assert json.loads(done.stdout)["error"]["type"] in ("NoReply", "PreflightError")
+def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1(offline_drive: str) -> None:
+    result = finished("run", offline_drive, "--frequency", "20")
+    assert result.returncode == 1
+    assert json.loads(result.stdout)["error"]["type"] in ("NoReply", "PreflightError")

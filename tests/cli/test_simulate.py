@@ -1,4 +1,4 @@
-"""``simulate`` over real ptys and sockets: its first line names a LINK, and a signal ends it."""
+"""``simulate`` on real ptys and sockets: its first line has the port URL, and a signal ends it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COMMAND = [sys.executable, "-m", "drivebus"]
 
 @contextmanager
 def simulated(*words: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """A running ``simulate`` and its first document."""
+    """Provide a running ``simulate`` and its first JSON document."""
     child = subprocess.Popen([*COMMAND, "simulate", "--json", *words], stdout=subprocess.PIPE, text=True)
     try:
         assert child.stdout is not None
@@ -30,7 +30,7 @@ def simulated(*words: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, An
         child.wait()
 
 
-def test_the_first_line_names_a_pty_that_is_there(tmp_path: Path) -> None:
+def test_the_first_document_has_the_url_of_an_existing_pty(tmp_path: Path) -> None:
     link = tmp_path / "drives"
     with simulated("--model", "c320", "--address", "0-3,7", "--link", str(link)) as (child, first):
         assert first["url"] == f"serial://{link}?baud=9600&format=8E1"
@@ -54,22 +54,22 @@ def test_a_tcp_port_answers_a_real_frame() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_0(number: signal.Signals) -> None:
+def test_a_signal_ends_simulate_with_exit_code_0(number: signal.Signals) -> None:
     with simulated("--model", "df800", "--address", "1") as (child, _):
         child.send_signal(number)
         assert child.wait(5) == 0
 
 
-def test_a_path_that_is_no_link_is_not_replaced(tmp_path: Path) -> None:
-    mine = tmp_path / "mine"
-    mine.write_text("precious")
+def test_an_existing_file_is_not_replaced_by_the_link(tmp_path: Path) -> None:
+    existing = tmp_path / "mine"
+    existing.write_text("precious")
     done = subprocess.run(
-        [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--link", str(mine)],
+        [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--link", str(existing)],
         capture_output=True,
         text=True,
         timeout=20,
         env=os.environ | {"DRIVEBUS_LANG": "en"},
     )
     assert done.returncode == 1
-    assert str(mine) in done.stderr
-    assert mine.read_text() == "precious"
+    assert str(existing) in done.stderr
+    assert existing.read_text() == "precious"

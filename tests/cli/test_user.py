@@ -1,4 +1,4 @@
-"""``drivebus user``: who may log in, from the command line of the plant's own machine."""
+"""``drivebus user``: users and tokens of a plant, managed on the machine of the service."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from fixtures.web_app import FAST_HASHER, PASSWORD
 
 @pytest.fixture
 def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A plant's file; hashing is quick here, what is used in earnest is tested elsewhere."""
-    made = PasswordHashing(FAST_HASHER)
-    monkeypatch.setattr("drivebus.service.auth.passwords.PasswordHashing", lambda: made)
+    """Return a plant file; passwords are hashed with fast parameters."""
+    hashing = PasswordHashing(FAST_HASHER)
+    monkeypatch.setattr("drivebus.service.auth.passwords.PasswordHashing", lambda: hashing)
     path = tmp_path / "plant.toml"
     path.write_text(SHOP_FILE)
     return path
 
 
-def user(plant: Path, verb: str, *words: str, typed: str = "") -> Result:
-    return CliRunner().invoke(cli, ["user", verb, str(plant), *words, "--lang", "en"], input=typed)
+def user(plant: Path, command: str, *words: str, stdin: str = "") -> Result:
+    return CliRunner().invoke(cli, ["user", command, str(plant), *words, "--lang", "en"], input=stdin)
 
 
-def access(plant: Path) -> AuthService:
+def auth_service(plant: Path) -> AuthService:
     return AuthService(plant.parent / "state", passwords=PasswordHashing(FAST_HASHER))
 
 
@@ -43,10 +43,10 @@ def records(plant: Path) -> list[tuple[str, str, str]]:
     return [(one["what"], one["target"], one["outcome"]) for one in found if one["what"].startswith(wanted)]
 
 
-def test_a_user_is_added_and_logs_in_and_both_is_recorded(plant: Path) -> None:
-    done = user(plant, "add", "Ann", "--role", "administrator", typed=PASSWORD + "\n")
-    assert (done.exit_code, done.output) == (0, "ann is added as administrator.\n")
-    opened = run(access(plant).login("ann", PASSWORD, "local"))
+def test_an_added_user_can_log_in_and_the_change_is_audited(plant: Path) -> None:
+    result = user(plant, "add", "Ann", "--role", "administrator", stdin=PASSWORD + "\n")
+    assert (result.exit_code, result.output) == (0, "ann is added as administrator.\n")
+    opened = run(auth_service(plant).login("ann", PASSWORD, "local"))
     assert opened.session.user == "ann"
     assert records(plant) == [("user.add", "Ann", "requested"), ("user.add", "Ann", "done")]
     assert PASSWORD not in (plant.parent / "state" / "audit.jsonl").read_text()
@@ -54,47 +54,47 @@ def test_a_user_is_added_and_logs_in_and_both_is_recorded(plant: Path) -> None:
     assert [(one["name"], one["role"]) for one in json.loads(listed.output)["users"]] == [("ann", "administrator")]
 
 
-def test_a_weak_password_and_a_taken_name_are_refused_with_the_reason(plant: Path) -> None:
-    weak = user(plant, "add", "ann", "--role", "viewer", typed="short\n")
+def test_a_weak_password_and_an_existing_name_are_errors_with_the_reason(plant: Path) -> None:
+    weak = user(plant, "add", "ann", "--role", "viewer", stdin="short\n")
     assert weak.exit_code == 1 and "10 to 200 characters" in weak.output
     assert not (plant.parent / "state" / "users.json").exists()
-    user(plant, "add", "ann", "--role", "viewer", typed=PASSWORD + "\n")
-    taken = user(plant, "add", "ANN", "--role", "administrator", typed=PASSWORD + "\n")
+    user(plant, "add", "ann", "--role", "viewer", stdin=PASSWORD + "\n")
+    taken = user(plant, "add", "ANN", "--role", "administrator", stdin=PASSWORD + "\n")
     assert taken.exit_code == 1 and "already" in taken.output
     assert records(plant)[-1] == ("user.add", "ANN", "auth.name_taken")
-    assert access(plant).database.user("ann").role is Role.VIEWER
+    assert auth_service(plant).database.user("ann").role is Role.VIEWER
 
 
-def test_a_user_is_kept_out_let_in_again_renamed_a_password_and_removed(plant: Path) -> None:
+def test_a_user_is_disabled_enabled_given_a_new_password_and_removed(plant: Path) -> None:
     for name, role in (("ann", "administrator"), ("bob", "operator")):
-        user(plant, "add", name, "--role", role, typed=PASSWORD + "\n")
-    door = access(plant)
-    visitor = door.session_credential(run(door.login("bob", PASSWORD, "local")).secret)
-    assert visitor is not None
+        user(plant, "add", name, "--role", role, stdin=PASSWORD + "\n")
+    auth = auth_service(plant)
+    credential = auth.session_credential(run(auth.login("bob", PASSWORD, "local")).secret)
+    assert credential is not None
     assert user(plant, "disable", "bob").exit_code == 0
-    assert visitor.end_reason == "rights", "an open session sees it"
+    assert credential.end_reason == "rights", "the open session is ended"
     assert user(plant, "enable", "bob").exit_code == 0
-    assert user(plant, "passwd", "bob", typed="another pass phrase\n").exit_code == 0
-    run(door.login("bob", "another pass phrase", "local"))
+    assert user(plant, "passwd", "bob", stdin="another pass phrase\n").exit_code == 0
+    run(auth.login("bob", "another pass phrase", "local"))
     assert user(plant, "remove", "ann").exit_code == 1, "the last administrator"
     assert user(plant, "remove", "bob").exit_code == 0
-    assert [one.name for one in door.database.users] == ["ann"]
+    assert [one.name for one in auth.database.users] == ["ann"]
 
 
-def test_a_token_is_shown_once_and_may_what_was_asked_for(plant: Path) -> None:
-    user(plant, "add", "bob", "--role", "operator", typed=PASSWORD + "\n")
-    done = user(plant, "token", "bob", "--right", "view", "--right", "stop", "--days", "30", "--json")
-    secret = json.loads(done.stdout)["token"]
-    visitor = access(plant).token_credential(secret, "local")
-    assert visitor is not None and visitor.actor.rights == {Right.VIEW, Right.STOP}
+def test_a_token_is_printed_once_and_has_the_given_rights(plant: Path) -> None:
+    user(plant, "add", "bob", "--role", "operator", stdin=PASSWORD + "\n")
+    result = user(plant, "token", "bob", "--right", "view", "--right", "stop", "--days", "30", "--json")
+    secret = json.loads(result.stdout)["token"]
+    credential = auth_service(plant).token_credential(secret, "local")
+    assert credential is not None and credential.actor.rights == {Right.VIEW, Right.STOP}
     assert secret not in (plant.parent / "state" / "users.json").read_text()
     beyond = user(plant, "token", "bob", "--right", "write_parameters")
     assert beyond.exit_code == 1 and "write_parameters" in beyond.output
 
 
-def test_nothing_is_changed_where_it_can_not_be_recorded(plant: Path) -> None:
+def test_a_change_that_cannot_be_audited_is_not_made(plant: Path) -> None:
     state = plant.parent / "state"
     (state / "audit.jsonl").mkdir(parents=True)
-    done = user(plant, "add", "ann", "--role", "viewer", typed=PASSWORD + "\n")
-    assert done.exit_code == 1
+    result = user(plant, "add", "ann", "--role", "viewer", stdin=PASSWORD + "\n")
+    assert result.exit_code == 1
     assert not (state / "users.json").exists()
