@@ -29,3 +29,10 @@ def test_the_page_lists_every_package_of_the_product_and_of_the_service(page: Pa
     rows = re.findall(r"^\| `([\w.]+)` \|", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     folders = [path.parent for path in (*SOURCE.glob("*/__init__.py"), *SOURCE.glob("service/*/__init__.py"))]
     assert set(rows) == {".".join(folder.relative_to(SOURCE).parts) for folder in folders}
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+def test_every_path_that_a_page_names_exists(page: Path) -> None:
+    named = re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", page.read_text(encoding="utf-8"))
+    assert len(named) > 5
+    assert [path for path in named if not (ROOT / path).exists() and not (SOURCE / path).exists()] == []
