@@ -15,8 +15,8 @@ class DriveVariant:
     model: str
     encoding: str
     baud: int
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    """Open questions that the host takes for settled."""
+    drive_options: Mapping[str, Any] = field(default_factory=dict)
+    """Undocumented options that the host takes as determined."""
     options: Mapping[str, str] = field(default_factory=dict)
     """The same for the simulated drives."""
     gap_characters: float = 3.5
@@ -38,7 +38,7 @@ class DriveVariant:
 
 
 _CODINGS = {"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_coding": "hex-0.1"}
-_DIRECTION_CALIBRATED = {"direction_proved": True}
+_DIRECTION_CALIBRATED = {"direction_calibrated": True}
 
 C320 = DriveVariant(
     "c320-ascii",

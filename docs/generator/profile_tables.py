@@ -39,8 +39,8 @@ def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str
         (say("encodings", language), ", ".join([first, *profile.encodings[1:]]), ""),
         (say("addresses", language), f"{low}–{high}", ""),
         (say("broadcast", language), broadcast, ""),
-        (say("baud_rates", language), _marked(lines.bauds, lines.baud), where["line"]),
-        (say("formats", language), _marked(lines.formats, lines.format), where["line"]),
+        (say("baud_rates", language), _marked(lines.bauds, lines.baud), where["serial"]),
+        (say("formats", language), _marked(lines.formats, lines.format), where["serial"]),
         (say("gap", language), gap, where["timing"]),
         (say("reply", language), reply, where["timing"]),
         (say("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
@@ -164,14 +164,14 @@ def _anchored(id: str) -> str:
 
 
 def open_questions(profile: DriveProfile, language: str) -> str:
-    heads = ("setting", "default", "question", "reason", "settle")
+    heads = ("option", "value_in_force", "question", "reason", "procedure")
     rows = (
         (
-            f"`{q.where or q.setting}`" if q.where != "-" else "–",
-            f"`{str(q.default).lower() if isinstance(q.default, bool) else q.default}`",
+            f"`{q.where or q.name}`" if q.where != "-" else "–",
+            f"`{str(q.value).lower() if isinstance(q.value, bool) else q.value}`",
             side(q.text, language) + _choices(q),
             side(q.reason, language),
-            side(q.settle, language),
+            side(q.procedure, language),
         )
         for q in profile.open_questions
     )

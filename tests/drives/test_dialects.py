@@ -295,7 +295,7 @@ def test_a_settled_dzb100_is_sent_ten_hertz_as_its_own_word(coding: str, word: i
     dialect = dialect_for("dzb100", setpoint_coding=coding)
     assert dialect.setpoint_word(10.0) == word
     assert dialect.setpoint_frequency(word) == 10.0
-    assert isinstance(dialect, Dzb100Dialect) and possible_codings(dialect.settings) == (coding,)
+    assert isinstance(dialect, Dzb100Dialect) and possible_codings(dialect.options) == (coding,)
 
 
 # --- polls --------------------------------------------------------------------------------------------------------
@@ -444,7 +444,7 @@ def test_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int)
 
 @pytest.mark.parametrize(
     ("model", "options"),
-    [("c320", {"address": 32}), ("c320", {"encoding": "rtu"}), ("c320", {"settings": {"colour": 1}})],
+    [("c320", {"address": 32}), ("c320", {"encoding": "rtu"}), ("c320", {"options": {"colour": 1}})],
 )
 def test_an_address_encoding_or_setting_that_the_model_has_not_is_refused(model: str, options: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):

@@ -190,7 +190,7 @@ def test_df800_starts_without_a_direction_and_stops_with_nothing_else() -> None:
 
 @pytest.mark.parametrize(("field", "forward", "reverse"), [("b3b2", 0x0A, 0x06), ("b2b3", 0x06, 0x0A)])
 def test_a_proved_df800_starts_in_the_direction_that_its_field_says(field: str, forward: int, reverse: int) -> None:
-    dialect = dialect_for("df800", direction_field=field, direction_proved=True)
+    dialect = dialect_for("df800", direction_field=field, direction_calibrated=True)
     assert dialect.start(Direction.FORWARD, 0)[0].request.value == forward
     assert dialect.start(Direction.REVERSE, 0)[0].request.value == reverse
 

@@ -81,7 +81,7 @@ def test_a_jog_of_df800_waits_for_its_proof() -> None:
     bus = PureBus(dialect_for("df800"), paper)
     with pytest.raises(StartInhibited) as caught:
         bus.run(begin_jog(operation_for(bus.dialect), None, FORWARD))
-    assert caught.value.key == "drives.direction_unproved"
+    assert caught.value.key == "drives.direction_uncalibrated"
     assert not paper.written
 
 
@@ -104,7 +104,7 @@ def test_a_lease_is_above_zero_and_at_most_half_a_second(lease_s: float) -> None
 @pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e500", "e550"])
 def test_a_model_says_what_decides_its_jog_frequency_as_its_frames_have_it(model: str) -> None:
     """Nobody is offered a frequency that is refused afterwards."""
-    dialect = dialect_for(model, **({"direction_proved": True} if model == "df800" else {}))
+    dialect = dialect_for(model, **({"direction_calibrated": True} if model == "df800" else {}))
 
     def takes(word: int | None) -> bool:
         with suppress(CapabilityError):

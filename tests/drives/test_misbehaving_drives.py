@@ -40,7 +40,7 @@ from fixtures.drives import (
     run_virtual,
 )
 
-PROVED = {"df800": {"direction_proved": True}}
+PROVED = {"df800": {"direction_calibrated": True}}
 JOG_HZ = {"c320": 5.0, "dzb100": 0.5}
 
 
@@ -65,7 +65,7 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
-            drive = bench.drive(settings=PROVED.get(model))
+            drive = bench.drive(options=PROVED.get(model))
             await drive.status()
             task = asyncio.ensure_future(jogging(drive))
             await until_turning(bench, task)
@@ -88,7 +88,7 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
 def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
-            drive = bench.drive(settings={"query_coding": "hex-0.1"})
+            drive = bench.drive(options={"query_coding": "hex-0.1"})
             task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
             await until_turning(bench, task)
             await asyncio.sleep(1.0)
@@ -208,11 +208,11 @@ def test_what_was_proved_behind_a_device_name_is_not_believed_behind_another_ada
         port: Any = Renumbered(open_port("sim://dzb100@1"))
         bus = Bus(port)
         drive = Drive(bus, "dzb100", 1, store=store)
-        assert "hex-1" not in drive.dialect.settings.values()
+        assert "hex-1" not in drive.dialect.options.values()
         await bus.open()
         await drive.status()
-        assert drive.dialect.settings["setpoint_coding"] == "unknown"
-        assert drive.dialect.settings["query_coding"] == "hex-0.1"
+        assert drive.dialect.options["setpoint_coding"] == "unknown"
+        assert drive.dialect.options["query_coding"] == "hex-0.1"
         await drive.write({"10": 12.0}, save=True)
         assert store.get("eeprom/usb:0403:6001:B/1/10") and not store.get("eeprom/device:/dev/ttyUSB0/1/10")
         await bus.close()
@@ -315,7 +315,7 @@ def test_a_reset_that_also_turns_the_direction_level_may_move() -> None:
 
 def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
     """It has no levels to keep: a direction is an order of its own, and needs leave."""
-    dialect: Any = dialect_for("df800", direction_proved=True)
+    dialect: Any = dialect_for("df800", direction_calibrated=True)
     assert dialect.command_word.effect(word_of(dialect, "stop")) is Effect.STOP
     assert dialect.command_word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
 

@@ -630,7 +630,7 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
             await asyncio.sleep(30)
             assert bench.station().motor.output_hz == pytest.approx(20.0, abs=0.1)
             drive.close()
-            assert bench.drive().dialect.settings["setpoint_coding"] == setpoint
+            assert bench.drive().dialect.options["setpoint_coding"] == setpoint
 
     run_virtual(scenario())
 
@@ -639,7 +639,7 @@ async def nothing_is_proved(drive: Drive) -> None:
     """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is settled."""
     with pytest.raises(TargetNotReached):
         await drive.calibrate("setpoint_coding")
-    assert drive.dialect.settings["setpoint_coding"] == "unknown"
+    assert drive.dialect.options["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
 
@@ -647,7 +647,7 @@ async def nothing_is_proved(drive: Drive) -> None:
 def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
     async def scenario() -> None:
         async with SimulatedDrives(
-            "dzb100", limits=DriveLimits(maximum_hz=3.0), settings={"query_coding": "hex-0.1"}
+            "dzb100", limits=DriveLimits(maximum_hz=3.0), options={"query_coding": "hex-0.1"}
         ) as bench:
             with pytest.raises(LimitError):
                 await bench.drive().calibrate("setpoint_coding")
@@ -684,7 +684,7 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
                     await drive.calibrate("direction", person, frequency_hz=hz)
             assert not seen
             await drive.calibrate("direction", person)
-            assert drive.dialect.settings["direction_field"] == field
+            assert drive.dialect.options["direction_field"] == field
             assert all(abs(hz) <= 5.0 for hz in seen)
             await asyncio.sleep(10)
             for way, sign in ((Direction.FORWARD, 1), (Direction.REVERSE, -1)):

@@ -417,7 +417,7 @@ def test_an_explicit_direction_on_df800_waits_for_its_jog_proof(direction: Direc
     bus, op = df800(paper)
     with pytest.raises(StartInhibited) as caught:
         start(bus, op, 10.0, direction)
-    assert caught.value.key == "drives.direction_unproved"
+    assert caught.value.key == "drives.direction_uncalibrated"
     assert not bus.requests
 
 

@@ -171,7 +171,7 @@ encodings = ["rtu", "ascii"]
 addresses = [1, 32]
 capabilities = ["read", "write", "run", "stop", "status"]
 notation = { style = "register", highest = 127 }
-line = { baud = 115200, format = "8N1", bauds = [115200], formats = ["8N1"], evidence = "user" }
+serial = { baud = 115200, format = "8N1", bauds = [115200], formats = ["8N1"], evidence = "user" }
 timing = { gap_floor_s = 0.00175, reply_delay_s = 0.5, max_reply_lateness_s = 0.2, evidence = "user" }
 limits = { minimum_hz = 0.0, maximum_hz = 50.0, evidence = "user" }
 setpoint = { factor = 0.01, decimals = 2, evidence = "user" }

@@ -124,19 +124,20 @@ def test_a_c320_monitor_table_can_be_extended(tmp_path: Path) -> None:
     assert profiles.load(write(tmp_path, text)).signals["torque"].locator == ("monitor", 9)
 
 
-def test_a_setting_of_an_open_question_is_overridden(tmp_path: Path) -> None:
-    text = 'format = 1\nextends = "df800"\n[settings]\ndirection_field = "b2b3"\ndirection_proved = true\n'
+def test_an_option_is_overridden(tmp_path: Path) -> None:
+    options = '[options]\ndirection_field.value = "b2b3"\ndirection_calibrated.value = true\n'
+    text = f'format = 1\nextends = "df800"\n{options}'
     profile = profiles.load(write(tmp_path, text))
-    assert profile.settings == {"direction_field": "b2b3", "direction_proved": True}
+    assert profile.options == {"direction_field": "b2b3", "direction_calibrated": True}
     assert profile.commands is not None
-    assert profile.commands.resolved(profile.settings).bits["forward"].value == 0x0004
+    assert profile.commands.resolved(profile.options).bits["forward"].value == 0x0004
 
 
-def test_the_limit_of_vc660s_analog_outputs_is_its_setting(tmp_path: Path) -> None:
+def test_the_limit_of_vc660s_analog_outputs_is_an_option(tmp_path: Path) -> None:
     """The guide prints 0-3ffff, which does not fit 16 bits: analog_limit says what holds."""
     outputs = ("2008H", "2009H")
     assert {profiles.load("vc660").parameters[each].maximum for each in outputs} == {0x3FFF}
-    own = write(tmp_path, 'format = 1\nextends = "vc660"\n[settings]\nanalog_limit = 0xFFFF\n')
+    own = write(tmp_path, 'format = 1\nextends = "vc660"\n[options]\nanalog_limit.value = 0xFFFF\n')
     assert {profiles.load(own).parameters[each].maximum for each in outputs} == {0xFFFF}
 
 
@@ -213,7 +214,7 @@ encodings = ["rtu"]
 addresses = [1, 32]
 capabilities = ["run", "stop", "read"]
 notation = { style = "register" }
-line = { baud = 19200, format = "8E1", bauds = [19200], formats = ["8E1"], evidence = "user" }
+serial = { baud = 19200, format = "8E1", bauds = [19200], formats = ["8E1"], evidence = "user" }
 timing = { evidence = "assumed" }
 limits = { minimum_hz = 0.0, maximum_hz = 50.0, evidence = "user" }
 setpoint = { factor = 0.01, decimals = 2, evidence = "user" }

@@ -344,7 +344,7 @@ def test_c320_fault_codes_carry_the_keypads_label() -> None:
 
 
 def test_dzb100_codings_start_unsettled() -> None:
-    settings = profiles.load("dzb100").settings
+    settings = profiles.load("dzb100").options
     assert {settings[f"{what}_coding"] for what in ("setpoint", "query", "parameter")} == {"unknown"}
 
 
@@ -366,8 +366,8 @@ def test_every_open_question_has_default_reason_and_a_way_to_settle_it(model: st
     profile = profiles.load(model)
     assert profile.open_questions
     for question in profile.open_questions:
-        assert question.reason.en and question.settle.en
-        assert (question.setting in profile.settings) == (question.where is None)
+        assert question.reason.en and question.procedure.en
+        assert (question.name in profile.options) == (question.where is None)
 
 
 def parameter_vectors() -> list[tuple[str, dict[str, Any]]]:

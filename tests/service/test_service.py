@@ -181,9 +181,7 @@ def test_a_profile_is_told_whole() -> None:
             assert [one["notation"] for one in found["parameters"]] == [*profile.parameters]
             assert [one["code"] for one in found["faults"]] == [*profile.faults]
             assert [one["id"] for one in found["caveats"]] == [one.id for one in profile.caveats]
-            assert [one["setting"] for one in found["open_questions"]] == [
-                one.setting for one in profile.open_questions
-            ]
+            assert [one["name"] for one in found["open_questions"]] == [one.name for one in profile.open_questions]
             assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
             assert all(text["en"] and text["zh"] for text in found["keypad"])
 

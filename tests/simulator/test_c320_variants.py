@@ -38,7 +38,7 @@ def test_a_drive_of_any_encoding_runs_at_the_frequency_of_the_configured_master(
     async def scenario() -> None:
         port = open_port(f"sim://c320@1?ramp=1&digits={digits}&nibble={'on' if nibble else 'off'}")
         async with Bus(port) as bus:
-            drive = Drive(bus, "c320", 1, encoding=encoding, settings={"digits": digits, "nibble": nibble})
+            drive = Drive(bus, "c320", 1, encoding=encoding, options={"digits": digits, "nibble": nibble})
             assert (await drive.run(30.0, wait=True)).status == "confirmed"
             status = await drive.status()
             assert status.state == "running"

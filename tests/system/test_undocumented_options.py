@@ -45,7 +45,7 @@ def test_before_its_coding_is_calibrated_no_dzb100_turns_faster_than_5_hz(coding
 
     async def scenario() -> None:
         options = {"setpoint_coding": coding, "query_coding": coding, "parameter_coding": coding}
-        async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
+        async with system_bench(DZB100, drive_options=OPEN_OPTIONS, **options) as here:
             highest = HighestSetpoint(here)
             refused = 0
             for hz in (0.1, 0.3, 0.5, 0.6, 1.0, 3.2, 5.0, 10.0, 50.0, 400.0):
@@ -71,7 +71,7 @@ def test_before_its_coding_is_calibrated_no_dzb100_turns_faster_than_5_hz(coding
 def test_calibration_finds_every_coding_below_5_hz_and_then_the_speed_is_right(setpoint: str, query: str) -> None:
     async def scenario() -> None:
         options = {"setpoint_coding": setpoint, "query_coding": query, "parameter_coding": "hex-0.1"}
-        async with system_bench(DZB100, settings=OPEN_OPTIONS, **options) as here:
+        async with system_bench(DZB100, drive_options=OPEN_OPTIONS, **options) as here:
             highest = HighestSetpoint(here)
             with pytest.raises(StartInhibited):
                 await here.drive.calibrate("setpoint_coding")
@@ -100,7 +100,7 @@ def test_calibration_finds_every_coding_below_5_hz_and_then_the_speed_is_right(s
 
 def test_a_calibrated_coding_is_stored_for_that_drive_only() -> None:
     async def scenario() -> None:
-        async with system_bench(DZB100, "1-2", settings=OPEN_OPTIONS) as here:
+        async with system_bench(DZB100, "1-2", drive_options=OPEN_OPTIONS) as here:
             here.station(1).setpoint_hz = 12.3
             await here.drives[1].calibrate("query_coding")
             await here.drives[1].calibrate("setpoint_coding")
@@ -120,8 +120,8 @@ def test_a_df800_turns_in_the_requested_direction_after_calibration_by_an_observ
     kind: SystemVariant, field: str
 ) -> None:
     async def scenario() -> None:
-        open_field = {"direction_proved": False}
-        async with system_bench(kind, settings=open_field, direction_field=field) as here:
+        open_field = {"direction_calibrated": False}
+        async with system_bench(kind, drive_options=open_field, direction_field=field) as here:
             for direction in Direction:
                 with pytest.raises(StartInhibited):
                     await here.drive.run(10.0, direction)
@@ -163,7 +163,7 @@ def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
     """T16: a drive set to reverse at its keypad goes on in reverse; the toggle is never sent."""
 
     async def scenario() -> None:
-        async with system_bench(DF800, settings={"direction_proved": False}, direction_field=field) as here:
+        async with system_bench(DF800, drive_options={"direction_calibrated": False}, direction_field=field) as here:
             here.station().reverse = True
             for _ in range(3):
                 assert (await here.drive.run(10.0)).status == "acknowledged"
@@ -180,7 +180,7 @@ def test_a_run_without_a_direction_never_touches_the_field(field: str) -> None:
 def test_a_calibration_without_an_observer_changes_nothing() -> None:
     async def scenario() -> None:
         store = MemoryStore()
-        async with system_bench(DF800, settings={"direction_proved": False}) as here:
+        async with system_bench(DF800, drive_options={"direction_calibrated": False}) as here:
 
             async def away() -> Direction | None:
                 return None

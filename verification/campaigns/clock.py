@@ -158,7 +158,7 @@ class EepromBudgetTrial:
             kind.model,
             1,
             encoding=kind.encoding,
-            settings=dict(kind.settings),
+            options=dict(kind.drive_options),
             store=MemoryStore(),
             limits=DriveLimits(eeprom_writes_per_day=EEPROM_WRITES_PER_DAY),
         )

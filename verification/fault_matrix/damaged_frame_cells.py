@@ -97,7 +97,7 @@ def _check_tolerated_noise(at: CellRun) -> None:
     timing: StationTiming = replace(drive.dialect.station_config.timing, tolerate_leading_noise=True)
     drive.close()
     line.drives[1] = type(drive)(
-        line.bus, at.kind.model, 1, encoding=at.kind.encoding, settings=dict(at.kind.settings), timing=timing
+        line.bus, at.kind.model, 1, encoding=at.kind.encoding, options=dict(at.kind.drive_options), timing=timing
     )
     line.read(1)
     most = 4 if at.kind.name == "df800-ascii" else 1

@@ -81,9 +81,9 @@ class ModelSubject:
 
 def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject:
     """Raises what the dialect raises."""
-    settings = {"direction_proved": True} if model == "df800" and kind is CommandKind.JOG else {}
+    options = {"direction_calibrated": True} if model == "df800" and kind is CommandKind.JOG else {}
     ours, other = (
-        create_dialect(profiles.load(model), address, settings=settings, timing=grid.timing)
+        create_dialect(profiles.load(model), address, options=options, timing=grid.timing)
         for address in (OUR_ADDRESS, OTHER_ADDRESS)
     )
     talk = OperationContext(DriveContext(ours, EepromBudget(MemoryStore(), "lab/1")))

@@ -77,7 +77,7 @@ class Scenario:
     def _drive(self, address: int) -> Drive:
         kind = self.kind
         return Drive(
-            self.bus, kind.model, address, encoding=kind.encoding, settings=dict(kind.settings), store=MemoryStore()
+            self.bus, kind.model, address, encoding=kind.encoding, options=dict(kind.drive_options), store=MemoryStore()
         )
 
     def station(self, address: int) -> Any:

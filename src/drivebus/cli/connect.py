@@ -56,14 +56,14 @@ class Target:
 def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     from drivebus.errors import ConfigurationError
 
-    if name not in profile.settings:
-        known = ", ".join(sorted(profile.settings)) or "–"
+    if name not in profile.options:
+        known = ", ".join(sorted(profile.options)) or "–"
         raise ConfigurationError("cli.option_unknown", model=profile.model, found=name, expected=known)
-    question = next((one for one in profile.open_questions if one.setting == name), None)
+    question = next((one for one in profile.open_questions if one.name == name), None)
     choices = question.choices if question else ()
-    value = _convert_like(text, profile.settings[name])
+    value = _convert_like(text, profile.options[name])
     if value is None or (choices and value not in choices):
-        expected = ", ".join(str(choice) for choice in choices) or type(profile.settings[name]).__name__
+        expected = ", ".join(str(choice) for choice in choices) or type(profile.options[name]).__name__
         raise ConfigurationError("cli.option_value", name=name, found=text, expected=expected)
     return value
 
@@ -108,10 +108,10 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
     from drivebus.drives import Drive
     from drivebus.errors import BusError
 
-    profile, settings = target.profile, target.drive_options()
+    profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record) as port:
         async with Bus(port) as bus:
-            drive = Drive(bus, profile, target.address, encoding=target.encoding, settings=settings, limits=limits)
+            drive = Drive(bus, profile, target.address, encoding=target.encoding, options=options, limits=limits)
             try:
                 yield bus, drive
             except BusError:

@@ -82,7 +82,7 @@ class DryRun:
 
         self.serial_settings = target.open_port().settings
         self.dialect: Dialect = create_dialect(
-            target.profile, target.address, encoding=target.encoding, settings=target.drive_options()
+            target.profile, target.address, encoding=target.encoding, options=target.drive_options()
         )
         self.frames: list[PlannedFrame] = []
 

@@ -34,7 +34,7 @@ class Calibration:
 
     def open_steps(self) -> tuple[CalibrationStep, ...]:
         """Return the steps that are still to be done on this drive."""
-        return tuple(step for step in calibration_steps(self._dialect) if step.is_open(self._dialect.settings))
+        return tuple(step for step in calibration_steps(self._dialect) if step.is_open(self._dialect.options))
 
     async def run(
         self, name: str, observe: Callable[[], Awaitable[Any]] | None, inputs: Mapping[str, Any]
@@ -72,7 +72,7 @@ class Calibration:
 
     def load(self) -> None:
         """Apply the stored options. A record that can't be read determines nothing."""
-        for option in self._dialect.profile.settings:
+        for option in self._dialect.profile.options:
             text = self._store.get(self._key(option))
             if text is None or option in self._explicit_options:
                 continue

@@ -51,20 +51,20 @@ class Drive:
         *,
         encoding: str | None = None,
         limits: DriveLimits | None = None,
-        settings: Mapping[str, Any] | None = None,
+        options: Mapping[str, Any] | None = None,
         store: Store | None = None,
         timing: StationTiming | None = None,
     ) -> None:
-        """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, setting)."""
+        """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, option)."""
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
         self._store = store if store is not None else _store_for(bus)
-        self.dialect: Dialect = create_dialect(loaded, address, encoding=encoding, settings=settings, timing=timing)
+        self.dialect: Dialect = create_dialect(loaded, address, encoding=encoding, options=options, timing=timing)
         limits = limits or DriveLimits()
         self._context = DriveContext(self.dialect, self._eeprom_budget(limits), limits, on_read=self._publish_read)
         self._runner = OperationRunner(bus, self._context, self._store, self._load_stored)
         self._stops = StopSupervisor(self._runner)
-        self._calibration = Calibration(self._runner, self._stops, self._store, frozenset(settings or ()))
+        self._calibration = Calibration(self._runner, self._stops, self._store, frozenset(options or ()))
         self._read_listeners: list[Callable[[BusResult], None]] = []
         self._stored_loaded = False
         self._load_stored()

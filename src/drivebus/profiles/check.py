@@ -58,17 +58,17 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
-    line = profile.line
-    for index, text in enumerate([line.format, *line.formats]):
-        path = ("line", "format") if index == 0 else ("line", "formats")
+    serial = profile.serial
+    for index, text in enumerate([serial.format, *serial.formats]):
+        path = ("serial", "format") if index == 0 else ("serial", "formats")
         try:
             SerialSettings.parse(9600, text)
         except ValueError:
-            yield issue("line_format", path, text)
-    if line.format not in line.formats:
-        yield issue("not_in", ("line", "format"), line.format, choices=_join(line.formats))
-    if line.baud not in line.bauds:
-        yield issue("not_in", ("line", "baud"), line.baud, choices=_join(line.bauds))
+            yield issue("serial_format", path, text)
+    if serial.format not in serial.formats:
+        yield issue("not_in", ("serial", "format"), serial.format, choices=_join(serial.formats))
+    if serial.baud not in serial.bauds:
+        yield issue("not_in", ("serial", "baud"), serial.baud, choices=_join(serial.bauds))
     gap = protocol_family(profile.family).gap_characters
     if profile.timing.gap_characters < gap:
         yield issue("range", ("timing", "gap_characters"), profile.timing.gap_characters, bound=f">= {gap}")
@@ -161,11 +161,10 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
         for raw in parameter.choices:
             if not _is_word(raw):
                 yield issue("number", ("parameters", notation, "choices", raw), raw)
-        setting = parameter.maximum_setting
-        numbers = [name for name, option in profile.open.items() if option.span and option.where is None]
-        if setting is not None and setting not in numbers:
-            where = ("parameters", notation, "maximum_setting")
-            yield issue("choice", where, setting, choices=_join(numbers))
+        maximum = parameter.maximum_option
+        numbers = [name for name, option in profile.options.items() if option.span]
+        if maximum is not None and maximum not in numbers:
+            yield issue("choice", ("parameters", notation, "maximum_option"), maximum, choices=_join(numbers))
         if parameter.caveat is not None and parameter.caveat not in profile.caveats:
             known = _join(profile.caveats)
             yield issue("choice", ("parameters", notation, "caveat"), parameter.caveat, choices=known)
@@ -178,25 +177,29 @@ def _check_fault_codes(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_options(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that every value belongs to an option and is one of its choices."""
-    options = {name: option for name, option in profile.open.items() if option.where is None}
-    for name in profile.settings:
+    """Check that every value belongs to a described option and is one of its choices."""
+    options = {name: option for name, option in profile.options.items() if _is_described(option)}
+    for name, option in profile.options.items():
         if name not in options:
-            yield issue("unknown_key", ("settings", name), name, known=_join(nearest_names(name, options) or options))
-    for name, option in profile.open.items():
-        value = profile.settings.get(name, option.default)
-        path = ("settings", name) if name in profile.settings else ("open", name, "default")
-        if not _is_allowed(value, option):
+            known = _join(nearest_names(name, options) or options)
+            yield issue("unknown_key", ("options", name, "value"), name, known=known)
+        elif not _is_allowed(option):
             span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
-            yield issue("choice", path, value, choices=_join([*option.choices, *span]))
-    for setting, variants in profile.commands.variants.items() if profile.commands else ():
-        known = [str(choice) for choice in options[setting].choices] if setting in options else []
+            yield issue("choice", ("options", name, "value"), option.value, choices=_join([*option.choices, *span]))
+    for option_name, variants in profile.commands.variants.items() if profile.commands else ():
+        choices = [str(choice) for choice in options[option_name].choices] if option_name in options else []
         for value in variants:
-            if value not in known:
-                yield issue("choice", ("commands", "variants", setting, value), value, choices=_join(known))
+            if value not in choices:
+                yield issue("choice", ("commands", "variants", option_name, value), value, choices=_join(choices))
 
 
-def _is_allowed(value: object, option: OptionIn) -> bool:
+def _is_described(option: OptionIn) -> bool:
+    """Whether a profile describes the option; otherwise the value is that of a misspelled name."""
+    return None not in (option.text, option.reason, option.procedure)
+
+
+def _is_allowed(option: OptionIn) -> bool:
+    value = option.value
     if option.span and type(value) is int and option.span[0] <= value <= option.span[1]:
         return True
     if not option.choices and not option.span:

@@ -287,7 +287,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
             parsed.comm_loss.time, parsed.comm_loss.action, tuple(parsed.comm_loss.trips_values)
         ),
         caveats=tuple(m.Caveat(i, _build_text(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()),
-        settings=option_values(parsed),
+        options=option_values(parsed),
         setpoint_scale=Scale(parsed.setpoint.factor, 0.0, parsed.setpoint.coding, parsed.setpoint.decimals),
         modbus=_build_modbus(parsed),
         commands=_build_commands(parsed.commands),
@@ -298,7 +298,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         wiring=_build_text(parsed.wiring) if parsed.wiring else None,
         source=source,
         format_version=parsed.format,
-        open_questions=_build_options(parsed),
+        open_questions=_build_open_questions(parsed),
         notation=m.NotationRule(parsed.family, parsed.notation.style, parsed.notation.highest),
         unplaced=unplaced,
         roles=dict(cast("dict[str, str]", parsed.roles)),
@@ -309,9 +309,8 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
 
 
 def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
-    """Return the value of every option: the file's, else its default."""
-    defaults = {name: option.default for name, option in parsed.open.items() if option.where is None}
-    return {**defaults, **parsed.settings}
+    """Return the value of every option."""
+    return {name: option.value for name, option in parsed.options.items()}
 
 
 def parse_evidence(line: str) -> m.Evidence:
@@ -329,7 +328,7 @@ def _build_scale(parsed: ScaleIn) -> Scale:
 
 
 def _build_serial(parsed: ProfileIn) -> m.SerialDefaults:
-    serial = parsed.line
+    serial = parsed.serial
     return m.SerialDefaults(serial.baud, serial.format, tuple(serial.bauds), tuple(serial.formats))
 
 
@@ -366,7 +365,7 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
     for notation, parameter in parsed.parameters.items():
         locator = resolve_locator(parsed, notation, parameter.register_)
         if isinstance(locator, tuple):
-            chosen = option_values(parsed).get(parameter.maximum_setting or "")
+            chosen = option_values(parsed).get(parameter.maximum_option or "")
             maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
             placed[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
@@ -447,23 +446,36 @@ def _build_span(parsed: OptionIn) -> tuple[int, int] | None:
     return (parsed.span[0], parsed.span[1]) if parsed.span else None
 
 
-def _build_options(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
-    return tuple(
+def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
+    options = (
         m.OpenQuestion(
-            setting=name,
-            default=option.default,
+            name=name,
+            value=option.value,
             choices=tuple(option.choices),
             text=_build_text(option.text),
             reason=_build_text(option.reason),
-            settle=_build_text(option.settle),
-            where=option.where,
+            procedure=_build_text(option.procedure),
             span=_build_span(option),
         )
-        for name, option in parsed.open.items()
+        for name, option in parsed.options.items()
+        if option.text and option.reason and option.procedure
     )
+    others = (
+        m.OpenQuestion(
+            name=name,
+            value=question.assumed,
+            choices=(),
+            text=_build_text(question.text),
+            reason=_build_text(question.reason),
+            procedure=_build_text(question.procedure),
+            where=question.where,
+        )
+        for name, question in parsed.open_questions.items()
+    )
+    return (*options, *others)
 
 
 def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:
-    names = ("line", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus")
+    names = ("serial", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus")
     sections = {name: getattr(parsed, name) for name in names}
     return {name: parse_evidence(section.evidence) for name, section in sections.items() if section is not None}

@@ -131,11 +131,11 @@ class CommandMap:
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
     """Option to its values to the bits that apply only under that value."""
 
-    def resolved(self, settings: Mapping[str, Any]) -> CommandMap:
+    def resolved(self, options: Mapping[str, Any]) -> CommandMap:
         """Return the map with the bits of these option values added; an unknown value adds none."""
         bits = dict(self.bits)
         for setting, choices in self.variants.items():
-            bits |= choices.get(str(settings.get(setting)), {})
+            bits |= choices.get(str(options.get(setting)), {})
         return replace(self, bits=bits, variants={})
 
 
@@ -206,17 +206,17 @@ class SerialDefaults:
 
 @dataclass(frozen=True, slots=True)
 class OpenQuestion:
-    """Behaviour that the manuals leave open: an option, its default, the reason, and how to find the value."""
+    """Behaviour that the manuals leave open, with the value in force, the reason, and how to determine it."""
 
-    setting: str
-    default: str | int | float | bool
+    name: str
+    value: str | int | float | bool
     choices: tuple[str | int | float | bool, ...]
-    """Allowed values; empty where any value of the default's type is allowed."""
+    """Allowed values; empty where any value of the same type is allowed."""
     text: Text
     reason: Text
-    settle: Text
+    procedure: Text
     where: str | None = None
-    """Part of the profile that holds the answer (``[timing]``); None for an option of ``settings``."""
+    """Part of the profile that holds the answer (``[timing]``); None for an option."""
     span: tuple[int, int] | None = None
     """Any whole number from the first to the second is a choice as well."""
 
@@ -261,7 +261,7 @@ class DriveProfile:
     write_support: WriteSupport
     comm_loss: CommLossParameters
     caveats: tuple[Caveat, ...]
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     """Values of the undocumented options, e.g. monitor_index, setpoint_coding, direction_field."""
     setpoint_scale: Scale = Scale(0.01, decimals=2)
     modbus: ModbusFeatures | None = None

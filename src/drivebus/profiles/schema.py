@@ -138,7 +138,7 @@ class SignalIn(ValueIn):
 class ParameterIn(ValueIn):
     writable: bool = True
     readable: bool = True
-    maximum_setting: Name | None = None
+    maximum_option: Name | None = None
     """Option that holds the maximum, where the user supplies it."""
     choices: dict[str, BilingualTextIn] = {}
     help: BilingualTextIn | None = None
@@ -164,15 +164,27 @@ class CaveatIn(StrictTable):
 
 
 class OptionIn(StrictTable):
-    default: OptionValue
+    """Undocumented option. A file that extends another may give the value alone: all else is then the base's."""
+
+    value: OptionValue
     choices: list[OptionValue] = []
     span: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     """Any whole number from the first to the second is allowed as well."""
+    text: BilingualTextIn | None = None
+    reason: BilingualTextIn | None = None
+    procedure: BilingualTextIn | None = None
+    """How the value is determined."""
+
+
+class OpenQuestionIn(StrictTable):
+    """Undocumented fact that is no option: its answer belongs to another part of the profile."""
+
+    assumed: OptionValue
+    where: str
+    """Part of the profile that holds the answer, such as ``[timing]``; "-" where none does."""
     text: BilingualTextIn
     reason: BilingualTextIn
-    settle: BilingualTextIn
-    where: str | None = None
-    """Part of the profile that holds the answer, such as ``[timing]``, where it is no option."""
+    procedure: BilingualTextIn
 
 
 class BitIn(StrictTable):
@@ -272,7 +284,7 @@ class ProfileIn(StrictTable):
     broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
     capabilities: list[Capability]
     notation: NotationIn
-    line: SerialIn
+    serial: SerialIn
     timing: TimingIn
     limits: LimitsIn
     setpoint: SetpointIn
@@ -287,8 +299,8 @@ class ProfileIn(StrictTable):
     faults: dict[str, FaultIn] = {}
     unknown_fault: UnknownFaultIn | None = None
     caveats: dict[str, CaveatIn] = {}
-    settings: dict[Name, OptionValue] = {}
-    open: dict[Name, OptionIn] = {}
+    options: dict[Name, OptionIn] = {}
+    open_questions: dict[Name, OpenQuestionIn] = {}
     modbus: ModbusIn | None = None
     commands: CommandsIn | None = None
     status: StatusIn | None = None

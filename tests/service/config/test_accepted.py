@@ -60,11 +60,11 @@ def test_limits_as_wide_as_the_models_own_and_one_direction() -> None:
 
 
 def test_open_questions_take_their_choices_and_their_spans() -> None:
-    settings = "settings = { monitor_index = 'bcd', nibble = true, class4_item = 255 }"
-    assert plant(fan=settings).drive("fan").settings == {"monitor_index": "bcd", "nibble": True, "class4_item": 255}
-    assert plant(fan="settings = { class4_item = 'unknown' }").drive("fan").settings == {"class4_item": "unknown"}
+    settings = "options = { monitor_index = 'bcd', nibble = true, class4_item = 255 }"
+    assert plant(fan=settings).drive("fan").options == {"monitor_index": "bcd", "nibble": True, "class4_item": 255}
+    assert plant(fan="options = { class4_item = 'unknown' }").drive("fan").options == {"class4_item": "unknown"}
     for wrong in ("nibble = 1", "class4_item = 256", "class4_item = -1", "class4_item = true", "class4_item = 1.0"):
-        assert kinds(HEAD.replace("[drive.fan]", f"[drive.fan]\nsettings = {{ {wrong} }}")) == ["choice"], wrong
+        assert kinds(HEAD.replace("[drive.fan]", f"[drive.fan]\noptions = {{ {wrong} }}")) == ["choice"], wrong
 
 
 def test_the_other_encoding_on_a_line_of_its_own() -> None:

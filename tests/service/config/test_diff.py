@@ -47,7 +47,7 @@ def a_drive(id: str) -> st.SearchStrategy[DriveConfig]:
         st.integers(1, 2),
         st.sampled_from(["c320", "vc660"]),
         titles,
-        settings=st.sampled_from([{}, {"nibble": True}]),
+        options=st.sampled_from([{}, {"nibble": True}]),
         limits=st.sampled_from([DriveLimits(), DriveLimits(5.0)]),
         signals=st.sampled_from([{}, {"output_frequency": 0.5}]),
         min_poll_interval_s=st.sampled_from([0.0, 1.0]),
@@ -133,7 +133,7 @@ model = "c320"
     [
         ("address = 2", "address = 3", ReloadAction.RECREATE),
         ('address = 2\nmodel = "c320"', 'address = 2\nmodel = "c300"', ReloadAction.RECREATE),
-        ("address = 2", "address = 2\nsettings = { nibble = true }", ReloadAction.RECREATE),
+        ("address = 2", "address = 2\noptions = { nibble = true }", ReloadAction.RECREATE),
         ("address = 2", "address = 2\nsignals = { output_frequency = 1.0 }", ReloadAction.REPOLL),
         ("address = 2", "address = 2\nmin_poll_interval_s = 1.0", ReloadAction.REPOLL),
         ("address = 2", "address = 2\nlimits = { maximum_hz = 40.0 }", ReloadAction.UPDATE),

@@ -28,9 +28,7 @@ def plant(model: str, count: int, more: str = "", line: str = "") -> PlantConfig
 def watched(bus: Bus, setting: DriveConfig) -> tuple[Drive, list[Poll]]:
     """The drive as the plant has it, and what its monitor asks for."""
     asked: list[Poll] = []
-    drive = Drive(
-        bus, config.profile_of(setting), setting.address, encoding=setting.encoding, settings=setting.settings
-    )
+    drive = Drive(bus, config.profile_of(setting), setting.address, encoding=setting.encoding, options=setting.options)
     real = bus.start_polling
 
     def watch(address: int, polls: Any, sink: Any) -> Any:

@@ -38,7 +38,7 @@ def commanded() -> list[tuple[str, bytes]]:
     ]
     rtu = modbus.ModbusRtuCodec()
     for model in ("vc660", "df800"):
-        dialect = dialect_for(model, **({"direction_proved": True} if model == "df800" else {}))
+        dialect = dialect_for(model, **({"direction_calibrated": True} if model == "df800" else {}))
         frames = [*dialect.start(Direction.REVERSE, 500), *dialect.jog(Direction.FORWARD, None), *dialect.reset()]
         asked = [frame.request for frame in frames]
         for how in StopMode:

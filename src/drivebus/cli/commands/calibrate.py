@@ -54,7 +54,7 @@ async def _calibrate(target: Target) -> ExitCode:
         async with connect.open_drive(target) as (bus, drive):
             steps = drive.open_calibrations()
             if not steps:
-                output.print_json({"event": "nothing", "settings": drive.dialect.settings}, stream=True)
+                output.print_json({"event": "nothing", "options": drive.dialect.options}, stream=True)
                 output.print_message("calibrate.nothing", model=drive.profile.model)
             with raw_keyboard() as keys:
                 session = CalibrationSession(bus, drive, keys, shutdown)
@@ -103,18 +103,18 @@ def _print_result(session: CalibrationSession, step: CalibrationStep, found: Cal
     words = [f"{word:04X}H" for word in found.words]
     if not found.options:
         output.print_json(
-            {"event": "open", "setting": step.option, "left": found.candidates, "words": words}, stream=True
+            {"event": "open", "option": step.option, "left": found.candidates, "words": words}, stream=True
         )
         if step.observation_question is not None:
             output.print_message("calibrate.unseen")
         else:
             candidates = ", ".join(found.candidates)
-            output.print_message("calibrate.open", setting=step.option, codings=candidates, words=", ".join(words))
+            output.print_message("calibrate.open", option=step.option, codings=candidates, words=", ".join(words))
         return ExitCode.FAILED
     stored = session.bus.port.url.partition(":")[0] not in VOLATILE_SCHEMES
-    output.print_json({"event": "calibrated", "settings": found.options, "stored": stored, "words": words}, stream=True)
+    output.print_json({"event": "calibrated", "options": found.options, "stored": stored, "words": words}, stream=True)
     for name, value in found.options.items():
-        output.print_message("calibrate.result", setting=name, value=str(value).lower())
+        output.print_message("calibrate.result", option=name, value=str(value).lower())
     output.print_message("calibrate.stored" if stored else "calibrate.not_stored")
     return ExitCode.DONE
 
@@ -123,7 +123,7 @@ def _plan(dry: DryRun) -> ExitCode:
     from drivebus.drives.dialects.base import StopMode
     from drivebus.drives.operations.calibration import calibration_steps
 
-    open_steps = [step for step in calibration_steps(dry.dialect) if step.is_open(dry.dialect.settings)]
+    open_steps = [step for step in calibration_steps(dry.dialect) if step.is_open(dry.dialect.options)]
     planned = [part for step in open_steps for part in step.plan(dry.dialect)]
     for purpose, requests in dict.fromkeys(planned):
         dry.add(purpose, requests)

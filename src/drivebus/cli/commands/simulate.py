@@ -38,8 +38,8 @@ def _simulate(
     ramp: float,
     option: tuple[tuple[str, str], ...],
 ) -> ExitCode:
-    settings = dict(option) | ({"encoding": encoding} if encoding else {})
-    bus = make_bus(model, address, baud, format, seed, line_quality, load, ramp, settings)
+    options = dict(option) | ({"encoding": encoding} if encoding else {})
+    bus = make_bus(model, address, baud, format, seed, line_quality, load, ramp, options)
     return asyncio.run(_serve(bus, bind, link))
 
 
@@ -52,14 +52,14 @@ def make_bus(
     line_quality: str,
     load: str,
     ramp_s: float,
-    settings: dict[str, str],
+    options: dict[str, str],
 ) -> SimulatedBus:
     """Return a bus of stations; default serial settings: the model's factory settings. Raises ConfigurationError."""
     from drivebus.serial_settings import SerialSettings
     from drivebus.simulator.bus import SimulatedBus
     from drivebus.simulator.models.catalog import make_station
 
-    stations = [make_station(model, address, settings, load) for address in addresses]
+    stations = [make_station(model, address, options, load) for address in addresses]
     for station in stations:
         station.set_ramps(ramp_s, ramp_s)
     factory = stations[0].factory_settings

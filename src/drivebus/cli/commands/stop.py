@@ -103,10 +103,10 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool
     from drivebus.bus import Bus
     from drivebus.drives import Drive, stop_bus
 
-    profile, settings = target.profile, target.drive_options()
+    profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record) as port:
         async with Bus(port) as bus:
-            drives = [Drive(bus, profile, each, encoding=target.encoding, settings=settings) for each in addresses]
+            drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
             present = await _sweep(bus, drives) if find else drives
             report = await stop_bus(bus, present)
             absent = tuple(drive.address for drive in drives if drive not in present)

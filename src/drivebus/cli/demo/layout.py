@@ -30,7 +30,7 @@ class DemoBus:
     load: str
     ramp_s: float
     drives: tuple[DemoDrive, ...]
-    settings: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, str] = field(default_factory=dict)
     """Values of the profile options, for the simulated drives and for the service."""
 
     @property

@@ -106,7 +106,7 @@ class MemoryDemoPlant:
 
 def _sim_url(index: int) -> str:
     bus = BUSES[index]
-    more = "".join(f"&{name}={value}" for name, value in bus.settings.items())
+    more = "".join(f"&{name}={value}" for name, value in bus.options.items())
     return (
         f"sim://{bus.target}?baud={bus.baud}&format={bus.format}&load={bus.load}&ramp={bus.ramp_s}"
         f"&seed={index + 1}&name=demo-{bus.name}{more}"

@@ -33,7 +33,7 @@ def _bus(bus: DemoBus, url: str) -> str:
 
 
 def _drive(bus: DemoBus, drive: DemoDrive) -> str:
-    settings = ", ".join(f"{name} = {json.dumps(value)}" for name, value in bus.settings.items())
+    options = ", ".join(f"{name} = {json.dumps(value)}" for name, value in bus.options.items())
     rows = [
         f"[drive.{drive.key}]",
         f'bus = "{bus.name.lower()}"',
@@ -43,7 +43,7 @@ def _drive(bus: DemoBus, drive: DemoDrive) -> str:
         f"min_poll_interval_s = {MIN_POLL_INTERVAL_S[bus.model]}",
         'on_service_stop = "stop"',
     ]
-    return "\n".join([*rows, *([f"settings = {{ {settings} }}"] if settings else [])])
+    return "\n".join([*rows, *([f"options = {{ {options} }}"] if options else [])])
 
 
 def _group(role: str) -> str:

@@ -22,7 +22,7 @@ from drivebus.simulator.motor import Trip
 
 def make_bus(layout: DemoBus, seed: int = 1) -> SimulatedBus:
     """Return one bus of the plant."""
-    stations = [make_station(layout.model, drive.address, layout.settings, layout.load) for drive in layout.drives]
+    stations = [make_station(layout.model, drive.address, layout.options, layout.load) for drive in layout.drives]
     for station in stations:
         station.set_ramps(layout.ramp_s, layout.ramp_s)
     return SimulatedBus(

@@ -28,13 +28,13 @@ def decode_options(profile: DriveProfile) -> dzb100.Dzb100DecodeOptions:
     return dzb100.Dzb100DecodeOptions(
         setpoint_coding=setpoint_coding or "hex-0.1",
         query_coding=_settled_coding(profile, "query_coding") or "hex-0.1",
-        fault_coding="hex" if profile.settings.get("fault_coding") == "hex" else "decimal",
+        fault_coding="hex" if profile.options.get("fault_coding") == "hex" else "decimal",
         setpoint_settled=setpoint_coding is not None,
     )
 
 
 def _settled_coding(profile: DriveProfile, option: str) -> dzb100.FrequencyCoding | None:
-    chosen = profile.settings.get(option)
+    chosen = profile.options.get(option)
     return next((coding for coding in dzb100.FREQUENCY_CODINGS if coding == chosen), None)
 
 

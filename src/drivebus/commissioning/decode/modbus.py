@@ -130,7 +130,7 @@ def _command_names(profile: DriveProfile, word: int) -> list[str]:
     """Return the names of the commands in a command word; levels that are off are not named."""
     if profile.commands is None:
         return []
-    bits = profile.commands.resolved(profile.settings).bits
+    bits = profile.commands.resolved(profile.options).bits
     return [name for name, bit in bits.items() if bit.value and word & bit.mask == bit.value]
 
 

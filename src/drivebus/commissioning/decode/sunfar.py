@@ -30,5 +30,5 @@ def decode_options(profile: DriveProfile) -> sunfar.SunfarDecodeOptions:
         frequency_step_hz=profile.setpoint_scale.factor,
         frequency_monitors=frozenset(index for space, index in hertz if space == "monitor"),
         frequency_parameters=frozenset((index >> 8, index & 0xFF) for space, index in hertz if space == "parameter"),
-        monitor_index="bcd" if profile.settings.get("monitor_index") == "bcd" else "binary",
+        monitor_index="bcd" if profile.options.get("monitor_index") == "bcd" else "binary",
     )

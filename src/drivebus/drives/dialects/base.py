@@ -63,7 +63,7 @@ class Dialect(Protocol):
 
     profile: DriveProfile
     address: int
-    settings: dict[str, Any]
+    options: dict[str, Any]
     codec: Codec
     station_config: StationConfig
     state_names: tuple[str, ...]
@@ -203,7 +203,7 @@ class Dialect(Protocol):
         """Return whether an encoded request is on the family's allow-list; otherwise it never gets a permit."""
         ...
 
-    def set_option(self, setting: str, value: Any) -> None:
+    def set_option(self, option: str, value: Any) -> None:
         """Set an undocumented option of the family for this drive."""
         ...
 

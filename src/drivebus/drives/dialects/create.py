@@ -17,10 +17,10 @@ def create_dialect(
     address: int,
     *,
     encoding: str | None = None,
-    settings: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
     timing: StationTiming | None = None,
 ) -> Dialect:
-    """Return the dialect of a drive. Raises ConfigurationError for an unknown address, encoding or setting."""
+    """Return the dialect of a drive. Raises ConfigurationError for an unknown address, encoding or option."""
     low, high = profile.addresses
     if address == profile.broadcast or not low <= address <= high:
         key = "drives.address_broadcast" if address == profile.broadcast else "drives.address"
@@ -29,11 +29,11 @@ def create_dialect(
     if chosen not in profile.encodings:
         known = ", ".join(profile.encodings)
         raise ConfigurationError("drives.encoding", model=profile.model, found=chosen, expected=known)
-    unknown = [name for name in settings or {} if name not in profile.settings]
+    unknown = [name for name in options or {} if name not in profile.options]
     if unknown:
-        known = ", ".join(profile.settings) or "-"
-        raise ConfigurationError("drives.setting", model=profile.model, found=unknown[0], expected=known)
-    merged = dict(profile.settings) | dict(settings or {})
+        known = ", ".join(profile.options) or "-"
+        raise ConfigurationError("drives.option", model=profile.model, found=unknown[0], expected=known)
+    merged = dict(profile.options) | dict(options or {})
     make = resolve(protocol_family(profile.family).dialect)
     dialect: Dialect = make(profile, address, chosen, merged, timing or profile.timing)
     return dialect

@@ -51,9 +51,9 @@ MAX_SETPOINT_WORD = 4000  # setpoints are 0000 to 4000 (manual 2 (5))
 UNCALIBRATED_CAP_HZ = 5.0  # until one coding is left, no raw word may mean more than this under any of them
 
 
-def possible_codings(settings: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
+def possible_codings(options: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
     """Return the setpoint codings that are not excluded; one where it is determined."""
-    coding = settings.get("setpoint_coding", "unknown")
+    coding = options.get("setpoint_coding", "unknown")
     return (coding,) if coding in CODINGS else CODINGS
 
 
@@ -93,9 +93,9 @@ class Dzb100Dialect:
     start_includes_setpoint = True
 
     def __init__(
-        self, profile: DriveProfile, address: int, encoding: str, settings: dict[str, Any], timing: StationTiming
+        self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.settings = profile, address, settings
+        self.profile, self.address, self.options = profile, address, options
         self.codec: Codec = Dzb100Codec()
         self._signals = signals_by_index(profile, "query")
         self._sync_count = 0
@@ -158,7 +158,7 @@ class Dzb100Dialect:
 
     def _state_readings(self, data: int, at: float | None) -> Readings:
         try:
-            word = StateWord.parse(data, self.settings.get("fault_coding", "decimal"))
+            word = StateWord.parse(data, self.options.get("fault_coding", "decimal"))
         except ProtocolError:
             return {"fault": Reading(None, "", Quality.BAD, at, "drives.not_documented", data)}
         return {
@@ -168,7 +168,7 @@ class Dzb100Dialect:
         }
 
     def _reading(self, signal: Signal, item: int, data: int, at: float | None) -> Reading:
-        coding = self.settings.get("query_coding", "unknown")
+        coding = self.options.get("query_coding", "unknown")
         settled = coding in CODINGS
         if item not in FREQUENCY_ITEMS and coding != "decimal-0.1":
             return signal_reading(signal, data, at)
@@ -203,13 +203,13 @@ class Dzb100Dialect:
         raw = readings.agreed_raw("set_frequency")
         if raw is None:
             return None
-        if self.can_confirm_speed() and len(possible_codings(self.settings)) == 1:
+        if self.can_confirm_speed() and len(possible_codings(self.options)) == 1:
             return setpoint_matches(readings, self.profile, frequency_hz)
         return True if raw == word else None
 
     def can_confirm_speed(self) -> bool:
         """Return whether the query coding is determined."""
-        return self.settings.get("query_coding", "unknown") in CODINGS
+        return self.options.get("query_coding", "unknown") in CODINGS
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         """Q03's A is the last command that the drive executed."""
@@ -223,7 +223,7 @@ class Dzb100Dialect:
         return Rejection("drives.dzb_refused", 7) if reply.accepted is False else None
 
     def setpoint_word(self, frequency_hz: float) -> int:
-        codings, coding = possible_codings(self.settings), self._setpoint_coding()
+        codings, coding = possible_codings(self.options), self._setpoint_coding()
         try:
             word = encode_frequency(frequency_hz, coding)
         except ValueError as error:
@@ -244,7 +244,7 @@ class Dzb100Dialect:
 
     def _setpoint_coding(self) -> FrequencyCoding:
         """Return the determined coding, hex-0.1 until then."""
-        codings = possible_codings(self.settings)
+        codings = possible_codings(self.options)
         return codings[0] if len(codings) == 1 else DEFAULT_CODING
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
@@ -296,7 +296,7 @@ class Dzb100Dialect:
 
     def _scaled_parameter(self, parameter: Parameter) -> Parameter:
         """Return the parameter under the coding of parameters; whole numbers are the same in all codings."""
-        scale, coding = parameter.scale, self.settings.get("parameter_coding", "unknown")
+        scale, coding = parameter.scale, self.options.get("parameter_coding", "unknown")
         if scale.factor >= 1.0 or coding not in CODINGS or coding == DEFAULT_CODING:
             return parameter
         if coding == "decimal-0.1":
@@ -306,7 +306,7 @@ class Dzb100Dialect:
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         reading = parameter_reading(self._scaled_parameter(parameter), raw, at)
-        settled = self.settings.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
+        settled = self.options.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
         return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
@@ -322,8 +322,8 @@ class Dzb100Dialect:
             not isinstance(request, Dzb100WriteParameter) or request.parameter < PARAMETER_COUNT
         )
 
-    def set_option(self, setting: str, value: Any) -> None:
-        self.settings[setting] = value
+    def set_option(self, option: str, value: Any) -> None:
+        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""

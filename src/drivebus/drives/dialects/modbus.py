@@ -232,15 +232,15 @@ class ModbusDialect:
     """Dialect of one Modbus drive."""
 
     def __init__(
-        self, profile: DriveProfile, address: int, encoding: str, settings: dict[str, Any], timing: StationTiming
+        self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.settings = profile, address, settings
+        self.profile, self.address, self.options = profile, address, options
         self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
         form, most = self._rule.error_form, self._rule.max_read
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
         self.codec: Codec = ascii_codec if encoding == "ascii" else ModbusRtuCodec(form, most)
         self.status_map: StatusMap | None = profile.status
-        self.command_word = CommandWord(profile.commands.resolved(settings)) if profile.commands else None
+        self.command_word = CommandWord(profile.commands.resolved(options)) if profile.commands else None
         self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
         self._signals = signals_by_index(profile, "holding")
         self._sync_count = 0
@@ -452,8 +452,8 @@ class ModbusDialect:
 
     def _check_direction(self, direction: Direction | None) -> None:
         """The order of the direction bits of a DF800 is undocumented until it is calibrated."""
-        if direction is not None and self.settings.get("direction_proved") is False:
-            raise StartInhibited("drives.direction_unproved", direction=direction, model=self.profile.model)
+        if direction is not None and self.options.get("direction_calibrated") is False:
+            raise StartInhibited("drives.direction_uncalibrated", direction=direction, model=self.profile.model)
 
     def _require_command_word(self) -> CommandWord:
         if self.command_word is None:
@@ -523,11 +523,9 @@ class ModbusDialect:
         request = WriteRegister(self.address, parameter.locator[1] | (bit or 0), raw)
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
 
-    def set_option(self, setting: str, value: Any) -> None:
-        self.settings[setting] = value
-        self.command_word = (
-            CommandWord(self.profile.commands.resolved(self.settings)) if self.profile.commands else None
-        )
+    def set_option(self, option: str, value: Any) -> None:
+        self.options[option] = value
+        self.command_word = CommandWord(self.profile.commands.resolved(self.options)) if self.profile.commands else None
 
     def on_sent(self, request: Any) -> None:
         """Record the levels that the drive holds now."""

@@ -130,10 +130,10 @@ class SunfarDialect:
     start_includes_setpoint = True
 
     def __init__(
-        self, profile: DriveProfile, address: int, encoding: Any, settings: dict[str, Any], timing: StationTiming
+        self, profile: DriveProfile, address: int, encoding: Any, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.settings = profile, address, settings
-        digits, nibble = settings.get("digits", "strict"), bool(settings.get("nibble", False))
+        self.profile, self.address, self.options = profile, address, options
+        digits, nibble = options.get("digits", "strict"), bool(options.get("nibble", False))
         self.codec: Codec = SunfarCodec(encoding=encoding, digits=digits, nibble=nibble)
         self._sync_tags = sync_tags(profile)
         self._signals = signals_by_index(profile, "monitor")
@@ -200,11 +200,11 @@ class SunfarDialect:
         return shortest_period_s(self.profile, tuple(n for n in at if n in names) or at)
 
     def _monitor_read(self, index: int) -> ReadMonitor:
-        bcd = self.settings.get("monitor_index") == "bcd"
+        bcd = self.options.get("monitor_index") == "bcd"
         return ReadMonitor(self.address, int(str(index), 16) if bcd else index)
 
     def _monitor_index(self, item: int) -> int:
-        return int(f"{item:X}") if self.settings.get("monitor_index") == "bcd" else item
+        return int(f"{item:X}") if self.options.get("monitor_index") == "bcd" else item
 
     def decode_readings(self, request: Any, reply: SunfarReply, at: float | None) -> Readings:
         if isinstance(request, SunfarControl):
@@ -310,7 +310,7 @@ class SunfarDialect:
         return (CommandFrame(self._control_request(operation, word), RetryPolicy.EDGE_TRIGGERED),)
 
     def _control_request(self, operation: SunfarOperation, word: int = 0) -> SunfarControl:
-        item = self.settings.get("class4_item")
+        item = self.options.get("class4_item")
         return SunfarControl(self.address, operation, word, item if isinstance(item, int) and item >= 0 else None)
 
     def read_parameter(self, parameter: Parameter) -> Any:
@@ -341,8 +341,8 @@ class SunfarDialect:
             return False
         return isinstance(heard.request, SunfarControl) or heard.operation is SunfarOperation.NONE
 
-    def set_option(self, setting: str, value: Any) -> None:
-        self.settings[setting] = value
+    def set_option(self, option: str, value: Any) -> None:
+        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""

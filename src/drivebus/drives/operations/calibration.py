@@ -66,7 +66,7 @@ class CalibrationStep:
 def calibration_steps(dialect: Dialect) -> tuple[CalibrationStep, ...]:
     """Return the steps of a drive, determined or not, in the order of their dependencies."""
     steps: tuple[CalibrationStep, ...] = resolve(protocol_family(dialect.profile.family).calibrations)
-    return tuple(step for step in steps if step.option in dialect.settings)
+    return tuple(step for step in steps if step.option in dialect.options)
 
 
 def calibration_step(dialect: Dialect, name: str) -> CalibrationStep:

@@ -49,7 +49,7 @@ def calibration_jog(
 
 def _options_observed(direction: Direction) -> Mapping[str, Any]:
     """Return the bit order that an observed direction shows."""
-    return {"direction_field": "b3b2" if direction is Direction.FORWARD else "b2b3", "direction_proved": True}
+    return {"direction_field": "b3b2" if direction is Direction.FORWARD else "b2b3", "direction_calibrated": True}
 
 
 def _plan(dialect: ModbusDialect) -> PlannedRequests:
@@ -63,7 +63,7 @@ def _plan(dialect: ModbusDialect) -> PlannedRequests:
 STEPS = (
     CalibrationStep(
         name="direction",
-        option="direction_proved",
+        option="direction_calibrated",
         undetermined=False,
         moves=True,
         operation=calibration_jog,

@@ -51,7 +51,7 @@ def calibrate_setpoint_coding(
     dialect = cast("Dzb100Dialect", op.dialect)
     if not dialect.can_confirm_speed():
         raise StartInhibited("drives.query_coding_first")
-    left = possible_codings(dialect.settings)
+    left = possible_codings(dialect.options)
     words: list[int] = []
     while len(left) > 1:
         word = highest_safe_word(left)
@@ -107,7 +107,7 @@ def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOper
     """Read Q00 and Q01, each verified; None where they do not agree."""
     command = yield from _read_agreed_word(op, dialect, 0)
     output = yield from _read_agreed_word(op, dialect, 1)
-    coding = str(dialect.settings["query_coding"])
+    coding = str(dialect.options["query_coding"])
     first, second = _decode_hz(command, coding), _decode_hz(output, coding)
     return second if abs(first - second) <= 2 * _query_resolution_hz(dialect) else None
 
@@ -140,7 +140,7 @@ def _half_resolution_hz(coding: str) -> float:
 
 def _query_resolution_hz(dialect: Dzb100Dialect) -> float:
     """Return the step of the query coding in Hz."""
-    return 2 * _half_resolution_hz(str(dialect.settings["query_coding"]))
+    return 2 * _half_resolution_hz(str(dialect.options["query_coding"]))
 
 
 def _scaling_result(option: str, words: tuple[int, ...], codings: tuple[str, ...]) -> CalibrationResult:
@@ -153,7 +153,7 @@ def _plan_query(dialect: Dzb100Dialect) -> PlannedRequests:
 
 
 def _plan_setpoint(dialect: Dzb100Dialect) -> PlannedRequests:
-    frames = dialect.start(None, highest_safe_word(possible_codings(dialect.settings)))
+    frames = dialect.start(None, highest_safe_word(possible_codings(dialect.options)))
     return (*_plan_query(dialect), ("start", tuple(frame.request for frame in frames)))
 
 

@@ -23,7 +23,7 @@ def profile_json(profile: DriveProfile) -> Json:
         "grade": profile.grade,
         "family": profile.family,
         "encodings": list(profile.encodings),
-        "line": {
+        "serial": {
             "baud": serial.baud,
             "format": serial.format,
             "bauds": list(serial.bauds),
@@ -84,12 +84,12 @@ def _caveat(caveat: Caveat) -> Json:
 
 def _question(question: OpenQuestion) -> Json:
     return {
-        "setting": question.setting,
-        "default": question.default,
+        "name": question.name,
+        "value": question.value,
         "choices": list(question.choices),
         "text": text_json(question.text),
         "reason": text_json(question.reason),
-        "settle": text_json(question.settle),
+        "procedure": text_json(question.procedure),
     }
 
 

@@ -132,7 +132,7 @@ def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
         model=parsed.model_of(one),
         title=_text(one.title, id),
         encoding=one.encoding,
-        settings=dict(one.settings),
+        options=dict(one.options),
         limits=DriveLimits(**one.limits.model_dump()),
         signals=dict(one.signals),
         min_poll_interval_s=one.min_poll_interval_s or 0.0,

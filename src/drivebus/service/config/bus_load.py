@@ -49,8 +49,8 @@ def polled_names(drive: DriveConfig, profile: DriveProfile) -> tuple[str, ...]:
 
 def dialect_of(drive: DriveConfig) -> Dialect:
     """Return the dialect of a drive. Raises ProfileError, ConfigurationError."""
-    settings = dict(drive.settings)
-    return create_dialect(profile_of(drive), drive.address, encoding=drive.encoding, settings=settings)
+    options = dict(drive.options)
+    return create_dialect(profile_of(drive), drive.address, encoding=drive.encoding, options=options)
 
 
 def polls_of(drive: DriveConfig, dialect: Dialect) -> list[Poll]:

@@ -1,4 +1,4 @@
-"""Checks of buses and drives: port URLs, models, addresses, settings, limits, signals, and the load of each bus.
+"""Checks of buses and drives: port URLs, models, addresses, options, limits, signals, and the load of each bus.
 
 Nothing is opened.
 """
@@ -45,7 +45,7 @@ def bus_problems(parsed: ParsedPlant) -> Iterator[Issue]:
         path = ("bus", id, "link")
         wrong = bus.format is not None and not is_format(bus.format)
         if wrong:
-            yield issue("line_format", ("bus", id, "format"), bus.format)
+            yield issue("serial_format", ("bus", id, "format"), bus.format)
         try:
             link = _parse_bus_link(bus.model_copy(update={"format": None}) if wrong else bus)
         except ConfigurationError as error:
@@ -135,14 +135,14 @@ def _check_drive(parsed: ParsedPlant, id: str, drive: DriveTable, profile: Drive
     faults = [
         *_check_address(id, drive, profile),
         *_check_encoding(id, drive, profile),
-        *_check_settings(id, drive, profile),
+        *_check_options(id, drive, profile),
     ]
     yield from faults
     yield from _check_limits(id, drive, profile)
     yield from _check_signals(parsed, id, drive, profile)
     if not faults:
         asked = with_periods(profile, drive.signals)
-        parsed.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, settings=drive.settings)
+        parsed.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, options=drive.options)
 
 
 def _check_address(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
@@ -159,29 +159,29 @@ def _check_encoding(id: str, drive: DriveTable, profile: DriveProfile) -> Iterat
         yield issue("choice", ("drive", id, "encoding"), drive.encoding, choices=", ".join(profile.encodings))
 
 
-def _check_settings(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
-    for name, value in drive.settings.items():
-        path = ("drive", id, "settings", name)
-        if name not in profile.settings:
-            yield issue("unknown_setting", path, name, model=profile.model, **suggestions(name, list(profile.settings)))
+def _check_options(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
+    for name, value in drive.options.items():
+        path = ("drive", id, "options", name)
+        if name not in profile.options:
+            yield issue("unknown_option", path, name, model=profile.model, **suggestions(name, list(profile.options)))
         elif not _is_choice(profile, name, value):
             yield issue("choice", path, value, choices=_choices(profile, name))
 
 
 def _is_choice(profile: DriveProfile, name: str, value: Any) -> bool:
     """Return whether an option of the model may have this value."""
-    question = next((one for one in profile.open_questions if one.setting == name), None)
+    question = next((one for one in profile.open_questions if one.name == name), None)
     if question is None or not (question.choices or question.span):
-        return type(value) is type(profile.settings[name])
+        return type(value) is type(profile.options[name])
     low, high = question.span or (1, 0)
     spanned = type(value) is int and low <= value <= high
     return spanned or any(type(value) is type(choice) and value == choice for choice in question.choices)
 
 
 def _choices(profile: DriveProfile, name: str) -> str:
-    question = next((one for one in profile.open_questions if one.setting == name), None)
+    question = next((one for one in profile.open_questions if one.name == name), None)
     if question is None or not (question.choices or question.span):
-        return type(profile.settings[name]).__name__
+        return type(profile.options[name]).__name__
     span = [f"{question.span[0]} … {question.span[1]}"] if question.span else []
     shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in question.choices]
     return ", ".join([*shown, *span])

@@ -66,7 +66,7 @@ class DriveConfig:
     """Name of a profile, or path of a TOML file."""
     title: Text = Text("", "")
     encoding: str | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     """Values of the model's undocumented options."""
     limits: DriveLimits = field(default_factory=DriveLimits)
     signals: Mapping[str, float] = field(default_factory=dict)

@@ -27,7 +27,7 @@ Days = Annotated[float, Field(gt=0, le=100_000)]
 ShortText = Annotated[str, Field(min_length=1, max_length=200)]
 Expression = Annotated[str, Field(min_length=1, max_length=2000)]
 PathText = Annotated[str, Field(min_length=1, max_length=4096)]
-SettingValue = str | int | float | bool
+OptionValue = str | int | float | bool
 
 
 class StrictModel(BaseModel):
@@ -77,7 +77,7 @@ class DriveTable(StrictModel):
     model: PathText
     title: Title | None = None
     encoding: str | None = None
-    settings: dict[str, SettingValue] = {}
+    options: dict[str, OptionValue] = {}
     limits: LimitsTable = LimitsTable()
     signals: dict[str, Period] = {}
     min_poll_interval_s: Annotated[float | None, Field(ge=0, le=_DAY_S)] = None

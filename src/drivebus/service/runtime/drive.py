@@ -46,7 +46,7 @@ class DriveRuntime:
             setting.address,
             encoding=setting.encoding,
             limits=setting.limits,
-            settings=setting.settings,
+            options=setting.options,
             store=store,
         )
         self.polls = polls_of(setting, self.drive.dialect)

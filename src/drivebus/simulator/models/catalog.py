@@ -29,10 +29,8 @@ def station_option_names() -> frozenset[str]:
     return frozenset(name for model in simulated_models().values() for name in model.options)
 
 
-def make_station(
-    model: str, address: int, settings: Mapping[str, str] | None = None, load: str = "constant"
-) -> Station:
-    """Return one simulated drive; ``settings`` of other models are ignored. Raises ConfigurationError."""
+def make_station(model: str, address: int, options: Mapping[str, str] | None = None, load: str = "constant") -> Station:
+    """Return one simulated drive; ``options`` of other models are ignored. Raises ConfigurationError."""
     models = simulated_models()
     chosen = models.get(model)
     if chosen is None:
@@ -43,24 +41,24 @@ def make_station(
         raise ConfigurationError("sim.address", model=model, found=address, expected=expected)
     if load not in LOADS:
         raise ConfigurationError("sim.setting", name="load", found=load, expected=", ".join(LOADS))
-    options = dict(chosen.fixed)
-    for name, value in (settings or {}).items():
+    arguments = dict(chosen.fixed)
+    for name, value in (options or {}).items():
         if name in chosen.options:
             if value not in chosen.options[name]:
                 expected = ", ".join(chosen.options[name])
                 raise ConfigurationError("sim.setting", name=name, found=value, expected=expected)
-            options[name] = value
-    return chosen.station(address, motor=Motor(load=LOADS[load]()), **options)
+            arguments[name] = value
+    return chosen.station(address, motor=Motor(load=LOADS[load]()), **arguments)
 
 
-def make_stations(text: str, settings: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:
+def make_stations(text: str, options: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:
     """Return every drive of a text such as ``c320@0-3,7+vc660@8``. Raises ConfigurationError."""
     stations: list[Station] = []
     for part in text.split("+"):
         model, separator, addresses = part.partition("@")
         if not separator:
             raise ConfigurationError("sim.target", found=part, expected="MODEL@ADDRESSES, c320@0-3,7")
-        stations += [make_station(model.lower(), address, settings, load) for address in parse_addresses(addresses)]
+        stations += [make_station(model.lower(), address, options, load) for address in parse_addresses(addresses)]
     return stations
 
 

@@ -9,7 +9,7 @@ const CAPABILITIES = [
 ];
 
 function Facts({ profile }) {
-  const { line, limits } = profile;
+  const { serial, limits } = profile;
   const can = CAPABILITIES.filter((name) => profile.capabilities.includes(name));
   const not = CAPABILITIES.filter((name) => !profile.capabilities.includes(name));
   const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("page.comma")) || "–";
@@ -18,7 +18,7 @@ function Facts({ profile }) {
     <dt>${t("page.maker")}</dt><dd>${localized(profile.maker)}</dd>
     <dt>${t("page.grade")}</dt><dd>${t(`page.grade_${profile.grade}`)}: ${t(`page.grade_${profile.grade}_means`)}</dd>
     <dt>${t("page.encodings")}</dt><dd>${profile.encodings.join(t("page.comma"))}</dd>
-    <dt>${t("page.line_default")}</dt><dd>${line.baud} ${line.format}</dd>
+    <dt>${t("page.serial_default")}</dt><dd>${serial.baud} ${serial.format}</dd>
     <dt>${t("page.limits_model")}</dt><dd>${limits.minimum_hz} … ${limits.maximum_hz} Hz</dd>
     <dt>${t("page.can")}</dt><dd>${listed(can)}</dd><dt>${t("page.can_not")}</dt><dd>${listed(not)}</dd></dl>`;
 }
@@ -33,7 +33,7 @@ export function ProfileTab({ profile }) {
     <h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>
     ${profile.open_questions.length > 0 && html`<h3>${t("page.open_questions")}</h3>
       ${profile.open_questions.map((one) => html`
-      <${Notice} key=${one.setting} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.settle)}</p>
+      <${Notice} key=${one.name} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.procedure)}</p>
         <//>`)}`}
     <h3>${t("page.signals")}</h3><${Table} caption=${t("page.signals")} rows=${profile.signals}
       keyOf=${(one) => one.name} columns=${[
