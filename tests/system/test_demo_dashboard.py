@@ -1,4 +1,4 @@
-"""``drivebus demo`` as a newcomer meets it: one address, which logs in once, twelve drives, and a shift behind them."""
+"""``drivebus demo`` for a new user: an address that logs in once, twelve drives, and eight hours of history."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from drivebus.cli.demo.history import HOURS
 from drivebus.cli.demo.layout import BUSES
 
 DRIVES = {part.key for bus in BUSES for part in bus.drives}
-PATIENCE_S = 60.0
+ONLINE_TIMEOUT_S = 60.0
 Demo = tuple[subprocess.Popen[str], dict[str, str]]
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
-    """A running demo, and the address, user and password that it prints."""
+    """Yield a running demo with the address, user and password that it prints."""
     log = tmp_path_factory.mktemp("demo") / "log"
     (log.parent / "tmp").mkdir()
     with log.open("w") as errors:
@@ -39,7 +39,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
 
 
 def _printed(process: subprocess.Popen[str], log: Path) -> dict[str, str]:
-    """One line of JSON, and no other address before it: that would ask for a password."""
+    """Return the printed line of JSON; an address before it would require a password."""
     assert process.stdout is not None
     line = process.stdout.readline()
     assert line.startswith("{"), (line, log.read_text())
@@ -49,7 +49,7 @@ def _printed(process: subprocess.Popen[str], log: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def browser(demo: Demo) -> Iterator[httpx.Client]:
-    """Logged in by the address that was printed."""
+    """Yield a client that is logged in by the printed address."""
     base, _, code = demo[1]["url"].partition("#login=")
     with httpx.Client(base_url=base, headers={"Origin": base.rstrip("/")}) as client:
         done = client.post("api/v1/login/code", json={"code": code})
@@ -64,24 +64,24 @@ def test_the_address_logs_in_once(demo: Demo, browser: httpx.Client) -> None:
 
 
 def test_a_later_login_needs_the_password_and_the_configuration_is_a_file(demo: Demo, browser: httpx.Client) -> None:
-    """After an idle while the page asks for it, and the address logs in only once."""
+    """The page requires the password after an idle time, and the address logs in only once."""
     base, printed = str(browser.base_url).rstrip("/"), demo[1]
-    who = {"name": printed["user"], "password": printed["password"]}
-    again = httpx.post(f"{base}/api/v1/login", json=who, headers={"Origin": base})
+    credentials = {"name": printed["user"], "password": printed["password"]}
+    again = httpx.post(f"{base}/api/v1/login", json=credentials, headers={"Origin": base})
     assert again.status_code == 200, again.text
     file = browser.get("api/v1/configuration").json()
     assert "[drive.fan-1]" in file["text"]
 
 
 def test_twelve_drives_of_four_families_on_four_buses_reply(browser: httpx.Client) -> None:
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + ONLINE_TIMEOUT_S
     found: dict[str, dict[str, object]] = {}
-    while time.monotonic() < deadline and {one["presence"] for one in found.values()} != {"online"}:
-        found = {one["id"]: one for one in browser.get("api/v1/drives").json()["drives"]}
+    while time.monotonic() < deadline and {drive["presence"] for drive in found.values()} != {"online"}:
+        found = {drive["id"]: drive for drive in browser.get("api/v1/drives").json()["drives"]}
         time.sleep(0.5)
     assert set(found) == DRIVES and len(DRIVES) == 12
-    assert {one["presence"] for one in found.values()} == {"online"}
-    assert len({one["model"] for one in found.values()}) == len({one["bus"] for one in found.values()}) == 4
+    assert {drive["presence"] for drive in found.values()} == {"online"}
+    assert len({drive["model"] for drive in found.values()}) == len({drive["bus"] for drive in found.values()}) == 4
 
 
 def test_the_demo_starts_with_eight_hours_of_history(browser: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""Every drive, every command: the outcome's word against what the motor really does (I1, I2)."""
+"""Every command on every drive: the reported outcome compared with the motor (I1, I2)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from fixtures.system_bench import (
     SYSTEM_VARIANTS,
     SystemBench,
     SystemVariant,
-    command_ending,
     every_drive,
     every_reporting_drive,
+    outcome_or_error,
     run_virtual,
     system_bench,
     wait_until,
@@ -29,64 +29,64 @@ from fixtures.system_bench import (
 RAMP_S = 2.0
 
 
-def expected_word(kind: SystemVariant) -> str:
-    """How a command that was carried out ends: confirmed, or acknowledged where nothing can show it (DF800)."""
-    return "confirmed" if kind.reports_running else "acknowledged"
+def expected_status(variant: SystemVariant) -> str:
+    """Return the status of an executed command: acknowledged where the drive reports no state (DF800)."""
+    return "confirmed" if variant.reports_running else "acknowledged"
 
 
-def turning(here: SystemBench) -> float:
-    """Output frequency of the motor, negative in reverse, 0 where the output is off."""
-    motor = here.motor
+def output_hz(bench: SystemBench) -> float:
+    """Return the output frequency of the motor: negative in reverse, 0 where the output is off."""
+    motor = bench.motor
     return motor.output_hz if motor.energised else 0.0
 
 
 @pytest.mark.parametrize("direction", list(Direction))
 @every_drive
 def test_a_run_turns_the_motor_in_its_direction_at_its_speed_and_a_stop_ends_it(
-    kind: SystemVariant, direction: Direction
+    variant: SystemVariant, direction: Direction
 ) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
+        async with system_bench(variant) as bench:
             sign = 1 if direction is Direction.FORWARD else -1
-            started = await here.drive.run(20.0, direction)
-            assert started.status == expected_word(kind)
-            assert here.motor.energised and here.motor.target_hz == pytest.approx(sign * 20.0)
+            started = await bench.drive.run(20.0, direction)
+            assert started.status == expected_status(variant)
+            assert bench.motor.energised and bench.motor.target_hz == pytest.approx(sign * 20.0)
             await asyncio.sleep(RAMP_S)
-            assert turning(here) == pytest.approx(sign * 20.0)
-            assert here.motor.starts == 1
-            stopped = await here.drive.stop()
-            assert stopped.status == expected_word(kind)
-            if kind.reports_running:
-                assert not here.motor.energised, "confirmed while it still turned"
+            assert output_hz(bench) == pytest.approx(sign * 20.0)
+            assert bench.motor.starts == 1
+            stopped = await bench.drive.stop()
+            assert stopped.status == expected_status(variant)
+            if variant.reports_running:
+                assert not bench.motor.energised, "confirmed while it still turned"
             await asyncio.sleep(RAMP_S)
-            assert not here.motor.energised and here.motor.starts == 1
-            here.tap.check(kind)
+            assert not bench.motor.energised and bench.motor.starts == 1
+            bench.tap.check(variant)
 
     run_virtual(scenario())
 
 
 @every_reporting_drive
-def test_waiting_returns_when_the_motor_has_reached_the_target_and_not_before(kind: SystemVariant) -> None:
+def test_waiting_returns_when_the_motor_has_reached_the_target_and_not_before(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            reached = await here.drive.run(30.0, wait=True)
+        async with system_bench(variant) as bench:
+            reached = await bench.drive.run(30.0, wait=True)
             assert reached.status == "confirmed"
-            assert turning(here) == pytest.approx(30.0, rel=0.005)
-            ramp = 30.0 / here.motor.ramp_base_hz * RAMP_S
-            assert here.bus.now() < ramp + 4.0
+            assert output_hz(bench) == pytest.approx(30.0, rel=0.005)
+            ramp = 30.0 / bench.motor.ramp_base_hz * RAMP_S
+            assert bench.bus.now() < ramp + 4.0
 
     run_virtual(scenario())
 
 
 @every_reporting_drive
-def test_waiting_for_a_motor_that_trips_raises_with_the_reported_state(kind: SystemVariant) -> None:
+def test_waiting_for_a_motor_that_trips_raises_with_the_reported_state(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            waiting = asyncio.ensure_future(here.drive.run(40.0, wait=True))
+        async with system_bench(variant) as bench:
+            waiting = asyncio.ensure_future(bench.drive.run(40.0, wait=True))
             await asyncio.sleep(0.9)
-            await wait_until(lambda: here.motor.energised)
+            await wait_until(lambda: bench.motor.energised)
             await asyncio.sleep(0.3)
-            here.station().trip(Trip.OVERCURRENT_ACCELERATING)
+            bench.station().trip(Trip.OVERCURRENT_ACCELERATING)
             with pytest.raises(TargetNotReached) as caught:
                 await waiting
             assert caught.value.outcome.status == "failed"
@@ -96,78 +96,78 @@ def test_waiting_for_a_motor_that_trips_raises_with_the_reported_state(kind: Sys
 
 
 @every_drive
-def test_a_new_frequency_becomes_the_speed_of_the_motor(kind: SystemVariant) -> None:
+def test_a_new_frequency_becomes_the_speed_of_the_motor(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            await here.drive.run(10.0)
+        async with system_bench(variant) as bench:
+            await bench.drive.run(10.0)
             await asyncio.sleep(RAMP_S)
-            for wanted in (25.0, 5.0, 12.5):
-                changed = await command_ending(here.drive.set_frequency(wanted))
+            for hz in (25.0, 5.0, 12.5):
+                changed = await outcome_or_error(bench.drive.set_frequency(hz))
                 await asyncio.sleep(RAMP_S)
-                assert turning(here) == pytest.approx(wanted)
-                shows = "set_frequency" in here.drive.profile.signals
-                assert changed.status == ("confirmed" if shows else "acknowledged")
-            assert here.motor.starts == 1
+                assert output_hz(bench) == pytest.approx(hz)
+                reports_setpoint = "set_frequency" in bench.drive.profile.signals
+                assert changed.status == ("confirmed" if reports_setpoint else "acknowledged")
+            assert bench.motor.starts == 1
 
     run_virtual(scenario())
 
 
 @every_drive
-def test_a_run_at_another_frequency_does_not_start_again(kind: SystemVariant) -> None:
+def test_a_run_at_another_frequency_does_not_start_again(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            await here.drive.run(10.0)
+        async with system_bench(variant) as bench:
+            await bench.drive.run(10.0)
             await asyncio.sleep(RAMP_S)
-            again = await command_ending(here.drive.run(20.0))
+            again = await outcome_or_error(bench.drive.run(20.0))
             await asyncio.sleep(RAMP_S)
-            assert again.succeeded and turning(here) == pytest.approx(20.0)
-            assert here.motor.starts == 1
+            assert again.succeeded and output_hz(bench) == pytest.approx(20.0)
+            assert bench.motor.starts == 1
 
     run_virtual(scenario())
 
 
 @every_reporting_drive
-def test_a_reverse_while_it_runs_forward_is_rejected_before_anything_is_sent(kind: SystemVariant) -> None:
+def test_a_reverse_while_it_runs_forward_is_rejected_before_anything_is_sent(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            await here.drive.run(10.0, Direction.FORWARD)
+        async with system_bench(variant) as bench:
+            await bench.drive.run(10.0, Direction.FORWARD)
             await asyncio.sleep(RAMP_S)
             with pytest.raises(StartInhibited):
-                await here.drive.run(10.0, Direction.REVERSE)
+                await bench.drive.run(10.0, Direction.REVERSE)
             await asyncio.sleep(RAMP_S)
-            assert turning(here) == pytest.approx(10.0)
+            assert output_hz(bench) == pytest.approx(10.0)
 
     run_virtual(scenario())
 
 
-def jog_hz(kind: SystemVariant) -> float | None:
-    """Modbus models jog at the drive's own frequency, 5 Hz here."""
-    return None if kind.encoding == "rtu" or kind.model == "df800" else 5.0
+def jog_hz(variant: SystemVariant) -> float | None:
+    """Return the requested jog frequency; Modbus models jog at the frequency set in the drive, 5 Hz."""
+    return None if variant.encoding == "rtu" or variant.model == "df800" else 5.0
 
 
 @every_drive
-def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemVariant) -> None:
-    """T13: letting go stops it, and so does hanging."""
+def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(variant: SystemVariant) -> None:
+    """Both the end of the jog and a missing renewal stop it (T13)."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here:
+        async with system_bench(variant) as bench:
             for direction, sign in ((Direction.FORWARD, 1), (Direction.REVERSE, -1)):
-                async with here.drive.jog(jog_hz(kind), direction) as lease:
+                async with bench.drive.jog(jog_hz(variant), direction) as lease:
                     for _ in range(12):
                         await asyncio.sleep(0.2)
                         lease.renew()
-                    assert turning(here) == pytest.approx(sign * 5.0)
-                assert lease.stop_outcome is not None and lease.stop_outcome.status == expected_word(kind)
+                    assert output_hz(bench) == pytest.approx(sign * 5.0)
+                assert lease.stop_outcome is not None and lease.stop_outcome.status == expected_status(variant)
                 await asyncio.sleep(RAMP_S)
-                assert not here.motor.energised
-            async with here.drive.jog(jog_hz(kind)) as lease:
-                begun = here.bus.now()
+                assert not bench.motor.energised
+            async with bench.drive.jog(jog_hz(variant)) as lease:
+                started_at = bench.bus.now()
                 await asyncio.sleep(0.7)
                 assert lease.expired
-                asked = [one for one in here.tap.requests_sent if begun + 0.5 <= one.start]
-                assert asked and asked[0].start - begun <= 0.5 + 0.1, "the stop leaves when the lease ends"
+                stops = [frame for frame in bench.tap.requests_sent if started_at + 0.5 <= frame.start]
+                assert stops and stops[0].start - started_at <= 0.5 + 0.1, "the stop is sent when the lease ends"
                 await asyncio.sleep(RAMP_S)
-                assert not here.motor.energised
+                assert not bench.motor.energised
                 with pytest.raises(StartInhibited):
                     lease.renew()
 
@@ -175,229 +175,229 @@ def test_a_jog_lasts_as_long_as_its_lease_is_renewed_and_no_longer(kind: SystemV
 
 
 @every_drive
-def test_a_tripped_drive_is_reported_reset_and_started_again(kind: SystemVariant) -> None:
+def test_a_tripped_drive_is_reported_reset_and_started_again(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            await here.drive.run(20.0)
+        async with system_bench(variant) as bench:
+            await bench.drive.run(20.0)
             await asyncio.sleep(RAMP_S)
-            here.station().trip(Trip.OVERLOAD)
-            status = await here.drive.status()
-            if kind.reports_running:
+            bench.station().trip(Trip.OVERLOAD)
+            status = await bench.drive.status()
+            if variant.reports_running:
                 assert status.state == "fault" and status.fault is not None
-                assert status.fault.code == here.station().trip_code(Trip.OVERLOAD)
-                refused = await command_ending(here.drive.run(20.0))
-                assert not getattr(refused, "succeeded", False)
+                assert status.fault.code == bench.station().trip_code(Trip.OVERLOAD)
+                rejected = await outcome_or_error(bench.drive.run(20.0))
+                assert not getattr(rejected, "succeeded", False)
             else:
                 assert status.state == "unknown" and status.fault is None
-            assert here.motor.starts == 1 and here.motor.trip is Trip.OVERLOAD
-            reset = await command_ending(here.drive.reset_fault())
-            assert reset.status == expected_word(kind)
-            assert here.motor.trip is None
+            assert bench.motor.starts == 1 and bench.motor.trip is Trip.OVERLOAD
+            reset = await outcome_or_error(bench.drive.reset_fault())
+            assert reset.status == expected_status(variant)
+            assert bench.motor.trip is None
             await asyncio.sleep(1.0)
-            assert not here.motor.energised, "a reset is not a start"
-            assert (await command_ending(here.drive.run(20.0))).succeeded
-            assert here.motor.energised and here.motor.starts == 2
+            assert not bench.motor.energised, "a reset is not a start"
+            assert (await outcome_or_error(bench.drive.run(20.0))).succeeded
+            assert bench.motor.energised and bench.motor.starts == 2
 
     run_virtual(scenario())
 
 
 @every_drive
-def test_a_reset_without_a_fault_moves_nothing(kind: SystemVariant) -> None:
+def test_a_reset_without_a_fault_moves_nothing(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            assert (await command_ending(here.drive.reset_fault())).status == expected_word(kind)
+        async with system_bench(variant) as bench:
+            assert (await outcome_or_error(bench.drive.reset_fault())).status == expected_status(variant)
             await asyncio.sleep(1.0)
-            assert here.motor.starts == 0
+            assert bench.motor.starts == 0
 
     run_virtual(scenario())
 
 
-def first_request_fate(
-    station: Any, acts: Callable[[Any], bool], deed: Callable[[], None], *, hears: bool
+def lose_first_reply(
+    station: Any, matches: Callable[[], bool], action: Callable[[], None], *, executed: bool
 ) -> list[int]:
-    """The first request that ``acts``: it is heard or not, its reply is lost, and ``deed`` is done."""
-    answer, lost = station.handle_request, []
+    """Lose the reply to the first request that ``matches`` and call ``action``; the request is executed or lost too.
 
-    def instead(message: Any, codec: Any) -> Any:
-        if lost or not acts(message):
-            return answer(message, codec)
+    The returned list is empty until then.
+    """
+    handle_request = station.handle_request
+    lost: list[int] = []
+
+    def handle_first(message: Any, codec: Any) -> Any:
+        if lost or not matches():
+            return handle_request(message, codec)
         lost.append(1)
-        if hears:
-            answer(message, codec)
-        deed()
+        if executed:
+            handle_request(message, codec)
+        action()
         return None
 
-    station.handle_request = instead
+    station.handle_request = handle_first
     return lost
 
 
-def start_frames(here: SystemBench, hz: float = 20.0) -> set[bytes]:
-    """The bytes of a forward start at this frequency."""
-    dialect = here.drive.dialect
+def start_frames(bench: SystemBench, hz: float = 20.0) -> set[bytes]:
+    """Return the bytes of a forward start at this frequency."""
+    dialect = bench.drive.dialect
     return {dialect.codec.encode_request(dialect.start(None, dialect.setpoint_word(hz))[0].request)}
 
 
-def is_start(here: SystemBench, hz: float = 20.0) -> Callable[[Any], bool]:
-    frames = start_frames(here, hz)
-
-    def acts(message: Any) -> bool:
-        last = here.tap.requests_sent[-1].data
-        return last in frames
-
-    return acts
+def is_start(bench: SystemBench, hz: float = 20.0) -> Callable[[], bool]:
+    """Return a check whether the last request on the wire is a forward start at this frequency."""
+    frames = start_frames(bench, hz)
+    return lambda: bench.tap.requests_sent[-1].data in frames
 
 
-def starts_sent(here: SystemBench) -> int:
-    return sum(here.tap.requests(frame) for frame in start_frames(here))
+def starts_sent(bench: SystemBench) -> int:
+    return sum(bench.tap.requests(frame) for frame in start_frames(bench))
 
 
 @every_drive
-def test_a_lost_reply_to_a_start_never_starts_twice(kind: SystemVariant) -> None:
-    """I2: the drive runs, its yes was lost; what it then shows decides; DF800 shows nothing: unknown, not resent."""
+def test_a_lost_reply_to_a_start_never_starts_twice(variant: SystemVariant) -> None:
+    """The reported state then decides; DF800 reports none, so its start is unknown and not resent (I2)."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            lost = first_request_fate(here.station(), is_start(here), lambda: None, hears=True)
-            outcome = await command_ending(here.drive.run(20.0))
+        async with system_bench(variant) as bench:
+            lost = lose_first_reply(bench.station(), is_start(bench), lambda: None, executed=True)
+            outcome = await outcome_or_error(bench.drive.run(20.0))
             await asyncio.sleep(3.0)
-            assert lost and here.motor.starts == 1 and starts_sent(here) == 1
-            assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
+            assert lost and bench.motor.starts == 1 and starts_sent(bench) == 1
+            assert outcome.status == ("confirmed" if variant.reports_running else "unknown")
 
     run_virtual(scenario())
 
 
 @every_drive
-def test_a_lost_start_is_sent_again_only_where_the_drive_reports_stopped(kind: SystemVariant) -> None:
-    """Ruling 6; never for DF800, which shows nothing."""
+def test_a_lost_start_is_sent_again_only_where_the_drive_reports_stopped(variant: SystemVariant) -> None:
+    """A DF800 reports no state, so its start is never resent."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            lost = first_request_fate(here.station(), is_start(here), lambda: None, hears=False)
-            outcome = await command_ending(here.drive.run(20.0))
+        async with system_bench(variant) as bench:
+            lost = lose_first_reply(bench.station(), is_start(bench), lambda: None, executed=False)
+            outcome = await outcome_or_error(bench.drive.run(20.0))
             await asyncio.sleep(3.0)
             assert lost
-            assert here.motor.starts == (1 if kind.reports_running else 0)
-            assert starts_sent(here) == (2 if kind.reports_running else 1)
-            assert outcome.status == ("confirmed" if kind.reports_running else "unknown")
+            assert bench.motor.starts == (1 if variant.reports_running else 0)
+            assert starts_sent(bench) == (2 if variant.reports_running else 1)
+            assert outcome.status == ("confirmed" if variant.reports_running else "unknown")
 
     run_virtual(scenario())
 
 
 @pytest.mark.parametrize("after_s", [0.45, 0.6, 0.8, 1.2, 1.8])
 @every_drive
-def test_a_stop_at_the_keypad_is_not_undone_by_the_master(kind: SystemVariant, after_s: float) -> None:
-    """The start was executed and its reply lost; once running was seen nobody sends it again."""
+def test_a_stop_at_the_keypad_is_not_undone_by_the_master(variant: SystemVariant, after_s: float) -> None:
+    """The start is executed and its reply lost; once the drive has reported running, it is not sent again."""
 
     async def scenario() -> None:
-        async with system_bench(kind, ramp=6) as here:
+        async with system_bench(variant, ramp=6) as bench:
             loop = asyncio.get_running_loop()
-            station = here.station()
-            lost = first_request_fate(
-                station, is_start(here), lambda: discard(loop.call_later(after_s, station.keypad_stop)), hears=True
+            station = bench.station()
+            lost = lose_first_reply(
+                station, is_start(bench), lambda: discard(loop.call_later(after_s, station.keypad_stop)), executed=True
             )
-            await command_ending(here.drive.run(20.0))
+            await outcome_or_error(bench.drive.run(20.0))
             await asyncio.sleep(8.0)
-            assert lost and here.motor.starts == 1 and starts_sent(here) == 1
-            assert not here.motor.energised
+            assert lost and bench.motor.starts == 1 and starts_sent(bench) == 1
+            assert not bench.motor.energised
 
     run_virtual(scenario())
 
 
 def discard(_: object) -> None:
-    """Takes a value and gives none."""
+    """Accept any value and return None."""
 
 
 @every_drive
-def test_a_start_whose_drive_goes_silent_is_unknown_and_not_repeated(kind: SystemVariant) -> None:
+def test_a_start_whose_drive_goes_silent_is_unknown_and_not_repeated(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            station = here.station()
-            first_request_fate(station, is_start(here), lambda: setattr(station.faults, "mute", True), hears=True)
-            outcome = await command_ending(here.drive.run(20.0))
+        async with system_bench(variant) as bench:
+            station = bench.station()
+            lose_first_reply(station, is_start(bench), lambda: setattr(station.faults, "mute", True), executed=True)
+            outcome = await outcome_or_error(bench.drive.run(20.0))
             assert outcome.status == "unknown"
-            assert here.motor.starts == 1
-            frames = starts_sent(here)
+            assert bench.motor.starts == 1
+            frames = starts_sent(bench)
             station.faults.mute = False
             await asyncio.sleep(90.0)
-            assert here.motor.starts == 1 and starts_sent(here) == frames == 1, "nothing is sent by itself later"
+            assert bench.motor.starts == 1 and starts_sent(bench) == frames == 1, "nothing is sent later"
 
     run_virtual(scenario())
 
 
 @every_reporting_drive
-def test_a_drive_that_ignores_commands_of_the_bus_is_never_reported_started(kind: SystemVariant) -> None:
-    """The pre-flight names it where the parameter can be read; else the motor that stands tells."""
+def test_a_drive_that_ignores_commands_of_the_bus_is_never_reported_started(variant: SystemVariant) -> None:
+    """The preflight reports it where the parameter can be read; otherwise the stopped motor shows it."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            key = {"dzb100": 1, "vc660": 0x0100}.get(kind.model, 0x003)
+        async with system_bench(variant) as bench:
+            key = {"dzb100": 1, "vc660": 0x0100}.get(variant.model, 0x003)
             for candidate in ("COMMAND_SOURCE", "COMMAND_CHANNEL"):
-                key = getattr(__import__(type(here.station()).__module__, fromlist=["x"]), candidate, key)
-            here.station().keypad_set(key, 0)
-            outcome = await command_ending(here.drive.run(20.0))
+                key = getattr(__import__(type(bench.station()).__module__, fromlist=["x"]), candidate, key)
+            bench.station().keypad_set(key, 0)
+            outcome = await outcome_or_error(bench.drive.run(20.0))
             await asyncio.sleep(2.0)
-            assert here.motor.starts == 0
+            assert bench.motor.starts == 0
             assert isinstance(outcome, DrivebusError) or outcome.status == "failed"
 
     run_virtual(scenario())
 
 
-WORDS = {"confirmed", "acknowledged", "refused", "failed", "unknown"}
+STATUSES = {"confirmed", "acknowledged", "refused", "failed", "unknown"}
 
 
-@pytest.mark.parametrize("weather", ["loss=0.1,flip=0.001,bytes", "late=0.15:0.12,bytes", "noisy,bytes"])
+@pytest.mark.parametrize("line_quality", ["loss=0.1,flip=0.001,bytes", "late=0.15:0.12,bytes", "noisy,bytes"])
 @every_drive
-def test_on_a_bad_line_every_reported_outcome_matches_the_motor(kind: SystemVariant, weather: str) -> None:
-    """G05 in the small: a hundred commands a drive; what is called confirmed is so, and no start is executed twice."""
+def test_on_a_bad_line_every_reported_outcome_matches_the_motor(variant: SystemVariant, line_quality: str) -> None:
+    """In a hundred commands a drive every confirmed outcome is true, and no start is executed twice."""
 
     async def scenario(seed: int) -> None:
-        chance = random.Random(seed)
-        async with system_bench(kind, "1", weather, seed=seed) as here:
-            words: set[str] = set()
+        rng = random.Random(seed)
+        async with system_bench(variant, "1", line_quality, seed=seed) as bench:
+            statuses: set[str] = set()
             for _ in range(25):
-                starts, was_running = here.motor.starts, here.motor.energised
-                command = chance.choice(("run", "run", "stop", "set"))
-                hz = chance.choice((5.0, 12.0, 20.0))
+                starts, was_running = bench.motor.starts, bench.motor.energised
+                command = rng.choice(("run", "run", "stop", "set"))
+                hz = rng.choice((5.0, 12.0, 20.0))
                 if command == "run":
-                    outcome = await command_ending(here.drive.run(hz))
+                    outcome = await outcome_or_error(bench.drive.run(hz))
                 elif command == "stop":
-                    outcome = await command_ending(here.drive.stop())
+                    outcome = await outcome_or_error(bench.drive.stop())
                 else:
-                    outcome = await command_ending(here.drive.set_frequency(hz))
-                motor = here.motor
+                    outcome = await outcome_or_error(bench.drive.set_frequency(hz))
+                motor = bench.motor
                 assert motor.starts - starts <= (0 if was_running or command != "run" else 1)
                 if isinstance(outcome, Exception):
                     assert isinstance(outcome, DrivebusError)
                     continue
-                words.add(outcome.status)
+                statuses.add(outcome.status)
                 if outcome.status == "confirmed" and command == "stop":
                     assert not motor.energised
                 elif outcome.status == "confirmed" and command == "run":
                     assert motor.energised and not motor.stopping
                 if (
                     outcome.status == "confirmed"
-                    and "set_frequency" in here.drive.profile.signals
+                    and "set_frequency" in bench.drive.profile.signals
                     and command != "stop"
                 ):
-                    station = here.station()
+                    station = bench.station()
                     assert getattr(station, "reference_hz", station.setpoint_hz) == pytest.approx(hz)
-                await asyncio.sleep(chance.uniform(0.0, 2.0))
-            assert words <= WORDS and (kind.reports_running or "confirmed" not in words)
-            here.tap.check(kind)
+                await asyncio.sleep(rng.uniform(0.0, 2.0))
+            assert statuses <= STATUSES and (variant.reports_running or "confirmed" not in statuses)
+            bench.tap.check(variant)
 
     for seed in range(4):
         run_virtual(scenario(seed))
 
 
 def test_a_df800_outcome_is_acknowledged_without_confirmation() -> None:
-    """T17, ruling 1: its yes is acknowledged and no more."""
+    """Its acknowledgement does not prove that it moves (T17)."""
 
     async def scenario() -> None:
-        async with system_bench(DF800) as here:
-            for command in (here.drive.run(10.0), here.drive.set_frequency(12.0), here.drive.stop()):
+        async with system_bench(DF800) as bench:
+            for command in (bench.drive.run(10.0), bench.drive.set_frequency(12.0), bench.drive.stop()):
                 assert (await command).status == "acknowledged"
-            assert (await here.drive.status()).state == "unknown"
-            assert StopMode.COAST.value not in here.drive.profile.capabilities
+            assert (await bench.drive.status()).state == "unknown"
+            assert StopMode.COAST.value not in bench.drive.profile.capabilities
 
     run_virtual(scenario())
 
@@ -405,4 +405,4 @@ def test_a_df800_outcome_is_acknowledged_without_confirmation() -> None:
 def test_every_simulated_model_is_tested() -> None:
     from drivebus.simulator.models.catalog import simulated_models
 
-    assert {kind.model for kind in SYSTEM_VARIANTS} == set(simulated_models())
+    assert {variant.model for variant in SYSTEM_VARIANTS} == set(simulated_models())

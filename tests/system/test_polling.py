@@ -1,4 +1,4 @@
-"""Polling a full line in virtual time: exact durations, fairness to the living, values that grow old."""
+"""Polling of a full bus in virtual time: exact durations, fairness to online drives, ageing of values."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from fixtures.system_bench import (
     SystemBench,
     SystemVariant,
     every_family,
+    every_line_quality,
     every_reporting_drive,
-    on_four_lines,
     run_virtual,
     system_bench,
 )
@@ -34,142 +34,146 @@ POLL_LENGTHS = {
     "df800-rtu": (8, 13),
     "df800-ascii": (17, 27),
 }
-"""Characters of a poll and of its answer, by the manuals: class 1 and its reply, a Q, FC03 of four registers."""
+"""Characters of a poll and of its reply, by the manuals: class 1, Q, FC03 of four registers."""
 
 
-def request(kind: SystemVariant, address: int) -> Any:
-    """One poll: d.0, Q01, 3001H-3004H, F0.00-F0.03."""
-    if kind.model == "c320":
+def request(variant: SystemVariant, address: int) -> Any:
+    """Return the poll of a family: d.0, Q01, 3001H-3004H, F0.00-F0.03."""
+    if variant.model == "c320":
         return sunfar.ReadMonitor(address, 0)
-    if kind.model == "dzb100":
+    if variant.model == "dzb100":
         return dzb100.Dzb100Query(address, 1)
-    return modbus.ReadRegisters(address, 0x3001 if kind.model == "vc660" else 0, 4)
+    return modbus.ReadRegisters(address, 0x3001 if variant.model == "vc660" else 0, 4)
 
 
 class PollRound:
-    """Polls every drive as often as the bus allows and writes down when each answered."""
+    """Polls of every drive without a pause, with the times of their replies."""
 
-    def __init__(self, here: SystemBench) -> None:
-        self.answers: dict[int, list[BusResult]] = defaultdict(list)
+    def __init__(self, bench: SystemBench) -> None:
+        self.results: dict[int, list[BusResult]] = defaultdict(list)
         self.times: dict[int, list[float]] = defaultdict(list)
-        for address in here.drives:
-            here.bus.start_polling(
-                address, [Poll(request(here.kind, address), 0.0)], lambda a, n=address: self._on_answer(n, a)
+        for address in bench.drives:
+            bench.bus.start_polling(
+                address,
+                [Poll(request(bench.variant, address), 0.0)],
+                lambda result, n=address: self._on_result(n, result),
             )
 
-    def _on_answer(self, address: int, answer: BusResult) -> None:
-        if answer.error is None:
-            assert answer.received_at is not None
-            self.answers[address].append(answer)
-            self.times[address].append(answer.received_at)
+    def _on_result(self, address: int, result: BusResult) -> None:
+        if result.error is None:
+            assert result.received_at is not None
+            self.results[address].append(result)
+            self.times[address].append(result.received_at)
 
     def cycle_s(self, address: int, since: float, until: float) -> float:
-        """Mean time between two answers of one drive."""
+        """Return the mean time between two replies of one drive."""
         times = [at for at in self.times[address] if since <= at <= until]
         return (times[-1] - times[0]) / (len(times) - 1)
 
 
-def transaction_s(kind: SystemVariant, here: SystemBench) -> float:
-    """Gap, request, the drive's own delay, answer: what the manuals' arithmetic says."""
-    character = here.bench.settings.character_s
-    asked, answered = POLL_LENGTHS[kind.name]
-    gap = max(kind.gap_characters * character, kind.gap_floor_s)
-    return gap + (asked + answered) * character + max(kind.station_s, kind.station_characters * character)
+def transaction_s(variant: SystemVariant, bench: SystemBench) -> float:
+    """Return the time of a transaction by the manuals: gap, request, delay of the drive, reply."""
+    character = bench.simulated_bus.settings.character_s
+    request_size, reply_size = POLL_LENGTHS[variant.name]
+    gap = max(variant.gap_characters * character, variant.gap_floor_s)
+    return (
+        gap + (request_size + reply_size) * character + max(variant.station_s, variant.station_characters * character)
+    )
 
 
 @every_family
-def test_polling_31_drives_takes_the_computed_time(kind: SystemVariant) -> None:
+def test_polling_31_drives_takes_the_computed_time(variant: SystemVariant) -> None:
     async def scenario() -> None:
-        async with system_bench(kind, ADDRESSES[kind.model]) as here:
+        async with system_bench(variant, ADDRESSES[variant.model]) as bench:
             await asyncio.sleep(1.0)
-            polls = PollRound(here)
+            polls = PollRound(bench)
             await asyncio.sleep(20.0)
-            expected = transaction_s(kind, here)
-            first = here.tap.requests_sent[0].start
-            ends = [one.end for one in here.tap.replies_sent]
-            gap = max(kind.gap_characters * here.bench.settings.character_s, kind.gap_floor_s)
-            assert first == 1.0, "the line had been silent: nothing to wait for"
+            expected = transaction_s(variant, bench)
+            first = bench.tap.requests_sent[0].start
+            ends = [frame.end for frame in bench.tap.replies_sent]
+            gap = max(variant.gap_characters * bench.simulated_bus.settings.character_s, variant.gap_floor_s)
+            assert first == 1.0, "after silence the first request is sent at once"
             for number, end in enumerate(ends, start=1):
                 assert end == pytest.approx(first - gap + number * expected, abs=1e-6)
             assert (
                 len(ends)
-                == len(here.tap.requests_sent) - (len(here.tap.requests_sent) > len(ends))
+                == len(bench.tap.requests_sent) - (len(bench.tap.requests_sent) > len(ends))
                 >= int(20.0 / expected)
             )
-            counts = [len(polls.answers[address]) for address in here.drives]
-            assert sum(counts) == sum(end + gap <= 21.0 for end in ends), "every answer was credited after its gap"
+            counts = [len(polls.results[address]) for address in bench.drives]
+            assert sum(counts) == sum(end + gap <= 21.0 for end in ends), "every reply is accepted after its gap"
             assert max(counts) - min(counts) <= 2
-            here.tap.check(kind)
+            bench.tap.check(variant)
 
     run_virtual(scenario())
 
 
-@on_four_lines
+@every_line_quality
 @every_family
-def test_every_drive_of_a_full_bus_stays_online_at_any_line_quality(kind: SystemVariant, weather: str) -> None:
+def test_every_drive_of_a_full_bus_stays_online_at_any_line_quality(variant: SystemVariant, line_quality: str) -> None:
     async def scenario() -> None:
-        async with system_bench(kind, ADDRESSES[kind.model], weather) as here:
-            polls = PollRound(here)
+        async with system_bench(variant, ADDRESSES[variant.model], line_quality) as bench:
+            polls = PollRound(bench)
             await asyncio.sleep(40.0)
-            counts = {address: len(polls.answers[address]) for address in here.drives}
+            counts = {address: len(polls.results[address]) for address in bench.drives}
             assert all(count >= 5 for count in counts.values()), counts
             assert max(counts.values()) <= 2 * min(counts.values()), counts
-            here.tap.check(kind)
-            if kind.model != "dzb100" and "late" not in weather:  # its manual gives no gap; the pretend one is stricter
-                assert not any(station.gap_violations for station in here.bench.stations)
+            bench.tap.check(variant)
+            if variant.model != "dzb100" and "late" not in line_quality:  # its manual has no gap, the simulation has
+                assert not any(station.gap_violations for station in bench.simulated_bus.stations)
 
     run_virtual(scenario())
 
 
-@pytest.mark.parametrize("dead", [1, 5, 15, 30])
-@pytest.mark.parametrize("kind", [C320, VC660], ids=lambda kind: kind.name)
-def test_silent_drives_take_at_most_a_tenth_of_the_bus_and_come_back(kind: SystemVariant, dead: int) -> None:
-    """The cycle of the living stretches by 11.2 % at most for any number of dead drives."""
+@pytest.mark.parametrize("silent_count", [1, 5, 15, 30])
+@pytest.mark.parametrize("variant", [C320, VC660], ids=lambda variant: variant.name)
+def test_silent_drives_take_at_most_a_tenth_of_the_bus_and_come_back(variant: SystemVariant, silent_count: int) -> None:
+    """The cycle of the online drives grows by 11.2 % at most for any number of silent drives."""
 
     async def scenario() -> None:
-        async with system_bench(kind, ADDRESSES[kind.model]) as here:
-            addresses = list(here.drives)
-            silent, living = addresses[:dead], addresses[dead:]
+        async with system_bench(variant, ADDRESSES[variant.model]) as bench:
+            addresses = list(bench.drives)
+            silent, online = addresses[:silent_count], addresses[silent_count:]
             for address in silent:
-                here.station(address).faults.silent = True
-            polls = PollRound(here)
+                bench.station(address).faults.silent = True
+            polls = PollRound(bench)
             await asyncio.sleep(20.0)
-            begun = here.bus.now()
+            started_at = bench.bus.now()
             await asyncio.sleep(60.0)
-            limit = 1.112 * len(living) * transaction_s(kind, here)
-            for address in living:
-                assert polls.cycle_s(address, begun, here.bus.now()) <= limit
-            assert {here.bus.presence(address) for address in silent} == {Presence.NEVER_SEEN}
+            limit = 1.112 * len(online) * transaction_s(variant, bench)
+            for address in online:
+                assert polls.cycle_s(address, started_at, bench.bus.now()) <= limit
+            assert {bench.bus.presence(address) for address in silent} == {Presence.NEVER_SEEN}
             for address in silent:
-                here.station(address).faults.silent = False
-            probe_s = 2 * transaction_s(kind, here) + 0.05
-            await asyncio.sleep(max(60.0, dead * probe_s / 0.1) + 1.0)
-            assert {here.bus.presence(address) for address in addresses} == {Presence.ONLINE}
-            here.tap.check(kind)
+                bench.station(address).faults.silent = False
+            probe_s = 2 * transaction_s(variant, bench) + 0.05
+            await asyncio.sleep(max(60.0, silent_count * probe_s / 0.1) + 1.0)
+            assert {bench.bus.presence(address) for address in addresses} == {Presence.ONLINE}
+            bench.tap.check(variant)
 
     run_virtual(scenario())
 
 
 @every_reporting_drive
-def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVariant) -> None:
-    """I4, G17: within three periods (1 s at least) and a timeout nothing of it is good; it all comes back with it."""
+def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(variant: SystemVariant) -> None:
+    """After three periods (at least 1 s) and a timeout no value is good; all are good again after it replies (I4)."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here, _closing(here.drive.monitor()) as monitor:
+        async with system_bench(variant) as bench, _closing(bench.drive.monitor()) as monitor:
             await asyncio.sleep(8.0)
             fresh = monitor.status()
             assert fresh.state == "stopped"
             good = {name for name, reading in fresh.readings.items() if reading.quality is Quality.GOOD}
             assert "output_frequency" in good
-            here.station().faults.silent = True
-            longest = max(3 * signal.period_s for signal in here.drive.profile.signals.values())
-            timeout = here.link().timing.timeout_s(here.bus.settings, 18)
+            bench.station().faults.silent = True
+            longest = max(3 * signal.period_s for signal in bench.drive.profile.signals.values())
+            timeout = bench.station_config().timing.timeout_s(bench.bus.settings, 18)
             await asyncio.sleep(max(longest, 1.0) + timeout + 0.01)
             stale = monitor.status()
             assert stale.state == "unknown" and stale.reason == "drives.stale"
             assert not [name for name, reading in stale.readings.items() if reading.quality is Quality.GOOD]
-            assert stale.readings["output_frequency"].value == 0.0, "the old value stays to be seen, as old"
-            here.station().faults.silent = False
+            assert stale.readings["output_frequency"].value == 0.0, "the old value is shown, marked as old"
+            bench.station().faults.silent = False
             await asyncio.sleep(70.0)
             back = monitor.status()
             assert back.state == "stopped"
@@ -180,22 +184,22 @@ def test_a_silenced_drive_has_no_good_value_and_no_state_any_more(kind: SystemVa
 
 @every_family
 def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_values_good_as_long(
-    kind: SystemVariant,
+    variant: SystemVariant,
 ) -> None:
-    """For lines with more drives than the profile's own periods allow; good for three periods."""
+    """A longer period is for buses with more drives than the profile's periods allow; values are good for three."""
 
     async def scenario() -> None:
-        async with system_bench(kind) as here:
-            monitor = here.drive.monitor(period_s=5.0)
+        async with system_bench(variant) as bench:
+            monitor = bench.drive.monitor(period_s=5.0)
             await asyncio.sleep(60.0)
-            often = Counter(one.data for one in here.tap.requests_sent)
-            assert max(often.values()) <= 13
-            assert max(often.values()) >= 12
-            here.station().faults.silent = True
+            counts = Counter(frame.data for frame in bench.tap.requests_sent)
+            assert max(counts.values()) <= 13
+            assert max(counts.values()) >= 12
+            bench.station().faults.silent = True
             await asyncio.sleep(9.0)
-            quick = [name for name, signal in here.drive.profile.signals.items() if signal.period_s <= 5.0]
+            polled = [name for name, signal in bench.drive.profile.signals.items() if signal.period_s <= 5.0]
             found = monitor.status().readings
-            good = [name for name in quick if name in found and found[name].quality is not Quality.BAD]
+            good = [name for name in polled if name in found and found[name].quality is not Quality.BAD]
             await asyncio.sleep(9.0)
             found = monitor.status().readings
             assert good
@@ -206,15 +210,15 @@ def test_a_monitor_with_a_period_of_its_own_polls_no_more_often_and_calls_its_va
 
 
 def _closing(monitor: Any) -> Any:
-    class Both:
+    class Closing:
         async def __aenter__(self) -> Any:
             return monitor
 
         async def __aexit__(self, *_: object) -> None:
             monitor.close()
 
-    return Both()
+    return Closing()
 
 
 def test_the_table_of_frames_covers_every_family() -> None:
-    assert set(POLL_LENGTHS) == {kind.name for kind in FAMILIES}
+    assert set(POLL_LENGTHS) == {variant.name for variant in FAMILIES}
