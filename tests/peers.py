@@ -1,4 +1,4 @@
-"""Programs and packages nobody here wrote. Missing ones skip a test by name, or fail it where they are required."""
+"""Programs and packages of other projects: a missing one skips a test, or fails it with DRIVEBUS_REQUIRE_PEERS=1."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 
 def skip_missing(name: str, install: str) -> None:
-    """Skip with the package to install; fail where DRIVEBUS_REQUIRE_PEERS=1."""
+    """Skip the test with the package to install; fail with DRIVEBUS_REQUIRE_PEERS=1."""
     sentence = f"peer {name} is missing: install it with `{install}`"
     if os.environ.get("DRIVEBUS_REQUIRE_PEERS") == "1":
         pytest.fail(sentence)
@@ -18,7 +18,7 @@ def skip_missing(name: str, install: str) -> None:
 
 
 def need_program(name: str, package: str) -> str:
-    """The path of a program from Debian's ``package``."""
+    """Return the path of a program of Debian's ``package``; skip without it."""
     found = shutil.which(name) or shutil.which(name, path="/usr/sbin:/sbin")
     if found is None:
         skip_missing(name, f"apt-get install {package}")
@@ -26,6 +26,6 @@ def need_program(name: str, package: str) -> str:
 
 
 def need_module(name: str, package: str = "") -> None:
-    """A module that a test compares us with, from the index's ``package`` where that has another name."""
+    """Skip without a module, which pip installs by the name ``package``."""
     if importlib.util.find_spec(name) is None:
         skip_missing(package or name, f"pip install {package or name}")

@@ -1,4 +1,4 @@
-"""Windows and macOS: nothing that only POSIX has is imported at start, nor where no such port is asked for."""
+"""Windows and macOS: no POSIX module is imported at the start, nor by a command without a serial port."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ main()
     ],
     ids=lambda arguments: arguments[0],
 )
-def test_a_verb_works_where_posix_modules_are_missing(arguments: list[str]) -> None:
+def test_a_command_works_without_posix_modules(arguments: list[str]) -> None:
     command = [sys.executable, "-c", WITHOUT, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""The kernel timer: never early, taken back when set again, and each for itself."""
+"""The kernel timer: never early, cleared when it is set again, independent of others."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linu
 
 @pytest.fixture
 def timer() -> Iterator[TimerFd]:
-    made = TimerFd()
-    yield made
-    made.close()
+    timer = TimerFd()
+    yield timer
+    timer.close()
 
 
-def test_it_expires_at_its_second_and_never_before(timer: TimerFd) -> None:
+def test_a_timer_expires_at_its_second_and_not_before(timer: TimerFd) -> None:
     when = time.monotonic() + 0.02
     timer.set_at(when)
     select.select([timer.fd], [], [], 5.0)
@@ -30,15 +30,15 @@ def test_it_expires_at_its_second_and_never_before(timer: TimerFd) -> None:
     assert timer.consume_expiry() and not timer.consume_expiry()
 
 
-def test_setting_it_again_takes_an_unread_expiry_back(timer: TimerFd) -> None:
+def test_setting_a_timer_again_clears_an_unread_expiry(timer: TimerFd) -> None:
     timer.set_at(1e-6)
     assert select.select([timer.fd], [], [], 5.0)[0]
     timer.set_at(0.0)
     assert not timer.consume_expiry()
 
 
-def test_buses_of_several_threads_do_not_set_each_others_timer(timer: TimerFd) -> None:
-    """Threads that share the structure handed to the kernel now and then arm a timer with another's second."""
+def test_timers_of_several_threads_are_independent(timer: TimerFd) -> None:
+    """Threads that shared the structure for the kernel would sometimes set a timer to another's time."""
     far, other = time.monotonic() + 3600.0, TimerFd()
     ends = time.monotonic() + 0.3
 

@@ -323,7 +323,7 @@ def test_an_existing_file_is_replaced_only_where_force_says_so(trip: Path) -> No
     out.write_text("evidence")
     refused = export(trip, "--pcapng", out)
     assert refused.exit_code == 2 and out.read_text() == "evidence"
-    assert f"{out} exists already" in refused.stderr and "--force" in refused.stderr
+    assert f"{out} already exists" in refused.stderr and "--force" in refused.stderr
     assert export(trip, "--pcapng", out, "--force").exit_code == 0
     assert out.read_bytes()[:4] == b"\x0a\x0d\x0d\x0a"
     assert sorted(one.name for one in trip.parent.iterdir()) == ["trip.dbcap", "trip.pcapng"]
@@ -370,7 +370,7 @@ def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> Non
     ("text", "reply_text", "hint"),
     [
         (None, {"en": "can't be read", "zh": "无法读取"}, "--record FILE.dbcap"),
-        ("", {"en": "no whole line", "zh": "没有完整的行"}, "--record FILE.dbcap"),
+        ("", {"en": "no complete line", "zh": "没有完整的行"}, "--record FILE.dbcap"),
         ("{}\n", {"en": "line 1", "zh": "第 1 行"}, "dbcap"),
         (HEAD + "spoiled\n" + '{"t":1,"tx":""}\n', {"en": "line 2", "zh": "第 2 行"}, ".dbcap"),
         (HEAD + '{"t":1,"tx":"0x"}\n', {"en": "line 2: tx is 0x; expected", "zh": "第 2 行：tx 为 0x"}, ".dbcap"),

@@ -152,7 +152,7 @@ def test_vc660_names_its_lowest_fault_bit_and_says_so_where_it_names_none() -> N
     assert judged_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == DerivedState(DriveState.FAULT, None, 0)
     assert judged_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
     assert judged_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
-    assert fault_from_code(profiles.load("vc660"), UNNAMED_FAULT_CODE).text.zh == "变频器未指明的故障"
+    assert fault_from_code(profiles.load("vc660"), UNNAMED_FAULT_CODE).text.zh == "没有代码的故障"
 
 
 def test_dzb100_is_stopped_only_when_q01_reads_zero_twice() -> None:

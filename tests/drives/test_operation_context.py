@@ -48,7 +48,7 @@ def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
     bus = PureBus(dialect_for("c320"), Refuses())
     op = operation_for(bus.dialect)
     error = bus.run(op.read_verified_state())
-    assert isinstance(error, NotPermitted) and error.key == "drives.fence_refused"
+    assert isinstance(error, NotPermitted) and error.key == "drives.sync_probe_rejected"
     assert op.derived.state is DriveState.UNKNOWN
     with pytest.raises(NotPermitted):
         bus.run(run(operation_for(bus.dialect), 10.0, None))

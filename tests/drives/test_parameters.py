@@ -124,7 +124,7 @@ def test_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
     with pytest.raises(EepromBudgetExceeded) as caught:
         desk.write({"F0.2": 40.0}, save=True)
     params = caught.value.params
-    assert (caught.value.key, params["count"], params["budget"]) == ("drives.wear_budget", 3, 3)
+    assert (caught.value.key, params["count"], params["budget"]) == ("drives.eeprom_budget", 3, 3)
     assert len(desk.writes()) == 3
     desk.bus.conditions = replace(desk.bus.conditions, day="2026-01-03")
     assert desk.write({"F0.2": 40.0}, save=True).succeeded
@@ -136,7 +136,7 @@ def test_a_clock_set_back_gives_no_new_budget() -> None:
     desk.bus.conditions = replace(desk.bus.conditions, day="2025-12-31")
     with pytest.raises(EepromBudgetExceeded) as caught:
         desk.write({"F0.2": 11.0}, save=True)
-    assert (caught.value.key, caught.value.params["day"]) == ("drives.wear_clock", "2026-01-02")
+    assert (caught.value.key, caught.value.params["day"]) == ("drives.eeprom_clock", "2026-01-02")
     assert "2026-01-02" in caught.value.text("en") and "2026-01-02" in caught.value.text("zh")
 
 
@@ -491,10 +491,10 @@ def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("time_raw", "action", "trips_values", "trips", "key"),
     [
-        (30, 2, (2, 3), True, "drives.host_dies_stops"),
-        (30, 1, (2, 3), False, "drives.host_dies_runs_on"),
-        (30, 2, (), None, "drives.host_dies_unknown"),
-        (0, 2, (2, 3), False, "drives.host_dies_off"),
+        (30, 2, (2, 3), True, "drives.comm_loss_stops"),
+        (30, 1, (2, 3), False, "drives.comm_loss_runs_on"),
+        (30, 2, (), None, "drives.comm_loss_unknown"),
+        (0, 2, (2, 3), False, "drives.comm_loss_off"),
     ],
 )
 def test_nothing_is_promised_that_the_manual_does_not_say(
@@ -509,7 +509,7 @@ def test_nothing_is_promised_that_the_manual_does_not_say(
 
 def test_a_timer_that_can_not_be_read_promises_nothing() -> None:
     desk = Desk("c320", FakeC320(silent=True))
-    assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.host_dies_unread"
+    assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.comm_loss_unread"
 
 
 def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -99,12 +99,12 @@ def test_two_drives_at_one_address_are_not_commanded() -> None:
 def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None:
     ask(around=replace(AROUND, error_rate=limit, failures=9), family=family)
     bad = replace(AROUND, error_rate=limit * 1.01, failures=9)
-    refused(StartInhibited, "drives.bad_link", around=bad, family=family)
+    refused(StartInhibited, "drives.high_error_rate", around=bad, family=family)
 
 
 def test_one_lost_frame_is_no_error_rate() -> None:
     ask(around=replace(AROUND, error_rate=0.5, failures=2))
-    refused(StartInhibited, "drives.bad_link", around=replace(AROUND, error_rate=0.5, failures=3))
+    refused(StartInhibited, "drives.high_error_rate", around=replace(AROUND, error_rate=0.5, failures=3))
 
 
 def test_a_start_needs_a_fresh_status() -> None:
@@ -179,7 +179,7 @@ def test_three_failures_are_an_error_rate() -> None:
     assert MIN_FAILURES_FOR_ERROR_RATE == 3
     with pytest.raises(StartInhibited) as caught:
         ask(around=replace(AROUND, error_rate=0.123456, failures=3), family="modbus")
-    assert caught.value.key == "drives.bad_link"
+    assert caught.value.key == "drives.high_error_rate"
     assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
 
 
@@ -191,7 +191,7 @@ def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind
     ask(command, effect)
     refused(
         StartInhibited,
-        "drives.bad_link",
+        "drives.high_error_rate",
         command=command,
         effect=effect,
         around=replace(AROUND, error_rate=1.0, failures=9),
@@ -226,7 +226,9 @@ def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> N
         ask(setpoint, evidence=evidence)
     else:
         refused(StartInhibited, "drives.state_forbids", command=setpoint, evidence=evidence)
-    refused(StartInhibited, "drives.bad_link", command=setpoint, around=replace(AROUND, error_rate=1.0, failures=9))
+    refused(
+        StartInhibited, "drives.high_error_rate", command=setpoint, around=replace(AROUND, error_rate=1.0, failures=9)
+    )
 
 
 def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:

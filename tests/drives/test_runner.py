@@ -76,7 +76,7 @@ def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
     with pytest.raises(StopUnconfirmed) as caught:
         raise_for_status(Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", {"state": "running"}), stop=True)
     assert str(caught.value) == (
-        "STOP NOT CONFIRMED: the stop was sent again and again; state of the drive: running. Use the hard-wired stop"
+        "STOP NOT CONFIRMED: the stop was sent repeatedly; state of the drive: running. Use the hard-wired stop"
     )
 
 

@@ -204,7 +204,7 @@ def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
 
     bus, op = c320(FakeC320(on_command=wrong))
     outcome = start(bus, op, direction=Direction.FORWARD)
-    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_way")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_direction")
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
         start(bus, op)
     assert caught.value.params["parameters"] == "F0.1"
     assert str(caught.value) == (
-        "c320 at station 1 does not listen to the bus: F0.1 reads 0: Set F0.1 = 2 (frequency from RS485)."
+        "c320 at station 1 does not accept commands from the bus: F0.1 reads 0: Set F0.1 = 2 (frequency from RS485)."
     )
     assert not bus.effects()
 

@@ -201,5 +201,5 @@ def test_every_message_has_its_parameters_in_both_languages() -> None:
 def test_the_message_of_a_missing_port(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch, "/dev/ttyUSB1")
     error = open_errors.open_error("/dev/ttyUSB0", FileNotFoundError(errno.ENOENT, "x"))
-    assert str(error) == "/dev/ttyUSB0 does not exist; plug the adapter in or use one that does: /dev/ttyUSB1"
+    assert str(error) == "/dev/ttyUSB0 does not exist; plug the adapter in or use one that exists: /dev/ttyUSB1"
     assert error.text("zh") == "/dev/ttyUSB0 不存在；请插好适配器，或使用现有串口：/dev/ttyUSB1"

@@ -63,7 +63,7 @@ def test_the_sentence_of_a_rejection() -> None:
     error = refusal(REFUSED / "wrong-type.toml")
     at = REFUSED / "wrong-type.toml"
     assert str(error) == (
-        f'profile refused (1):\n{at}:5: modbus.max_read: wrong type of value: "4" found, a whole number expected; '
+        f'profile rejected (1):\n{at}:5: modbus.max_read: wrong type of value: "4" found, a whole number expected; '
         "numbers without quotes, sentences in quotes, true/false in small letters"
     )
 

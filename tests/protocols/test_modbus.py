@@ -748,9 +748,9 @@ def test_bytes_that_are_not_one_whole_request_are_never_called_harmless(codec: C
 def test_one_sentence_of_each_error_is_pinned() -> None:
     rtu, ascii_, asked = ModbusRtuCodec(), ModbusAsciiCodec(), ReadRegisters(1, 0, 1)
     cases: list[tuple[Codec, bytes, str]] = [
-        (rtu, frame(rtu, "07 03 02 00 01"), "station 7 answered, station 1 was asked"),
+        (rtu, frame(rtu, "07 03 02 00 01"), "reply from station 7, expected 1"),
         (rtu, frame(rtu, "01 03 04 00 01 00 02"), "byte count 4 received, 2 expected"),
-        (rtu, frame(rtu, "01 04 02 00 01"), "function 4 answered, function 3 was asked"),
+        (rtu, frame(rtu, "01 04 02 00 01"), "reply with function 4, expected 3"),
         (rtu, bytes.fromhex("01 03 02 00 01 00 00"), "CRC 0000H received, 8479H computed"),
         (ascii_, b":0103020001F8\r\n", "LRC F8H received, F9H computed"),
         (ascii_, b":0103020001F9\n\r", "the frame ends with 0A 0D, 0D 0A expected"),

@@ -144,7 +144,7 @@ def test_a_budget_that_a_clock_set_back_renews_is_found(monkeypatch: pytest.Monk
 def clock_error() -> Exception:
     from drivebus.errors import EepromBudgetExceeded
 
-    return EepromBudgetExceeded("drives.wear_budget", notation="", count=0, budget=0)
+    return EepromBudgetExceeded("drives.eeprom_budget", notation="", count=0, budget=0)
 
 
 def test_a_budget_that_is_never_given_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

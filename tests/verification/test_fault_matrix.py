@@ -185,7 +185,7 @@ def lasting(arm: Any) -> Any:
 
 def it_will_stop(talk: Any) -> Any:
     yield from talk.fence()
-    return CommLossReport(True, "drives.host_dies_stops", {"time": "1", "notation": "", "action": "", "value": 1})
+    return CommLossReport(True, "drives.comm_loss_stops", {"time": "1", "notation": "", "action": "", "value": 1})
 
 
 async def taken_for_stopped(drive: Drive, *_: Any) -> Outcome:

@@ -63,7 +63,7 @@ def trailing_bytes(at: CellRun) -> None:
     line.expect(health.error_rate > 0.0 and line.statistics(1).damaged >= 3, "health does not show it")
     command = line.command_to_end(1, "run", 5.0)
     line.expect(
-        command.result_word == "StartInhibited" and getattr(command.error, "key", "") == "drives.bad_link",
+        command.result_word == "StartInhibited" and getattr(command.error, "key", "") == "drives.high_error_rate",
         f"a start is {command.result_word}",
     )
     line.expect(not line.station(1).motor.starts, "started")

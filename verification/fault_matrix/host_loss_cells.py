@@ -57,15 +57,15 @@ def communication_loss_reaction(at: CellRun) -> None:
     words = {report.text(language) for language in ("en", "zh")}
     line.expect(len(words) == 2 and report.key not in words, f"{report.key} has no words in both languages")
     if at.kind.model != "c320":
-        line.expect(report.stops_on_comm_loss is None and report.key == "drives.host_dies_unpublished", f"{report}")
+        line.expect(report.stops_on_comm_loss is None and report.key == "drives.comm_loss_unpublished", f"{report}")
         return
-    line.expect(report.stops_on_comm_loss is False and report.key == "drives.host_dies_off", f"F9.4 = 0: {report}")
+    line.expect(report.stops_on_comm_loss is False and report.key == "drives.comm_loss_off", f"F9.4 = 0: {report}")
     line.station(1).keypad_set(0x9_04, at.rng.randrange(10, 100))
     report = line.loop.run_until_complete(line.drives[1].comm_loss_behaviour())
     line.expect(
-        report.stops_on_comm_loss is None and report.key == "drives.host_dies_unknown",
+        report.stops_on_comm_loss is None and report.key == "drives.comm_loss_unknown",
         f"F9.3 is not published: {report}",
     )
     line.station(1).faults.silent = True
     report = line.loop.run_until_complete(line.drives[1].comm_loss_behaviour())
-    line.expect(report.stops_on_comm_loss is None and report.key == "drives.host_dies_unread", f"unread: {report}")
+    line.expect(report.stops_on_comm_loss is None and report.key == "drives.comm_loss_unread", f"unread: {report}")

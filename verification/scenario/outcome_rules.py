@@ -89,7 +89,7 @@ def _check_not_executed(wish: UserCommand, deeds: DriveHistory, wrong: ReportVio
         wrong("stops have no such end")
     if wish.result_word == "refused" and wish.executions:
         wrong("the motor was switched on for it")
-    message = wish.outcome is not None and wish.outcome.key in ("drives.wrong_way", "drives.setpoint_differs")
+    message = wish.outcome is not None and wish.outcome.key in ("drives.wrong_direction", "drives.setpoint_differs")
     if (
         wish.is_motion
         and deeds.on

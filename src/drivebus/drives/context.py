@@ -58,7 +58,7 @@ class EepromBudget:
         def one_more(old: SaveCount) -> SaveCount:
             today = old.today if day <= old.day else 0  # a clock that is set back gives no new budget
             if today >= self.budget:
-                key = "drives.wear_clock" if day < old.day else "drives.wear_budget"
+                key = "drives.eeprom_clock" if day < old.day else "drives.eeprom_budget"
                 raise EepromBudgetExceeded(key, notation=notation, count=today, budget=self.budget, day=old.day)
             return replace(old, day=max(day, old.day), today=today + 1, total=old.total + 1)
 

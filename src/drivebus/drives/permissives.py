@@ -137,7 +137,7 @@ def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[
     limit = protocol_family(family).max_error_rate
     if conditions.error_rate > limit and conditions.failures >= MIN_FAILURES_FOR_ERROR_RATE:
         percent = round(conditions.error_rate * 100, 2)
-        yield StartInhibited("drives.bad_link", error_percent=percent, limit_percent=limit * 100)
+        yield StartInhibited("drives.high_error_rate", error_percent=percent, limit_percent=limit * 100)
 
 
 def _check_drive_state(command: DriveCommand, conditions: BusConditions, evidence: DriveEvidence) -> None:

@@ -1,7 +1,7 @@
-"""One look-up for every sentence that a user sees.
+"""Catalogues of every text that a user sees, in English and Chinese.
 
-Catalogues are JSON files beside this module, ``<room>.<language>.json``, each an object of key → sentence with
-``{name}`` places. A key is ``room.name``; rooms never share keys, languages always have the same keys (a test).
+Catalogues are JSON files beside this module, ``<catalogue>.<language>.json``, each an object of key → text with
+``{name}`` placeholders. No two catalogues share a key, and every language has the same keys (tested).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def add_folder(folder: str | os.PathLike[str]) -> None:
 
 @cache
 def catalogue(language: str) -> dict[str, str]:
-    """All sentences of a language, by key."""
+    """Return all texts of a language by key."""
     found: dict[str, str] = {}
     for folder in _FOLDERS:
         for name in sorted(os.listdir(folder)):  # noqa: PTH208
@@ -38,23 +38,23 @@ def catalogue(language: str) -> dict[str, str]:
     return found
 
 
-class _Places(dict[str, Any]):
-    """Leaves a place without a value standing, so that a wrong sentence never hides an error."""
+class _Placeholders(dict[str, Any]):
+    """Values of placeholders; one without a value stays as it is, so that a wrong text never hides an error."""
 
     def __missing__(self, key: str) -> str:
         return "{" + key + "}"
 
 
 def text(key: str, language: str = "en", /, **params: Any) -> str:
-    """The sentence for ``key``; English where the language lacks it, the key itself where nobody knows it."""
+    """Return the text of ``key``: English if the language does not have it, the key itself if no catalogue has it."""
     sentence = _sentence(key, language) or _sentence(key, "en")
     if sentence is None:
         return f"{key} {params}" if params else key
-    return sentence.format_map(_Places({name: _shown(value, language) for name, value in params.items()}))
+    return sentence.format_map(_Placeholders({name: _localized(value, language) for name, value in params.items()}))
 
 
 def _sentence(key: str, language: str) -> str | None:
-    """None also where the catalogue can't be read just now: whoever tells of an error must not fail at it."""
+    """Return None also if the catalogue can't be read: the report of another error must not fail."""
     try:
         return catalogue(language).get(key)
     except (OSError, ValueError):
@@ -62,12 +62,12 @@ def _sentence(key: str, language: str) -> str | None:
 
 
 def known(key: str) -> bool:
-    """Is there such a sentence?"""
+    """Return whether a catalogue has the key."""
     return _sentence(key, "en") is not None
 
 
-def _shown(value: Any, language: str) -> Any:
-    """Texts in both languages (``Text`` of a profile) show their own side, errors and outcomes say their sentence."""
+def _localized(value: Any, language: str) -> Any:
+    """Return a value in one language: a ``Text`` of a profile, or the sentence of an error or an outcome."""
     if hasattr(value, "en") and hasattr(value, "zh"):
         return getattr(value, language)
     sentence = getattr(value, "text", None)
@@ -75,7 +75,7 @@ def _shown(value: Any, language: str) -> Any:
 
 
 def preferred() -> str:
-    """The user's language: DRIVEBUS_LANG, else the locale; "zh" or "en"."""
+    """Return the user's language, "zh" or "en": DRIVEBUS_LANG, else the locale."""
     names = (os.environ.get(name, "") for name in ("DRIVEBUS_LANG", "LC_ALL", "LC_MESSAGES", "LANG"))
     chosen = next((name for name in names if name), "") or (locale.getlocale()[0] or "")
     return "zh" if chosen.lower().startswith(("zh", "chinese")) else "en"

@@ -1,4 +1,4 @@
-"""``drivebus check``: complaints or arithmetic, demands, exit codes; nothing is opened."""
+"""``drivebus check``: errors of a plant file, load of its buses, requirements, exit codes; nothing is opened."""
 
 from __future__ import annotations
 
@@ -72,26 +72,26 @@ def test_a_missed_requirement_names_the_drive_and_both_numbers(plant: Path) -> N
     assert "drive fan: output_voltage refreshed every 2.14 s, < 2 s required" in result.output
 
 
-def test_demands_and_figures_as_json(plant: Path) -> None:
+def test_requirements_and_figures_as_json(plant: Path) -> None:
     result = check(plant, "--json", "--assert", "load<=30%")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["exit"], found["valid"]) == (1, 1, True)
-    assert [(one["bus"], one["line"]) for one in found["buses"]] == [("a", "9600 8E1"), ("b", "4800 8E1")]
-    demand = found["demands"][0]
-    assert (demand["demand"], demand["kept"]) == ("load<=30%", False)
-    assert [(one["name"], one["found"]) for one in demand["shortfalls"]] == [
+    assert [(one["bus"], one["serial"]) for one in found["buses"]] == [("a", "9600 8E1"), ("b", "4800 8E1")]
+    requirement = found["requirements"][0]
+    assert (requirement["requirement"], requirement["met"]) == ("load<=30%", False)
+    assert [(one["name"], one["found"]) for one in requirement["violations"]] == [
         ("b", pytest.approx(found["buses"][1]["load_percent"], abs=0.001))
     ]
 
 
 @pytest.mark.parametrize("text", ["stop<250", "stop>250ms", "load<2s", "stop<5%", "speed<2s", "", "stop<ms"])
-def test_a_demand_that_means_nothing_is_a_usage_error(plant: Path, text: str) -> None:
+def test_an_invalid_requirement_is_a_usage_error(plant: Path, text: str) -> None:
     result = check(plant, "--assert", text)
     assert result.exit_code == 2
     assert "stop<250ms, refresh<2s or load<80%" in result.output
 
 
-def test_a_demand_is_read_in_seconds_and_percent() -> None:
+def test_a_requirement_is_parsed_in_seconds_and_percent() -> None:
     assert bus_load.parse_requirement("stop<250ms").limit == 0.25
     assert (
         bus_load.parse_requirement(" load <= 80 % ").limit,

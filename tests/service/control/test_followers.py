@@ -183,7 +183,7 @@ def test_a_follower_whose_lease_ends_while_its_leader_is_commanded_is_left_alone
             assert targets(kit) == [30.0, 10.0]
             assert kit.trail.entries[-1].outcome == "acknowledged, plant.not_owner"
             message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert any("does not follow its leader: fan-2 is commanded by eve" in text for text in message)
+            assert any("does not follow its leader: eve has control of fan-2" in text for text in message)
 
     run(story())
 

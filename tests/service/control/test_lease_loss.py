@@ -82,7 +82,7 @@ def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
             port.unplug()
             await asyncio.sleep(2)
             (alarm,) = [one for one in hall.alarms.active() if one.kind == SystemAlarm.PORT_LOST]
-            assert alarm.text.en == "Bus a has lost its port: it is opened again as soon as it can be"
+            assert alarm.text.en == "Bus a has lost its port: it is opened again as soon as possible"
             hall.publish_alarms(hall.alarms.acknowledge(alarm.id, "ann", hall.wall_ms()))
             port.replug()
             await asyncio.sleep(3)

@@ -53,7 +53,7 @@ HINDRANCES = {
     "drives.latched": latched,
     "drives.foreign_master": doubted(foreign_master=True),
     "drives.duplicate": doubted(duplicate_address=True),
-    "drives.bad_link": doubted(damage_rate=0.5, damaged=100),
+    "drives.high_error_rate": doubted(damage_rate=0.5, damaged=100),
     "interlocks.violated": interlocked,
     "plant.waiver_needed": unwaived,
     "plant.audit_unavailable": deaf,

@@ -92,7 +92,7 @@ def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> N
             for weather in ("flip=0.02", "clean"):
                 bench.line_quality = weather
                 await asyncio.sleep(20)
-            assert [one["key"] for one in await blocked(kit, "fan-1")] == ["drives.bad_link"]
+            assert [one["key"] for one in await blocked(kit, "fan-1")] == ["drives.high_error_rate"]
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert kit.station("fan-1").motor.starts == 0
@@ -608,9 +608,7 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
             found = (await start)["outcomes"]
             assert [found[drive].get("code") for drive in GROUP.drives] == [None, "plant.stopping", "plant.stopping"]
             assert [*(await ending)] == ["pump-2"] and pump.motor.starts == 0
-            held = [
-                event["drive"] for event in kit.history.events if "on_service_stop says hold" in event["text"]["en"]
-            ]
+            held = [event["drive"] for event in kit.history.events if "on_service_stop = hold" in event["text"]["en"]]
             assert held == [GROUP.drives[0]]
 
     run(story())

@@ -53,7 +53,7 @@ def test_a_waiver_of_another_drive_of_this_name_is_ignored_and_said_in_both_lang
             await start(kit)
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
         (message,) = about(kit)
-        assert "is ignored" in message["en"] and BUSES[0].link in message["en"] and "不予采用" in message["zh"]
+        assert "does not apply" in message["en"] and BUSES[0].link in message["en"] and "不予采用" in message["zh"]
         assert kit.station("fan-1").motor.starts == 0
 
     async def mended(kit: ServiceKit) -> None:

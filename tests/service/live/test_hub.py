@@ -291,8 +291,8 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
             events = [event for _, event in kit.service.plant.hub.items("events") if event["drive"] == "fan-1"]
             assert [event["text"]["en"] for event in events if event["kind"] in ("presence", "fault")] == [
                 "fault Fu.7: see the fault table of the C320 manual",
-                "fan-1 does not answer any more",
-                "fan-1 answers again",
+                "fan-1 no longer replies",
+                "fan-1 replies again",
             ]
             logged = [r.getMessage() for r in caplog.records if getattr(r, "event", {}).get("drive") == "fan-1"]
             assert len(logged) == 3

@@ -93,7 +93,7 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
         text = [manager.recv(100).decode() for _ in range(3)]
         assert "READY=1" in text and "WATCHDOG=1" in text
         second = verb("serve", str(file), "--no-web")
-        assert second.returncode == 2 and "runs already" in second.stderr
+        assert second.returncode == 2 and "already uses" in second.stderr
 
         async def story() -> None:
             client = SocketClient(state / "plant.sock")

@@ -196,7 +196,7 @@ def test_a_state_directory_serves_one_plant_and_is_its_users_own(
     folder = tmp_path / "a" / "state"
     with single_instance(folder):
         assert folder.stat().st_mode & 0o777 == 0o700
-        with pytest.raises(ConfigurationError, match="runs already"), single_instance(folder):
+        with pytest.raises(ConfigurationError, match="already uses"), single_instance(folder):
             raise AssertionError
     with monkeypatch.context() as context:
         context.setattr(os, "write", full)

@@ -82,7 +82,7 @@ def test_untouched_drives_miss_no_poll(tmp_path: Path) -> None:
             write(file, FAN_1, FAN_3, PUMP)
             kit.history.events.clear()
             found = await kit.call("configuration.reload")
-            assert [event["text"]["en"] for event in kit.history.events] == ["the plant's file was taken over"]
+            assert [event["text"]["en"] for event in kit.history.events] == ["the configuration was reloaded"]
             assert found["difference"] == {"added": ["fan-3"], "changed": [], "removed": ["fan-2"]}
             await asyncio.sleep(10)
             assert polls(kit, "pump-1") - before == without_reload["pump-1"]

@@ -29,11 +29,13 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None) -> Exit
         report = verify(places)
     output.print_json(report.as_json())
     for problem in report.as_json()["problems"]:
-        output.print_message("audit.verb.problem", text=problem["text"][output.language()])
-    told = {"entries": report.entries, "checkpoints": report.checkpoints, "covered": report.covered}
-    output.print_message("audit.verb.whole" if report.ok else "audit.verb.found", found=report.problem_count, **told)
+        output.print_message("audit.command.problem", text=problem["text"][output.language()])
+    counts = {"entries": report.entries, "checkpoints": report.checkpoints, "covered": report.covered}
+    output.print_message(
+        "audit.command.whole" if report.ok else "audit.command.found", found=report.problem_count, **counts
+    )
     if not report.keyed:
-        output.print_note("audit.verb.no_key", key=places.key)
+        output.print_note("audit.command.no_key", key=places.key)
     return ExitCode.DONE if report.ok else ExitCode.FAILED
 
 
@@ -44,7 +46,7 @@ def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
     with _readable_trail(places.folder):
         found = query_records(places, 0, MAX_TIME_MS, drive, None, limit)
     output.print_json(found)
-    head = [output.text(f"audit.verb.head.{name}") for name in ("n", "time", "who", "what", "target", "outcome")]
+    head = [output.text(f"audit.command.head.{name}") for name in ("n", "time", "who", "what", "target", "outcome")]
     output.print_text(output.fitted_table(head, [_row(item) for item in found["items"]]))
     return ExitCode.DONE
 
@@ -56,10 +58,10 @@ def _row(item: dict[str, Any]) -> list[str]:
 
 
 def escape_control_characters(text: str) -> str:
-    r"""Control characters, terminal escapes and what turns the direction of writing stand as ``\x1b``."""
+    r"""Write control characters, terminal escapes and direction marks as escapes such as ``\x1b``."""
     return "".join(
-        one.encode("unicode_escape").decode() if unicodedata.category(one)[0] in "CZ" and one != " " else one
-        for one in text
+        char.encode("unicode_escape").decode() if unicodedata.category(char)[0] in "CZ" and char != " " else char
+        for char in text
     )
 
 
@@ -67,12 +69,12 @@ def _places(plant: str | None, checkpoints: str | None, key: str | None) -> Audi
     """Return the paths of a plant file, a state directory, or this user's only plant. Raises ConfigurationError."""
     from drivebus.service.audit.chain import AuditPaths
 
-    folder, kept = _state_directory(plant)
+    folder, config = _state_directory(plant)
     places = AuditPaths.of(
-        folder, Path(checkpoints) if checkpoints else kept.checkpoints, Path(key) if key else kept.key
+        folder, Path(checkpoints) if checkpoints else config.checkpoints, Path(key) if key else config.key
     )
     if not places.folder.is_dir():
-        raise ConfigurationError("audit.verb.none", folder=str(folder))
+        raise ConfigurationError("audit.command.none", folder=str(folder))
     return places
 
 
@@ -86,14 +88,14 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
         plants = state_directory("x").parent
         found = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
         if len(found) != 1:
-            raise ConfigurationError("audit.verb.which", plants=", ".join(one.name for one in found) or "-")
+            raise ConfigurationError("audit.command.which", plants=", ".join(one.name for one in found) or "-")
         return found[0], AuditConfig()
     if Path(plant).suffix != ".toml":
         return Path(plant), AuditConfig()
     from drivebus.service.config.load import load
 
-    setting = load(plant)
-    return setting.directory, setting.audit
+    config = load(plant)
+    return config.directory, config.audit
 
 
 @contextmanager
@@ -103,7 +105,7 @@ def _readable_trail(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ConfigurationError("audit.verb.unreadable", folder=str(folder), reason=reason) from error
+        raise ConfigurationError("audit.command.unreadable", folder=str(folder), reason=reason) from error
 
 
 def _argument() -> Argument:

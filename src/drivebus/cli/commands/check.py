@@ -20,37 +20,38 @@ if TYPE_CHECKING:
     from drivebus.service.config.model import PlantConfig
 
 
-def _demand(text: str) -> LoadRequirement:
+def _parse_requirement(text: str) -> LoadRequirement:
     from drivebus.service.config import bus_load
 
     return bus_load.parse_requirement(text)
 
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
-    """2 where the file is refused (ConfigurationError), 1 where it does not keep what was demanded."""
+    """Return 1 if a requirement is missed. Raises ConfigurationError for an invalid file."""
     from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.load import load
 
-    setting = load(plant)
-    buses = bus_loads(setting)
-    short = {demand: list(violations(demand, buses)) for demand in requirements}
-    code = ExitCode.FAILED if any(short.values()) else ExitCode.DONE
-    output.print_json(_document(setting, buses, short, code))
-    _show(setting, buses)
-    for demand, found in short.items():
+    config = load(plant)
+    buses = bus_loads(config)
+    missed = {requirement: list(violations(requirement, buses)) for requirement in requirements}
+    code = ExitCode.FAILED if any(missed.values()) else ExitCode.DONE
+    output.print_json(_document(config, buses, missed, code))
+    _print_loads(config, buses)
+    for requirement, found in missed.items():
         if not found:
-            output.print_message("plant_check.kept", demand=demand.text)
-        for one in found:
-            output.print_note(f"plant_check.short_{demand.quantity}", **_violation_params(one))
+            output.print_message("plant_check.met", requirement=requirement.text)
+        for violation in found:
+            output.print_note(f"plant_check.missed_{requirement.quantity}", **_violation_params(violation))
     return code
 
 
-def _violation_params(one: RequirementViolation) -> dict[str, Any]:
-    demand = one.requirement
-    shown = [
-        f"{value:.1f} %" if demand.quantity == "load" else format_seconds(value) for value in (one.found, demand.limit)
-    ]
-    return {"name": one.name, "signal": one.signal, "found": shown[0], "limit": f"{demand.sign} {shown[1]}"}
+def _violation_params(violation: RequirementViolation) -> dict[str, Any]:
+    requirement = violation.requirement
+    found, limit = (
+        f"{value:.1f} %" if requirement.quantity == "load" else format_seconds(value)
+        for value in (violation.found, requirement.limit)
+    )
+    return {"name": violation.name, "signal": violation.signal, "found": found, "limit": f"{requirement.sign} {limit}"}
 
 
 def format_seconds(value_s: float) -> str:
@@ -58,16 +59,16 @@ def format_seconds(value_s: float) -> str:
     return f"{value_s * 1000:.0f} ms" if value_s < 1.0 else f"{value_s:.3g} s"
 
 
-def _show(setting: PlantConfig, buses: tuple[BusLoadEstimate, ...]) -> None:
-    counts = {name: len(getattr(setting, name)) for name in ("buses", "drives", "groups", "interlocks", "alarms")}
-    output.print_message("plant_check.good", file=setting.source, plant=setting.id, **counts)
+def _print_loads(config: PlantConfig, buses: tuple[BusLoadEstimate, ...]) -> None:
+    counts = {name: len(getattr(config, name)) for name in ("buses", "drives", "groups", "interlocks", "alarms")}
+    output.print_message("plant_check.good", file=config.source, plant=config.id, **counts)
     for bus in buses:
         output.print_text("")
         output.print_message(
             "plant_check.bus",
             bus=bus.bus,
             link=bus.link,
-            line=bus.serial_settings,
+            serial=bus.serial_settings,
             load=f"{bus.load_percent:.0f}",
             cycle=format_seconds(bus.cycle_s),
             stop=format_seconds(bus.stop_bound_s),
@@ -91,7 +92,7 @@ def _row(drive: DriveLoadEstimate) -> list[str]:
 
 
 def _refresh(drive: DriveLoadEstimate) -> str:
-    """``500 ms (≤ 1.2 s): output_frequency · 1 s (≤ 1.7 s): set_frequency``, the most often first."""
+    """Format ``500 ms (≤ 1.2 s): output_frequency · 1 s (≤ 1.7 s): set_frequency``, the shortest period first."""
     alike: dict[tuple[float, float], list[str]] = {}
     for name, period_s in drive.periods.items():
         alike.setdefault((period_s, drive.refresh[name]), []).append(name)
@@ -103,26 +104,25 @@ def _refresh(drive: DriveLoadEstimate) -> str:
 
 
 def _document(
-    setting: PlantConfig,
+    config: PlantConfig,
     buses: tuple[BusLoadEstimate, ...],
-    short: dict[LoadRequirement, list[RequirementViolation]],
+    missed: dict[LoadRequirement, list[RequirementViolation]],
     code: ExitCode,
 ) -> dict[str, Any]:
     requirements = [
         {
-            "demand": demand.text,
-            "kept": not found,
-            "shortfalls": [{"name": one.name, "signal": one.signal, "found": round(one.found, 6)} for one in found],
+            "requirement": requirement.text,
+            "met": not found,
+            "violations": [{"name": one.name, "signal": one.signal, "found": round(one.found, 6)} for one in found],
         }
-        for demand, found in short.items()
+        for requirement, found in missed.items()
     ]
-    lines = [_bus_document(bus) for bus in buses]
     return {
-        "file": setting.source,
+        "file": config.source,
         "valid": True,
-        "plant": setting.id,
-        "buses": lines,
-        "demands": requirements,
+        "plant": config.id,
+        "buses": [_bus_document(bus) for bus in buses],
+        "requirements": requirements,
         "exit": int(code),
     }
 
@@ -144,7 +144,7 @@ def _bus_document(bus: BusLoadEstimate) -> dict[str, Any]:
     return {
         "bus": bus.bus,
         "link": bus.link,
-        "line": str(bus.serial_settings),
+        "serial": str(bus.serial_settings),
         "load_percent": round(bus.load_percent, 3),
         "cycle_s": round(bus.cycle_s, 6),
         "stop_bound_s": round(bus.stop_bound_s, 6),
@@ -160,8 +160,8 @@ command = CliCommand(
         Option(
             ["--assert", "requirements"],
             multiple=True,
-            type=options.ParsedType("demand", _demand, "plant_check.expect"),
-            metavar="DEMAND",
+            type=options.ParsedType("requirement", _parse_requirement, "plant_check.expect"),
+            metavar="REQUIREMENT",
             key="help.option.assert",
             example="--assert 'stop<250ms'",
         ),

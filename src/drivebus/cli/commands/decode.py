@@ -16,13 +16,14 @@ if TYPE_CHECKING:
 
 
 _END_MARKS = {":": "\r\n", "*": "\r"}
-"""Frames that manuals print as characters (Modbus ASCII, C320 ASCII), by their first, with the end mark that no page
-shows."""
+"""End marks, which manuals do not print, by the first character of a frame (Modbus ASCII, C320 ASCII)."""
 
 
-def read_hex(text: str) -> bytes:
-    """Bytes of ``2A 30 30`` or ``2a3030``; blanks, colons between pairs and 0x are allowed. A frame as its characters,
-    ``:010600F9``, is taken as printed. Raises ValueError."""
+def parse_hex(text: str) -> bytes:
+    """Parse ``2A 30 30`` or ``2a3030``; blanks, colons between pairs and 0x are allowed. Raises ValueError.
+
+    A frame as characters, such as ``:010600F9``, gets its end mark.
+    """
     text = text.strip()
     if text[:1] in _END_MARKS:
         return ("".join(text.split()) + _END_MARKS[text[0]]).encode("ascii")
@@ -38,7 +39,7 @@ def _join_words(ctx: click.Context, param: click.Parameter, parts: tuple[str, ..
     return found
 
 
-HEX = options.ParsedType("hex", read_hex, "cli.expect.hex")
+HEX = options.ParsedType("hex", parse_hex, "cli.expect.hex")
 
 
 def _decode(hex: bytes, model: str, encoding: str | None, direction: str | None, request: bytes | None) -> ExitCode:
@@ -86,8 +87,8 @@ def description_text(model: str, data: bytes, found: FrameDescription) -> str:
         rows = [(field_label(name), field_text(name, value)) for name, value in found.fields.items()]
         lines += ["", two_columns(rows, min(98, output.terminal_width(sys.stdout)))]
     for kind in ("problems", "errata", "hazards"):
-        said = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
-        lines += [output.wrap_for(one, sys.stdout) for one in said]
+        texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
+        lines += [output.wrap_for(one, sys.stdout) for one in texts]
     if found.canonical is not None and found.canonical != data:
         lines.append(output.text("decode.canonical", hex=output.to_json_value(found.canonical)))
     lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in found.interpretations]
@@ -98,11 +99,11 @@ _HEX_FIELDS = frozenset({"data", "register", "value", "raw", "word", "crc"})
 
 
 def _alternative_text(reading: Interpretation) -> str:
-    said = [
+    fields = [
         output.text("decode.equals", name=field_label(one), value=field_text(one, each))
         for one, each in reading.fields.items()
     ]
-    return output.text("decode.reading", text=_sentence(reading.note), fields=output.text("decode.and").join(said))
+    return output.text("decode.reading", text=_sentence(reading.note), fields=output.text("decode.and").join(fields))
 
 
 def field_label(name: str) -> str:
@@ -116,9 +117,9 @@ def field_text(name: str, value: Any) -> str:
     """Format the value of a field; raw words also in hexadecimal."""
     from drivebus.commissioning.decode import labels
 
-    said = labels.value_text(name, value, output.language())
-    if said is not None:
-        return said
+    label = labels.value_text(name, value, output.language())
+    if label is not None:
+        return label
     if isinstance(value, int) and name in _HEX_FIELDS:
         return f"{value} ({value:04X}H)"
     if isinstance(value, dict):

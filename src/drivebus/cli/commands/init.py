@@ -95,7 +95,7 @@ async def _scan_ports(
             if shutdown.received:
                 return ExitCode.INTERRUPTED
             if not found:
-                output.print_note("plant_init.nobody", link=port)
+                output.print_note("plant_init.no_drive", link=port)
                 return ExitCode.FAILED
             buses.append(_bus_answer(port, found))
     return PlantAnswers(output.text("plant_init.default_title"), tuple(buses))

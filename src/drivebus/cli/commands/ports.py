@@ -22,18 +22,18 @@ def _ports() -> None:
     if found:
         output.print_text(ports_table(found))
     else:
-        output.print_message("ports_verb.none")
+        output.print_message("ports_command.none")
 
 
 def ports_table(found: list[PortInfo]) -> str:
     """Format one row per port."""
-    head = [output.text(f"ports_verb.{name}") for name in ("device", "description", "url", "used_by")]
+    head = [output.text(f"ports_command.{name}") for name in ("device", "description", "url", "used_by")]
     return output.fitted_table(head, [[port.device, port.description, port.url, _users(port)] for port in found])
 
 
 def _users(port: PortInfo) -> str:
     held = ", ".join(f"{holder.name} ({holder.pid})" for holder in port.users)
-    return held or output.text("ports_verb.free" if _is_accessible(port.device) else "ports_verb.forbidden")
+    return held or output.text("ports_command.free" if _is_accessible(port.device) else "ports_command.forbidden")
 
 
 def _is_accessible(device: str) -> bool:

@@ -57,7 +57,7 @@ async def _attached(
     wait: bool,
     detach: bool,
 ) -> ExitCode | None:
-    """Start and show the drive. Return the exit code that code it; None if the drive is left running on purpose."""
+    """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``."""
     started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
     if detach and started is ExitCode.DONE and not shutdown.received:
         output.print_message("run.detached")

@@ -18,26 +18,26 @@ def _serve(plant: str, web: bool, log: str) -> ExitCode:
     from drivebus.service.config.load import load
     from drivebus.service.process.logging_setup import configure_logging
 
-    setting = load(plant)
-    if web and setting.web.enabled:
+    config = load(plant)
+    if web and config.web.enabled:
         require_extra("server")
     configure_logging(log)
-    return asyncio.run(_run(setting, web))
+    return asyncio.run(_run(config, web))
 
 
-async def _run(setting: PlantConfig, web: bool) -> ExitCode:
+async def _run(config: PlantConfig, web: bool) -> ExitCode:
     from drivebus.service.process.logging_setup import LOG
     from drivebus.service.process.main import run_service
 
     def ready() -> None:
-        output.print_json({"plant": setting.id, "directory": str(setting.directory)}, stream=True)
-        output.print_message("serve.ready", plant=setting.id, directory=setting.directory)
+        output.print_json({"plant": config.id, "directory": str(config.directory)}, stream=True)
+        output.print_message("serve.ready", plant=config.id, directory=config.directory)
 
-    found = await run_service(setting, web=web, announce="json" if output.as_json() else "plain", on_ready=ready)
-    left = [drive for drive, told in found.items() if told is None or "status" not in told]
-    for drive in left:
+    outcomes = await run_service(config, web=web, announce="json" if output.as_json() else "plain", on_ready=ready)
+    unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
+    for drive in unconfirmed:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
-    return ExitCode.UNKNOWN if left else ExitCode.DONE
+    return ExitCode.UNKNOWN if unconfirmed else ExitCode.DONE
 
 
 command = CliCommand(

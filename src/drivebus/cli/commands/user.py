@@ -28,11 +28,11 @@ def _add(plant: str, name: str, role: str) -> None:
     from drivebus.service.auth.rights import Role
     from drivebus.service.auth.users import User, normalized_name
 
-    known = normalized_name(name)
-    user = User(known, Role(role), _hash(known), wall_ms())
-    _change(plant, "user.add", name, {"role": role}, lambda register: register.with_user(user))
+    user_name = normalized_name(name)
+    user = User(user_name, Role(role), _hash(user_name), wall_ms())
+    _change(plant, "user.add", name, {"role": role}, lambda database: database.with_user(user))
     output.print_json({"name": user.name, "role": role})
-    output.print_message("user_verb.added", name=user.name, role=output.text(f"user_verb.{role}"))
+    output.print_message("user_command.added", name=user.name, role=output.text(f"user_command.{role}"))
 
 
 def _list(plant: str) -> None:
@@ -41,12 +41,14 @@ def _list(plant: str) -> None:
 
     users = user_file_of(load(plant)).read().users
     output.print_json({"users": [_user_json(user) for user in users]})
-    head = [output.text(f"user_verb.{column}") for column in ("name", "role", "state")]
-    states = [output.text("user_verb.disabled_state" if user.disabled else "user_verb.enabled_state") for user in users]
-    rows = [
-        [user.name, output.text(f"user_verb.{user.role}"), state] for user, state in zip(users, states, strict=True)
+    head = [output.text(f"user_command.{column}") for column in ("name", "role", "state")]
+    states = [
+        output.text("user_command.disabled_state" if user.disabled else "user_command.enabled_state") for user in users
     ]
-    output.print_text(output.fitted_table(head, rows)) if users else output.print_message("user_verb.none")
+    rows = [
+        [user.name, output.text(f"user_command.{user.role}"), state] for user, state in zip(users, states, strict=True)
+    ]
+    output.print_text(output.fitted_table(head, rows)) if users else output.print_message("user_command.none")
 
 
 def _passwd(plant: str, name: str) -> None:
@@ -56,22 +58,22 @@ def _passwd(plant: str, name: str) -> None:
     user_file_of(load(plant)).read().user(name)  # check the name before the password is entered
     hashed = _hash(name)
     _change_user(plant, "password", name, {}, lambda user: replace(user, password=hashed))
-    _print_done("user_verb.password_changed", name=name)
+    _print_done("user_command.password_changed", name=name)
 
 
 def _disable(plant: str, name: str) -> None:
     _change_user(plant, "user.change", name, {"disabled": True}, lambda user: replace(user, disabled=True))
-    _print_done("user_verb.is_disabled", name=name)
+    _print_done("user_command.is_disabled", name=name)
 
 
 def _enable(plant: str, name: str) -> None:
     _change_user(plant, "user.change", name, {"disabled": False}, lambda user: replace(user, disabled=False))
-    _print_done("user_verb.is_enabled", name=name)
+    _print_done("user_command.is_enabled", name=name)
 
 
 def _remove(plant: str, name: str) -> None:
-    _change(plant, "user.remove", name, {}, lambda register: register.without_user(name))
-    _print_done("user_verb.removed", name=name)
+    _change(plant, "user.remove", name, {}, lambda database: database.without_user(name))
+    _print_done("user_command.removed", name=name)
 
 
 def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
@@ -81,7 +83,7 @@ def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str)
     from drivebus.service.auth.users import Token, normalized_name
 
     secret, now_ms, rights = "dbt_" + secrets.token_urlsafe(32), wall_ms(), tuple(sorted(Right(one) for one in right))
-    made = Token(
+    token = Token(
         secrets.token_hex(6),
         label,
         normalized_name(name),
@@ -90,24 +92,24 @@ def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str)
         now_ms,
         now_ms + days * _DAY_MS,
     )
-    told = {"user": name, "rights": list(right), "days": days}
-    _change(plant, "token.add", made.id, told, lambda register: register.with_token(made))
-    output.print_json({"token": secret, "id": made.id, "expires_ms": made.expires_ms})
-    output.print_note("user_verb.token_once")
+    params = {"user": name, "rights": list(right), "days": days}
+    _change(plant, "token.add", token.id, params, lambda database: database.with_token(token))
+    output.print_json({"token": secret, "id": token.id, "expires_ms": token.expires_ms})
+    output.print_note("user_command.token_once")
     output.print_text(secret)
 
 
 def _change(
-    plant: str, what: str, target: str, params: dict[str, Any], change: Callable[[UserDatabase], UserDatabase]
+    plant: str, operation: str, target: str, params: dict[str, Any], change: Callable[[UserDatabase], UserDatabase]
 ) -> None:
     from drivebus.service.auth.admin import change_users
     from drivebus.service.config import load
 
-    asyncio.run(change_users(load(plant), what, target, params, change))
+    asyncio.run(change_users(load(plant), operation, target, params, change))
 
 
-def _change_user(plant: str, what: str, name: str, params: dict[str, Any], change: Callable[[User], User]) -> None:
-    _change(plant, what, name, params, lambda register: register.with_changed_user(change(register.user(name))))
+def _change_user(plant: str, operation: str, name: str, params: dict[str, Any], change: Callable[[User], User]) -> None:
+    _change(plant, operation, name, params, lambda database: database.with_changed_user(change(database.user(name))))
 
 
 def _hash(name: str) -> str:
@@ -115,19 +117,19 @@ def _hash(name: str) -> str:
     require_extra("server")
     from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 
-    said = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
-    return asyncio.run(PasswordHashing().hash(check_password_policy(said, name)))
+    password = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
+    return asyncio.run(PasswordHashing().hash(check_password_policy(password, name)))
 
 
 def _prompt_password() -> str:
     """Ask for the password until it is entered twice alike."""
     while True:
-        said, again = (
-            click.prompt(output.text(f"user_verb.{key}"), hide_input=True, err=True) for key in ("password", "again")
+        password, again = (
+            click.prompt(output.text(f"user_command.{key}"), hide_input=True, err=True) for key in ("password", "again")
         )
-        if said == again:
-            return str(said)
-        output.print_note("user_verb.differ")
+        if password == again:
+            return str(password)
+        output.print_note("user_command.differ")
 
 
 def _print_done(key: str, **params: str) -> None:
@@ -139,28 +141,28 @@ def _user_json(user: User) -> dict[str, Any]:
     return {"name": user.name, "role": str(user.role), "disabled": user.disabled, "created_ms": user.created_ms}
 
 
-def _verb(
-    name: str, callback: Callable[..., None], *options: click.Parameter, example: str, named: bool = True
+def _user_command(
+    name: str, callback: Callable[..., None], *options: click.Parameter, example: str, with_name: bool = True
 ) -> CliCommand:
     plant = Argument(["plant"], metavar="PLANT.toml", key="help.argument.plant")
-    params = [plant, *([Argument(["name"], key="help.argument.user")] if named else []), *options]
+    params = [plant, *([Argument(["name"], key="help.argument.user")] if with_name else []), *options]
     return CliCommand(
         name, help_key=f"user.{name}", callback=callback, params=params, examples=(f"drivebus user {example}",)
     )
 
 
-add = _verb(
+add = _user_command(
     "add",
     _add,
     Option(["--role"], type=Choice(ROLES), required=True, key="help.option.role", example="--role operator"),
     example="add plant.toml ann --role administrator",
 )
-listed = _verb("list", _list, example="list plant.toml", named=False)
-passwd = _verb("passwd", _passwd, example="passwd plant.toml ann")
-disable = _verb("disable", _disable, example="disable plant.toml ann")
-enable = _verb("enable", _enable, example="enable plant.toml ann")
-remove = _verb("remove", _remove, example="remove plant.toml ann")
-token = _verb(
+listed = _user_command("list", _list, example="list plant.toml", with_name=False)
+passwd = _user_command("passwd", _passwd, example="passwd plant.toml ann")
+disable = _user_command("disable", _disable, example="disable plant.toml ann")
+enable = _user_command("enable", _enable, example="enable plant.toml ann")
+remove = _user_command("remove", _remove, example="remove plant.toml ann")
+token = _user_command(
     "token",
     _token,
     Option(

@@ -220,7 +220,7 @@ class Dzb100Dialect:
         return readings.agreed_raw("command") in (Dzb100Command.FORWARD, Dzb100Command.REVERSE)
 
     def rejection(self, reply: Dzb100Reply) -> Rejection | None:
-        return Rejection("drives.dzb_refused", 7) if reply.accepted is False else None
+        return Rejection("drives.dzb100_rejected", 7) if reply.accepted is False else None
 
     def setpoint_word(self, frequency_hz: float) -> int:
         codings, coding = possible_codings(self.options), self._setpoint_coding()

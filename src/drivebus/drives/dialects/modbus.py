@@ -120,7 +120,7 @@ def sync_register_pairs(profile: DriveProfile) -> tuple[int, ...]:
         if touches and (not pairs or index > pairs[-1] + 1):
             pairs.append(index)
     if not pairs:
-        raise ConfigurationError("drives.no_fence", model=profile.model)
+        raise ConfigurationError("drives.no_sync_probe", model=profile.model)
     return tuple(pairs)
 
 

@@ -111,7 +111,7 @@ def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
     rounds = zip_longest(*(sorted(keys) for _, keys in sorted(groups.items())))
     tags = [key for turn in rounds for key in turn if key is not None]
     if not tags:
-        raise ConfigurationError("drives.no_fence", model=profile.model)
+        raise ConfigurationError("drives.no_sync_probe", model=profile.model)
     return tags
 
 

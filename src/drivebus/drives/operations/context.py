@@ -175,7 +175,7 @@ class OperationContext:
             result = yield from self.transact(self.dialect.sync_request(avoid))
         if result.error is not None:
             return _as_drivebus_error(result.error)
-        return None if self.dialect.is_valid_sync_reply(result.reply) else NotPermitted("drives.fence_refused")
+        return None if self.dialect.is_valid_sync_reply(result.reply) else NotPermitted("drives.sync_probe_rejected")
 
     def verified_reads(self, requests: tuple[Any, ...]) -> DriveOperation[DrivebusError | None]:
         """Perform reads behind a sync probe and return what went wrong first."""

@@ -96,7 +96,7 @@ def _measure_at_word(
     stopped = yield from stop(op, StopMode.STOP)
     if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
         failure = TargetNotReached(
-            "drives.proof_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
+            "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
         )
         failure.outcome = stopped
         raise failure

@@ -84,7 +84,7 @@ def _change_running_speed(
         shown_direction = verdict.direction if verdict.direction else "?"
         raise StartInhibited("drives.turning", state=verdict.state, direction=shown_direction)
     if verdict.direction is None and direction is not None:
-        raise StartInhibited("drives.turning_unknown_way", direction=direction)
+        raise StartInhibited("drives.turning_unknown_direction", direction=direction)
     return (yield from set_frequency(op, frequency_hz))
 
 
@@ -194,7 +194,7 @@ def confirm_start(
 def _running_outcome(op: OperationContext, direction: Direction | None) -> Outcome:
     found = op.derived.direction
     if direction is not None and found is not None and found is not direction:
-        return op.outcome(OutcomeStatus.FAILED, "drives.wrong_way", expected=direction, found=found)
+        return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=direction, found=found)
     return op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=op.derived.state)
 
 

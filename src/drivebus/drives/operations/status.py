@@ -54,20 +54,20 @@ def comm_loss_behaviour(op: OperationContext) -> DriveOperation[CommLossReport]:
     rule, model = op.dialect.profile.comm_loss, op.dialect.profile.model
     notations = tuple(n for n in (rule.time_notation, rule.action_notation) if n is not None)
     if not notations:
-        return CommLossReport(None, "drives.host_dies_unpublished", {"model": model})
+        return CommLossReport(None, "drives.comm_loss_unpublished", {"model": model})
     found = yield from read_values(op, notations)
     time = found.get(rule.time_notation) if rule.time_notation else None
     action = found.get(rule.action_notation) if rule.action_notation else None
     if any(r is not None and (r.raw is None or r.quality is Quality.BAD) for r in (time, action)):
-        return CommLossReport(None, "drives.host_dies_unread", {"model": model}, time, action)
+        return CommLossReport(None, "drives.comm_loss_unread", {"model": model}, time, action)
     said: dict[str, Any] = {"time": _value_text(time), "notation": rule.time_notation, "action": rule.action_notation}
     said["value"] = None if action is None else action.raw
     if time is not None and time.raw == 0:
-        return CommLossReport(False, "drives.host_dies_off", said, time, action)
+        return CommLossReport(False, "drives.comm_loss_off", said, time, action)
     if action is None or not rule.trips_values:
-        return CommLossReport(None, "drives.host_dies_unknown", said, time, action)
+        return CommLossReport(None, "drives.comm_loss_unknown", said, time, action)
     trips = action.raw in rule.trips_values
-    return CommLossReport(trips, "drives.host_dies_stops" if trips else "drives.host_dies_runs_on", said, time, action)
+    return CommLossReport(trips, "drives.comm_loss_stops" if trips else "drives.comm_loss_runs_on", said, time, action)
 
 
 def _value_text(reading: Reading | None) -> str:

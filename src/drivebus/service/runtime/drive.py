@@ -21,7 +21,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView, Sample
 from drivebus.values import Quality, Reading, Text
 
-COMM_LOSS_NOT_READ = Text(**localized("plant.host_dies_not_read"))
+COMM_LOSS_NOT_READ = Text(**localized("plant.comm_loss_not_read"))
 
 
 class DriveRuntime:

@@ -70,11 +70,11 @@ function Motion({ view, disabled }) {
   useEffect(() => { if (!turning) setStarted(null); }, [turning]);
 
   const frequency_hz = numberOf(hertz);
-  const ways = view.directions.map((one) => [one, t(`drives.way_${one}`)]);
+  const ways = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? way : null;
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
-  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.way_${way}`) };
+  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${way}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
     limits=${view} disabled=${disabled} />
     <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setSelectedDirection}

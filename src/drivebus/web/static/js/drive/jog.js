@@ -92,7 +92,7 @@ export function JogPanel({ view, disabled }) {
   const button = (direction) => html`<${HoldButton} key=${direction} disabled=${!isReady && !isHeld}
     onHold=${hold(direction)}
     onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", {
-      way: t(`drives.way_${direction}`) })}<//>`;
+      way: t(`drives.direction_${direction}`) })}<//>`;
   return html`<section class="stack jog" aria-labelledby="jog-title"><h3 class="sr" id="jog-title">${t("page.jog")}</h3><p>
     ${t("page.jog_how")}</p>
     <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />

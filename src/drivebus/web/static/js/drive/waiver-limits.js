@@ -50,7 +50,7 @@ export function Limits({ view }) {
   const [open, setOpen] = useState(false);
   const [only, ...more] = view.directions;
   return html`<div class="row"><span>${t("page.limits_now", view)}${view.capabilities.includes("reverse")
-    && more.length === 0 && t("page.limits_only", { way: t(`drives.way_${only}`) })}</span>
+    && more.length === 0 && t("page.limits_only", { way: t(`drives.direction_${only}`) })}</span>
     ${may("limit") && html`<${Button} kind="quiet" disabled=${!isLive.value} onClick=${() => setOpen(true)}>
       ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;
