@@ -135,7 +135,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
         "scheme tpc",
         "there is no model vc66",
         "found 1-x",
-        "address 0 is broadcast",
+        "address 0 is the broadcast address",
     ):
         assert wrong in result.output, "asked again, with the reason"
     assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
