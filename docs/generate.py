@@ -1,6 +1,6 @@
-"""Writes what the docs draw from data: `python docs/generate.py`; `--check` only says what is out of date (exit 1).
+"""Write the generated parts of the docs: `python docs/generate.py`; `--check` only lists pages out of date (exit 1).
 
-A page is written by hand but for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`.
+A page is written by hand except for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from generator import pages  # noqa: E402
 
 def main(arguments: list[str]) -> int:
     stale = []
-    for path, wanted in pages.wanted(ROOT):
-        if path.read_text(encoding="utf-8") == wanted:
+    for path, text in pages.generated_pages(ROOT):
+        if path.read_text(encoding="utf-8") == text:
             continue
         stale.append(path.relative_to(ROOT).as_posix())
         if "--check" not in arguments:
-            path.write_text(wanted, encoding="utf-8")
+            path.write_text(text, encoding="utf-8")
     verb = "out of date, run `python docs/generate.py`" if "--check" in arguments else "written"
     for name in stale:
         print(f"{name}: {verb}")

@@ -1,4 +1,4 @@
-"""The generated parts of the docs are what profiles and vectors say now, and what the pages tell to write works."""
+"""Generated parts of the docs are up to date and complete, and the examples of the pages work."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_generated_parts_are_up_to_date() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_page_out_of_date_is_named_and_fails(tmp_path: Path) -> None:
+def test_a_page_out_of_date_is_reported_with_an_exit_code(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "docs", tmp_path / "docs")
     shutil.copytree(ROOT / "vectors", tmp_path / "vectors")
     for name in ("README.md", "README.zh.md"):
@@ -67,76 +67,78 @@ def test_every_worked_frame_is_on_both_pages_of_its_family(model: str) -> None:
 
 
 @pytest.mark.parametrize(("page", "example"), toml_examples(), ids=lambda value: value if value.endswith(".md") else "")
-def test_a_profile_that_a_page_tells_to_write_loads(page: str, example: str, tmp_path: Path) -> None:
+def test_a_profile_example_of_a_page_loads(page: str, example: str, tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_text(example, encoding="utf-8")
     assert profiles.load(own).source == str(own)
 
 
 @pytest.mark.parametrize("suffix", ["", ".zh"])
-def test_every_verb_and_every_error_has_its_paragraph(suffix: str) -> None:
+def test_every_command_and_every_error_has_its_paragraph(suffix: str) -> None:
     reference = ROOT / "docs" / "reference"
-    verbs = (reference / f"command-line{suffix}.md").read_text(encoding="utf-8")
+    commands = (reference / f"command-line{suffix}.md").read_text(encoding="utf-8")
     context = click.Context(cli)
-    assert [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in verbs] == []
-    message = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
+    assert [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in commands] == []
+    error_page = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
     classes = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
     assert len(classes) > 30
-    assert [name for name in classes if f"## {name}\n" not in message] == []
+    assert [name for name in classes if f"## {name}\n" not in error_page] == []
 
 
-HOMES = ["drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles"]
+MODULES = ["drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles"]
 
 
 def sections(page: Path) -> dict[str, str]:
-    """Heading of each described name → its section."""
+    """Return the section of each described name."""
     parts = re.split(r"^### `(.+)`$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def own_members(one: type) -> set[str]:
-    """Public methods and properties, its bases' too, as Python finds them."""
+    """Return public methods and properties of a class and of its bases in the package."""
     kinds = (FunctionType, property)
     found = {name: inspect.getattr_static(one, name) for name in dir(one) if not name.startswith("_")}
     plain = {name: getattr(value, "__func__", value) for name, value in found.items()}
-    ours = {name for name, value in plain.items() if isinstance(value, kinds)}
+    members = {name: getattr(value, "fget", None) or value for name, value in plain.items() if isinstance(value, kinds)}
     return {
-        name for name in ours if (getattr(plain[name], "fget", None) or plain[name]).__module__.startswith("drivebus")
+        name
+        for name in members
+        if (getattr(plain[name], "fget", None) or plain[name]).__module__.startswith("drivebus")
     }
 
 
 @pytest.mark.parametrize("suffix", ["", ".zh"])
 def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
-    """Once, in the first of its homes; methods and properties stand in the section of their class."""
-    message = sections(ROOT / "docs" / "reference" / f"python{suffix}.md")
-    seen: list[object] = []
+    """A name is described once, in the first of its modules; its methods and properties are in the same section."""
+    described = sections(ROOT / "docs" / "reference" / f"python{suffix}.md")
+    done: list[object] = []
     missing = []
-    for home in HOMES:
-        for name in import_module(home).__all__:
-            one = getattr(import_module(home), name)
-            if any(one is other for other in seen):
+    for module in MODULES:
+        for name in import_module(module).__all__:
+            one = getattr(import_module(module), name)
+            if any(one is other for other in done):
                 continue
-            seen.append(one)
-            section = message.get(f"{home}.{name}", "")
+            done.append(one)
+            section = described.get(f"{module}.{name}", "")
             paragraph = re.search(r"```\n\n(\S.*)", section)
-            missing += [f"{home}.{name}"] if paragraph is None else []
+            missing += [f"{module}.{name}"] if paragraph is None else []
             members = own_members(one) if isinstance(one, type) else set()
             missing += [
-                f"{home}.{name}.{m}"
+                f"{module}.{name}.{m}"
                 for m in members
                 if not re.search(rf"^- `(await )?{m}[(:].*`(: |：)\S", section, re.M)
             ]
     assert missing == []
-    assert len(seen) == len(message) > 40
-    assert (suffix == "") == all(ord(letter) < 0x2E80 for section in message.values() for letter in section)
+    assert len(done) == len(described) > 40
+    assert (suffix == "") == all(ord(letter) < 0x2E80 for section in described.values() for letter in section)
 
 
-def test_every_name_that_an_example_imports_is_public() -> None:
+def test_every_name_that_an_example_uses_is_public() -> None:
     used = {
         tuple(found)
         for program in (ROOT / "examples").glob("*.py")
         for found in re.findall(r"\b(drivebus|blocking)\.([A-Za-z_]+)", program.read_text(encoding="utf-8"))
     }
-    homes = {"drivebus": drivebus, "blocking": import_module("drivebus.blocking")}
+    modules = {"drivebus": drivebus, "blocking": import_module("drivebus.blocking")}
     assert len(used) > 4
-    assert [(home, name) for home, name in used if name not in homes[home].__all__] == []
+    assert [(module, name) for module, name in used if name not in modules[module].__all__] == []

@@ -1,4 +1,4 @@
-"""Every example, and the ten lines of the README, run as they stand."""
+"""The examples and the program of the README run unchanged."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def run(program: str | Path) -> str:
 
 
 @pytest.mark.parametrize("program", EXAMPLES, ids=[path.stem for path in EXAMPLES])
-def test_an_example_runs_as_it_stands(program: Path) -> None:
+def test_an_example_runs_unchanged(program: Path) -> None:
     assert "stop" in run(program)
 
 
 @pytest.mark.parametrize("page", ["README.md", "README.zh.md"])
-def test_the_ten_lines_of_the_readme_run_and_end_confirmed(page: str) -> None:
+def test_the_program_of_the_readme_runs_and_ends_confirmed(page: str) -> None:
     found = re.search(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
     assert found is not None
     lines = run(found[1]).splitlines()

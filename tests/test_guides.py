@@ -1,5 +1,4 @@
-"""Tutorials and how-to pages: each has both languages, and what they tell to type is right and, where no hardware is
-needed, runs."""
+"""Tutorials, how-to and explanation pages: in both languages, links lead to files, commands parse, programs run."""
 
 from __future__ import annotations
 
@@ -28,21 +27,21 @@ def blocks(page: Path) -> list[tuple[str, str]]:
 
 
 def command_lines(page: Path, kind: str | None = None) -> list[list[str]]:
-    """What begins with ``drivebus`` in the blocks; those marked ``sh`` need nothing but drivebus."""
+    """Return the ``drivebus`` commands of a page; those in blocks marked ``sh`` need no hardware."""
     texts = [text for language, text in blocks(page) if language in ("", "sh") and kind in (None, language)]
     lines = [line for text in texts for line in text.splitlines() if line.startswith("drivebus ") and "…" not in line]
     return [shlex.split(line, comments=True) for line in lines]
 
 
 def check(words: list[str]) -> None:
-    """Does the command line parse? Raises click's error where it does not."""
+    """Parse a command line. Raises click's error where it is wrong."""
     command: click.Command = cli
-    place = 1
+    position = 1
     while isinstance(command, LazyGroup):
-        found = command.get_command(click.Context(command), words[place])
+        found = command.get_command(click.Context(command), words[position])
         assert found is not None, words
-        command, place = found, place + 1
-    command.make_context("x", words[place:])
+        command, position = found, position + 1
+    command.make_context("x", words[position:])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
@@ -53,7 +52,7 @@ def test_a_page_exists_in_both_languages_and_names_the_other(page: Path) -> None
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_every_link_to_a_file_leads_somewhere(page: Path) -> None:
+def test_every_link_leads_to_an_existing_file(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     targets = {target.partition("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target}
     assert [target for target in targets if target and not (page.parent / target).exists()] == []
@@ -69,20 +68,20 @@ RUNNING = [(page, words) for page in PAGES if ".zh" not in page.name for words i
 
 
 @pytest.mark.parametrize(("page", "words"), RUNNING, ids=[" ".join(words[1:3]) for _, words in RUNNING])
-def test_what_needs_no_hardware_runs(page: Path, words: list[str], tmp_path: Path) -> None:
+def test_a_command_that_needs_no_hardware_runs(page: Path, words: list[str], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "drivebus", *words[1:]]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=90, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_the_blocks_that_run_are_the_same_in_both_languages(page: Path) -> None:
+def test_the_commands_that_run_are_the_same_in_both_languages(page: Path) -> None:
     other = page.with_name(page.name.replace(".zh.md", ".md"))
     assert command_lines(page, "sh") == command_lines(other, "sh")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_programs_and_profiles_on_a_page_work(page: Path, tmp_path: Path) -> None:
+def test_programs_and_profiles_of_a_page_work(page: Path, tmp_path: Path) -> None:
     for language, text in blocks(page):
         if language == "python":
             assert "confirmed" in run(text)

@@ -7,8 +7,8 @@ from pathlib import Path
 from drivebus import profiles
 from drivebus.profiles import DriveProfile
 from drivebus.protocols.family import protocol_family
-from generator import words
-from generator.words import CAPABILITIES, GRADES, say, side
+from generator import terms
+from generator.terms import CAPABILITIES, GRADES, localized, term
 
 ORDER = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
 PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
@@ -23,7 +23,7 @@ def shipped() -> list[DriveProfile]:
 
 def table_of(found: list[DriveProfile], language: str, link: str) -> str:
     heads = ("model", "maker", "encodings", "line", "addresses", "can", "grade")
-    return words.table([say(head, language) for head in heads], (_row(profile, language, link) for profile in found))
+    return terms.table([term(head, language) for head in heads], (_row(profile, language, link) for profile in found))
 
 
 def table(language: str) -> str:
@@ -31,8 +31,8 @@ def table(language: str) -> str:
     return table_of(shipped(), language, "docs/protocols/")
 
 
-def sisters(profile: DriveProfile, language: str) -> str:
-    """Return the table of the models with this page's protocol."""
+def related_models(profile: DriveProfile, language: str) -> str:
+    """Return the table of the models on the page of a profile."""
     same = [other for other in shipped() if _page(other) == profile.model]
     return table_of(same, language, "")
 
@@ -47,14 +47,14 @@ def _row(profile: DriveProfile, language: str, link: str) -> list[str]:
     suffix = "" if language == "en" else f".{language}"
     name = f"`{profile.model}`"
     page = f"[{name}]({link}{_page(profile)}{suffix}.md)" if link else name
-    lacking = [side(text, language) for what, text in CAPABILITIES.items() if what not in profile.capabilities]
+    lacking = [localized(text, language) for what, text in CAPABILITIES.items() if what not in profile.capabilities]
     low, high = profile.addresses
     return [
         page,
-        side(profile.maker, language),
+        localized(profile.maker, language),
         ", ".join(profile.encodings),
         f"{profile.serial.baud} {profile.serial.format}",
         f"{low}–{high}",
         (", " if language == "en" else "、").join(lacking) or "–",
-        side(GRADES[profile.grade], language),
+        localized(GRADES[profile.grade], language),
     ]

@@ -1,4 +1,4 @@
-"""Every error as a page: what it means, what it spoils, whether trying again may help, and every sentence of it."""
+"""Reference of the errors: meaning, scope, whether a retry may help, exit code and messages of each class."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from drivebus import errors, i18n
 from drivebus.cli.errors import exit_code_of
 from drivebus.errors import DrivebusError
 from drivebus.values import Text
-from generator.words import side, table
+from generator.terms import localized, table
 
 CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "errors.zh.json").read_text(encoding="utf-8"))
-"""What the docstrings say, in Chinese; a class without an entry is a KeyError."""
+"""Class → Chinese translation of its docstring; a missing one is a KeyError."""
 HEADS = {
-    "scope": Text("spoils", "影响范围"),
-    "again": Text("trying again may help", "重试可能有用"),
+    "scope": Text("scope", "影响范围"),
+    "again": Text("a retry may help", "重试可能有用"),
     "exit": Text("exit code", "退出码"),
     "key": Text("key", "键"),
-    "sentence": Text("sentence", "文字"),
+    "sentence": Text("message", "文字"),
 }
 SCOPES = {
     "request": Text("this request", "本次请求"),
     "station": Text("the station", "该站"),
     "port": Text("the whole port", "整个端口"),
-    "configuration": Text("nothing on the wire", "线上无影响"),
+    "configuration": Text("none, nothing was sent", "无，未发送任何内容"),
 }
 YES, NO = Text("yes", "是"), Text("no", "否")
 
 
 def classes() -> list[type[DrivebusError]]:
-    """The tree, a parent before its children."""
+    """Return all error classes, a parent before its children."""
     return list(_tree(DrivebusError))
 
 
@@ -56,14 +56,14 @@ def _entry(one: type[DrivebusError], keys: set[str], language: str) -> Iterator[
     text = " ".join((one.__doc__ or "").split()).replace("``", "`")
     yield (text if language == "en" else CHINESE[one.__name__]) + "\n"
     row = (
-        side(SCOPES[str(one.scope)], language),
-        side(YES if one.retryable else NO, language),
+        localized(SCOPES[str(one.scope)], language),
+        localized(YES if one.retryable else NO, language),
         int(exit_code_of(one("errors"))),
     )
-    yield table([side(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
+    yield table([localized(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
     if keys:
         rows = [(f"`{key}`", _sentence(key, language)) for key in sorted(keys)]
-        yield table([side(HEADS["key"], language), side(HEADS["sentence"], language)], rows)
+        yield table([localized(HEADS["key"], language), localized(HEADS["sentence"], language)], rows)
 
 
 def _sentence(key: str, language: str) -> str:
@@ -71,7 +71,7 @@ def _sentence(key: str, language: str) -> str:
 
 
 def raised(folder: Path) -> dict[str, set[str]]:
-    """Class → keys that the program gives it where it makes one."""
+    """Return error class → message keys with which the code raises it."""
     names = {one.__name__ for one in classes()}
     found: dict[str, set[str]] = {}
     for file in sorted(folder.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""The table of faults and protocols, as the last committed run of the campaign ``matrix`` found it."""
+"""Table of faults and protocols, with the results of the last committed run of the campaign ``matrix``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.values import Text
-from generator import words
+from generator import terms
 from verification.drive_variants import DRIVE_VARIANTS
 from verification.fault_matrix.table import TABLE
 
@@ -26,7 +26,7 @@ RUN = Text("Cases", "用例")
 
 
 def page_parts(root: Path, language: str) -> dict[str, str]:
-    """What stands between the marks of the page."""
+    """Return the generated parts of the page."""
     report = json.loads((root / REPORT).read_text(encoding="utf-8"))
     found = report["figures"]["cells"]
     return {
@@ -38,48 +38,48 @@ def page_parts(root: Path, language: str) -> dict[str, str]:
 
 def _run_summary(report: dict[str, Any], found: dict[str, Any], language: str) -> str:
     cases, held = (sum(cell[what] for cell in found.values()) for what in ("cases", "held"))
-    text = words.side(SUMMARY, language)
+    text = terms.localized(SUMMARY, language)
     return text.format(commit=report["commit"], seed=report["seed"], cells=len(found), cases=cases, failed=cases - held)
 
 
 def _table(found: dict[str, Any], language: str) -> str:
-    heads = [words.side(FAULT, language), *MODEL_NAMES.values()]
+    heads = [terms.localized(FAULT, language), *MODEL_NAMES.values()]
     rows = (
         [
-            told["fault"][language],
-            *(_cell(row, told["cells"].get(model), model, found, language) for model in MODEL_NAMES),
+            entry["fault"][language],
+            *(_cell(row, entry["cells"].get(model), model, found, language) for model in MODEL_NAMES),
         ]
-        for row, told in TABLE.items()
+        for row, entry in TABLE.items()
     )
-    return words.table(heads, rows)
+    return terms.table(heads, rows)
 
 
-def _cell(row: str, told: dict[str, Any] | None, model: str, found: dict[str, Any], language: str) -> str:
-    if told is None:
+def _cell(row: str, entry: dict[str, Any] | None, model: str, found: dict[str, Any], language: str) -> str:
+    if entry is None:
         return "–"
     runs = [found.get(f"{row}/{kind.name}") for kind in DRIVE_VARIANTS if kind.model == model]
-    return f"{_mark(runs, told, language)} {told[language]}"
+    return f"{_mark(runs, entry, language)} {entry[language]}"
 
 
-def _mark(runs: list[dict[str, int] | None], told: dict[str, Any], language: str) -> str:
-    """Held only where every kind of the column ran, and no case failed."""
+def _mark(runs: list[dict[str, int] | None], entry: dict[str, Any], language: str) -> str:
+    """Return the mark of a cell: passed only if every variant of the model ran and no case failed."""
     if None in runs or not all(run and run["cases"] for run in runs):
-        return f"{NOT_PRESENT} ({words.side(NOT_RUN, language)})"
+        return f"{NOT_PRESENT} ({terms.localized(NOT_RUN, language)})"
     cases, held = (sum(run[what] for run in runs if run) for what in ("cases", "held"))
     if held < cases:
-        return f"{FAILED} ({words.side(OF, language).format(held=held, cases=cases)})"
-    return PARTLY if told.get("partly") else PASSED
+        return f"{FAILED} ({terms.localized(OF, language).format(held=held, cases=cases)})"
+    return PARTLY if entry.get("partly") else PASSED
 
 
 def _cases(found: dict[str, Any], language: str) -> str:
-    return "\n".join(_row(row, told, found, language) for row, told in TABLE.items())
+    return "\n".join(_row(row, entry, found, language) for row, entry in TABLE.items())
 
 
-def _row(row: str, told: dict[str, Any], found: dict[str, Any], language: str) -> str:
-    colon = words.colon(language)
-    lines = [f"### {told['fault'][language]}", "", told["shown"][language]]
-    if "missing" in told:
-        lines += ["", f"**{words.side(MISSING, language)}**{colon}{told['missing'][language]}"]
+def _row(row: str, entry: dict[str, Any], found: dict[str, Any], language: str) -> str:
+    colon = terms.colon(language)
+    lines = [f"### {entry['fault'][language]}", "", entry["shown"][language]]
+    if "missing" in entry:
+        lines += ["", f"**{terms.localized(MISSING, language)}**{colon}{entry['missing'][language]}"]
     names = (f"{row}/{kind.name}" for kind in DRIVE_VARIANTS)
     shown = (f"`{name}` {found[name]['held']}/{found[name]['cases']}" for name in names if name in found)
-    return "\n".join([*lines, "", f"{words.side(RUN, language)}{colon}{' · '.join(shown)}", ""])
+    return "\n".join([*lines, "", f"{terms.localized(RUN, language)}{colon}{' · '.join(shown)}", ""])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from generator.frame_layouts import layout
-from generator.words import colon, phrase, say, side, table
+from generator.terms import colon, localized, phrase, table, term
 
 SOURCES = (
     ("sister manual", "同类机型手册"),
@@ -42,26 +42,26 @@ def frame_tables(vectors: list[Vector], language: str) -> str:
 
 def _one(vector: Vector, language: str) -> str:
     raw = bytes.fromhex(vector["hex"])
-    direction = say(vector["direction"], language)
+    direction = term(vector["direction"], language)
     lines = [
         f"#### `{vector['id']}`",
         "",
         f"{vector['encoding']} · {direction} · {_source(vector['source'], language)}",
     ]
     if "reply_to" in vector:
-        lines[-1] += f" · {say('answers', language)} `{vector['reply_to']}`"
+        lines[-1] += f" · {term('answers', language)} `{vector['reply_to']}`"
     lines += ["", "```", vector["hex"], "```", "", table(_heads(language), _rows(vector, raw, language))]
-    lines += [f"{say('fields', language)}{colon(language)}{_fields(vector['fields'])}", ""]
+    lines += [f"{term('fields', language)}{colon(language)}{_fields(vector['fields'])}", ""]
     for mark in ("hazard", "erratum"):
         if mark in vector:
-            lines += [f"> **{say(mark, language)}**{colon(language)}{phrase(vector[mark], language)}", ""]
+            lines += [f"> **{term(mark, language)}**{colon(language)}{phrase(vector[mark], language)}", ""]
     if vector.get("ambiguous"):
-        lines += [f"> **{say('ambiguous', language)}**{colon(language)}{_fields(vector['meant'])}", ""]
+        lines += [f"> **{term('ambiguous', language)}**{colon(language)}{_fields(vector['meant'])}", ""]
     return "\n".join(lines)
 
 
 def _heads(language: str) -> list[str]:
-    return [say(head, language) for head in ("bytes", "field", "hex", "value")]
+    return [term(head, language) for head in ("bytes", "field", "hex", "value")]
 
 
 def _rows(vector: Vector, raw: bytes, language: str) -> list[tuple[str, str, str, str]]:
@@ -70,7 +70,7 @@ def _rows(vector: Vector, raw: bytes, language: str) -> list[tuple[str, str, str
     for name, size in layout(vector):
         part = raw[at : at + size]
         where = str(at) if size == 1 else f"{at}–{at + size - 1}"
-        rows.append((where, side(name, language), f"`{part.hex(' ').upper()}`", _value(part, digits)))
+        rows.append((where, localized(name, language), f"`{part.hex(' ').upper()}`", _value(part, digits)))
         at += size
     return rows
 
@@ -95,7 +95,7 @@ def _source(source: str, language: str) -> str:
 
 def errata_table(vectors: list[Vector], language: str) -> str:
     """Return the table of misprints and hazards, with the frame of a correct sender."""
-    heads = [say(head, language) for head in ("frame", "printed", "wrong", "correct")]
+    heads = [term(head, language) for head in ("frame", "printed", "wrong", "correct")]
     rows = [
         (
             f"`{v['id']}`",
@@ -106,7 +106,7 @@ def errata_table(vectors: list[Vector], language: str) -> str:
         for v in vectors
         if "erratum" in v or "hazard" in v
     ]
-    return table(heads, rows) if rows else say("none", language) + "\n"
+    return table(heads, rows) if rows else term("none", language) + "\n"
 
 
 def _wrong(vector: Vector, language: str) -> str:

@@ -1,4 +1,4 @@
-"""Every metric with its labels and what it means, from the table that the scrape is made of."""
+"""Reference of the metrics: name, kind, labels and meaning of each, from their declarations."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 from drivebus.values import Text
 from drivebus.web.metrics import BUS_METRICS, DRIVE_METRICS, PLANT_METRICS, Metric
-from generator.words import say, side, table
+from generator.terms import localized, table, term
 
 HEADS = {"kind": Text("kind", "类型"), "labels": Text("labels", "标签")}
 KINDS = {"counter": Text("counter", "计数"), "gauge": Text("gauge", "瞬时值")}
 
 
 def parts(language: str) -> dict[str, str]:
-    """The generated parts of ``docs/reference/metrics.md``."""
+    """Return the generated parts of ``docs/reference/metrics.md``."""
     return {
         name: _table(some, language)
         for name, some in (("plant", PLANT_METRICS), ("buses", BUS_METRICS), ("drives", DRIVE_METRICS))
@@ -21,14 +21,14 @@ def parts(language: str) -> dict[str, str]:
 
 
 def _table(metrics: Sequence[Metric], language: str) -> str:
-    heads = [say("name", language), side(HEADS["kind"], language), side(HEADS["labels"], language)]
+    heads = [term("name", language), localized(HEADS["kind"], language), localized(HEADS["labels"], language)]
     rows = [
         (
             f"`{one.full_name}`",
-            side(KINDS[one.kind], language),
+            localized(KINDS[one.kind], language),
             " ".join(f"`{label}`" for label in one.labels),
             one.text(language),
         )
         for one in metrics
     ]
-    return table([*heads, say("meaning", language)], rows)
+    return table([*heads, term("meaning", language)], rows)

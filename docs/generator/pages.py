@@ -1,4 +1,4 @@
-"""Which pages have generated parts, and what belongs between their marks."""
+"""Pages with generated parts, and the text between their marks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from generator import (
 
 FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
-    "line": profile_tables.line,
+    "serial": profile_tables.serial_settings,
     "keypad": profile_tables.keypad,
     "signals": profile_tables.signals,
     "parameters": profile_tables.parameters,
@@ -33,40 +33,40 @@ PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
     "caveats": profile_tables.caveats,
     "open": profile_tables.open_questions,
     "commands": profile_tables.commands,
-    "sisters": drives.sisters,
+    "models": drives.related_models,
 }
 
 
-def wanted(root: Path) -> Iterator[tuple[Path, str]]:
-    """Every page with its text as it should be."""
+def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
+    """Yield every page with generated parts and its up-to-date text."""
     for language in LANGUAGES:
         suffix = "" if language == "en" else f".{language}"
         readme = root / f"README{suffix}.md"
-        yield readme, _filled(readme, {"drives": drives.table(language)})
-        proof = root / "docs" / "explanation" / f"verification{suffix}.md"
-        yield proof, _filled(proof, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
+        yield readme, _fill_marks(readme, {"drives": drives.table(language)})
+        page = root / "docs" / "explanation" / f"verification{suffix}.md"
+        yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
         page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
-        yield page, _filled(page, fault_matrix.page_parts(root, language))
+        yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
         page = root / "docs" / "explanation" / f"timing{suffix}.md"
-        yield page, _filled(page, {"arithmetic": bus_load.bus_load_page(language)})
+        yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
         page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
-        yield page, _filled(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
+        yield page, _fill_marks(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
         reference = root / "docs" / "reference"
         page = reference / f"command-line{suffix}.md"
-        yield page, _filled(page, {"verbs": cli_reference.page(language)})
+        yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
         page = reference / f"errors{suffix}.md"
-        yield page, _filled(page, {"errors": error_reference.page(language)})
+        yield page, _fill_marks(page, {"errors": error_reference.page(language)})
         page = reference / f"plant-toml{suffix}.md"
-        yield page, _filled(page, plant_reference.page(language))
+        yield page, _fill_marks(page, plant_reference.page(language))
         page = reference / f"rest-api{suffix}.md"
-        yield page, _filled(page, rest_reference.parts(language))
+        yield page, _fill_marks(page, rest_reference.parts(language))
         page = reference / f"python{suffix}.md"
-        yield page, _filled(page, {"names": python_reference.page(language)})
+        yield page, _fill_marks(page, {"names": python_reference.page(language)})
         page = reference / f"metrics{suffix}.md"
-        yield page, _filled(page, metrics_reference.parts(language))
+        yield page, _fill_marks(page, metrics_reference.parts(language))
         for model in FAMILIES:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
-            yield page, _filled(page, _parts(root, model, language))
+            yield page, _fill_marks(page, _parts(root, model, language))
 
 
 def _parts(root: Path, model: str, language: str) -> dict[str, str]:
@@ -76,8 +76,8 @@ def _parts(root: Path, model: str, language: str) -> dict[str, str]:
     return parts | {"frames": frames.frame_tables(vectors, language), "errata": frames.errata_table(vectors, language)}
 
 
-def _filled(page: Path, parts: dict[str, str]) -> str:
-    """The page with its marked parts filled. Raises KeyError for a mark that nobody can fill."""
+def _fill_marks(page: Path, parts: dict[str, str]) -> str:
+    """Return the page with its marked parts replaced. Raises KeyError for a mark without a part."""
     text = page.read_text(encoding="utf-8")
     pattern = re.compile(r"(<!-- ([a-z0-9]+):begin -->\n).*?(<!-- \2:end -->)", re.DOTALL)
     return pattern.sub(lambda match: f"{match[1]}{parts[match[2]].rstrip()}\n{match[3]}", text)

@@ -12,7 +12,7 @@ from drivebus.service.config.schema import PlantFile
 from drivebus.service.interlocks.evaluation import UNIT_MEASURES
 from drivebus.service.interlocks.expression import STATE_WORDS
 from drivebus.values import Text
-from generator.words import colon, say, side, table
+from generator.terms import colon, localized, table, term
 
 _SCHEMA = PlantFile.model_json_schema()
 _KINDS = {
@@ -92,7 +92,7 @@ def _tables(language: str) -> Iterator[str]:
 
 
 def _table(header: str, path: tuple[str, ...], found: Mapping[str, Any], language: str) -> Iterator[str]:
-    heads = [say("name", language), say("values", language), say("default", language), say("meaning", language)]
+    heads = [term("name", language), term("values", language), term("default", language), term("meaning", language)]
     yield f"### `{header}`\n\n{paragraph(path, language)}\n"
     inner = _properties(found)
     each = _each(_resolved(found))
@@ -117,10 +117,10 @@ def _values(found: Mapping[str, Any], language: str) -> str:
     if "enum" in one:
         return ", ".join(f"`{value}`" for value in one["enum"])
     if "anyOf" in one:
-        return side(_KINDS["setting"], language)
+        return localized(_KINDS["setting"], language)
     if _is_title(one):
-        return side(_KINDS["title"], language)
-    kind = side(_KINDS[one["type"]], language)
+        return localized(_KINDS["title"], language)
+    kind = localized(_KINDS[one["type"]], language)
     if one["type"] == "array":
         return f"{kind}{colon(language)}{_values(one['items'], language)}"
     each = _each(one)
@@ -139,7 +139,7 @@ def _range(one: Mapping[str, Any]) -> str:
 
 def _default(name: str, found: Mapping[str, Any], needed: set[str], language: str) -> str:
     if name in needed:
-        return side(_KINDS["needed"], language)
+        return localized(_KINDS["needed"], language)
     value = found.get("default")
     if value is None or isinstance(value, dict | list):
         return "–"

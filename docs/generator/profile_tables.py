@@ -7,47 +7,47 @@ from typing import Any
 
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import CommandBit, OpenQuestion, Parameter, Signal
-from generator.words import BITS, colon, evidence, say, side, table
+from generator.terms import BITS, colon, evidence, localized, table, term
 
 
-def line(profile: DriveProfile, language: str) -> str:
+def serial_settings(profile: DriveProfile, language: str) -> str:
     """Return serial settings, timing and limits, with their evidence."""
-    return table([say(head, language) for head in ("what", "value", "source")], _line_rows(profile, language))
+    return table([term(head, language) for head in ("what", "value", "source")], _serial_rows(profile, language))
 
 
-def _line_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str]]:
+def _serial_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, str]]:
     where = {name: evidence(found, language) for name, found in profile.evidence.items()}
     low, high = profile.addresses
-    timing, lines = profile.timing, profile.serial
-    broadcast = str(profile.broadcast) if profile.broadcast is not None else say("none", language)
-    gap = f"{timing.gap_characters:g} {say('characters', language)}"
+    timing, serial = profile.timing, profile.serial
+    broadcast = str(profile.broadcast) if profile.broadcast is not None else term("none", language)
+    gap = f"{timing.gap_characters:g} {term('characters', language)}"
     if timing.gap_floor_s:
-        gap += f", {say('never_less', language)} {timing.gap_floor_s * 1000:g} ms"
+        gap += f", {term('never_less', language)} {timing.gap_floor_s * 1000:g} ms"
     reply = f"{timing.reply_delay_s * 1000:g} ms" if timing.reply_delay_s else ""
     if timing.reply_delay_characters:
-        reply += f"{' + ' if reply else ''}{timing.reply_delay_characters:g} {say('characters', language)}"
+        reply += f"{' + ' if reply else ''}{timing.reply_delay_characters:g} {term('characters', language)}"
     limits = f"{profile.limits.minimum_hz:g}–{profile.limits.maximum_hz:g} Hz"
-    writes = say("ram_and_eeprom" if profile.write_support.ram else "eeprom_only", language)
+    writes = term("ram_and_eeprom" if profile.write_support.ram else "eeprom_only", language)
     loss = profile.comm_loss
     lost = ", ".join(
-        f"{say(word, language)} {notation}"
+        f"{term(word, language)} {notation}"
         for word, notation in (("time", loss.time_notation), ("action", loss.action_notation))
         if notation
     )
-    first = profile.encodings[0] + say("default_encoding", language)
+    first = profile.encodings[0] + term("default_encoding", language)
     return [
-        (say("encodings", language), ", ".join([first, *profile.encodings[1:]]), ""),
-        (say("addresses", language), f"{low}–{high}", ""),
-        (say("broadcast", language), broadcast, ""),
-        (say("baud_rates", language), _marked(lines.bauds, lines.baud), where["serial"]),
-        (say("formats", language), _marked(lines.formats, lines.format), where["serial"]),
-        (say("gap", language), gap, where["timing"]),
-        (say("reply", language), reply, where["timing"]),
-        (say("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
-        (say("setpoint", language), f"{profile.setpoint_scale.factor:g} Hz", where["setpoint"]),
-        (say("limits", language), limits, where["limits"]),
-        (say("writes", language), writes, where["write"]),
-        (say("comm_loss", language), lost or say("nothing", language), where["comm_loss"]),
+        (term("encodings", language), ", ".join([first, *profile.encodings[1:]]), ""),
+        (term("addresses", language), f"{low}–{high}", ""),
+        (term("broadcast", language), broadcast, ""),
+        (term("baud_rates", language), _marked(serial.bauds, serial.baud), where["serial"]),
+        (term("formats", language), _marked(serial.formats, serial.format), where["serial"]),
+        (term("gap", language), gap, where["timing"]),
+        (term("reply", language), reply, where["timing"]),
+        (term("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
+        (term("setpoint", language), f"{profile.setpoint_scale.factor:g} Hz", where["setpoint"]),
+        (term("limits", language), limits, where["limits"]),
+        (term("writes", language), writes, where["write"]),
+        (term("comm_loss", language), lost or term("nothing", language), where["comm_loss"]),
     ]
 
 
@@ -57,9 +57,9 @@ def _marked(choices: Iterable[object], factory: object) -> str:
 
 def keypad(profile: DriveProfile, language: str) -> str:
     """Return the keypad steps in order, then the wiring."""
-    steps = "\n".join(f"{n}. {side(step, language)}" for n, step in enumerate(profile.keypad, 1))
-    wiring = side(profile.wiring, language) if profile.wiring else ""
-    return f"{steps}\n\n{say('wiring', language)}{colon(language)}{wiring}\n"
+    steps = "\n".join(f"{n}. {localized(step, language)}" for n, step in enumerate(profile.keypad, 1))
+    wiring = localized(profile.wiring, language) if profile.wiring else ""
+    return f"{steps}\n\n{term('wiring', language)}{colon(language)}{wiring}\n"
 
 
 def signals(profile: DriveProfile, language: str) -> str:
@@ -68,33 +68,39 @@ def signals(profile: DriveProfile, language: str) -> str:
         (
             f"`{s.name}`",
             s.notation,
-            side(s.text, language),
+            localized(s.text, language),
             _step(s, language),
             f"{s.period_s:g} s",
             evidence(s.evidence, language),
         )
         for s in profile.signals.values()
     )
-    return table([say(head, language) for head in heads], rows)
+    return table([term(head, language) for head in heads], rows)
 
 
 def _step(entry: Signal | Parameter, language: str) -> str:
     if entry.uncertain:
-        return say("nothing", language)
+        return term("nothing", language)
     return f"{entry.scale.factor:g} {entry.unit}".strip() if entry.unit else "–"
 
 
 def parameters(profile: DriveProfile, language: str) -> str:
     heads = ("notation", "meaning", "step", "values", "source")
     rows: list[tuple[object, ...]] = [
-        (p.notation, side(p.text, language), _step(p, language), _values(p, language), evidence(p.evidence, language))
+        (
+            p.notation,
+            localized(p.text, language),
+            _step(p, language),
+            _values(p, language),
+            evidence(p.evidence, language),
+        )
         for p in profile.parameters.values()
     ]
     rows += [
-        (notation, say("index_unknown", language), "–", "–", side(why, language))
+        (notation, term("index_unknown", language), "–", "–", localized(why, language))
         for notation, why in _unplaced(profile)
     ]
-    return table([say(head, language) for head in heads], rows)
+    return table([term(head, language) for head in heads], rows)
 
 
 def _unplaced(profile: DriveProfile) -> list[tuple[str, Any]]:
@@ -103,7 +109,7 @@ def _unplaced(profile: DriveProfile) -> list[tuple[str, Any]]:
 
 def _values(parameter: Parameter, language: str) -> str:
     if parameter.choices:
-        return "; ".join(f"{raw} = {side(text, language)}" for raw, text in parameter.choices.items())
+        return "; ".join(f"{raw} = {localized(text, language)}" for raw, text in parameter.choices.items())
     if parameter.minimum is None or parameter.maximum is None:
         return "–"
     return f"{parameter.minimum:g}–{parameter.maximum:g}"
@@ -112,17 +118,19 @@ def _values(parameter: Parameter, language: str) -> str:
 def commands(profile: DriveProfile, language: str) -> str:
     """Return the bits of the command word, also those of an option, and of the status word."""
     if profile.commands is None:
-        return say("nothing", language) + "\n"
+        return term("nothing", language) + "\n"
     heads = ("command", "meaning", "mask", "value", "acts", "under")
     rows = _bit_rows(profile.commands.bits, "–", language)
     for setting, choices in profile.commands.variants.items():
         for value, bits in choices.items():
             rows += _bit_rows(bits, f"`{setting} = {value}`", language)
-    made = f"{profile.commands.register:04X}H\n\n" + table([say(head, language) for head in heads], rows)
+    made = f"{profile.commands.register:04X}H\n\n" + table([term(head, language) for head in heads], rows)
     if profile.status is None:
-        return made + f"\n{say('no_status', language)}\n"
-    status = [(f"`{name}`", side(BITS[name], language), f"{mask:04X}H") for name, mask in profile.status.bits.items()]
-    heads_status = [say(head, language) for head in ("name", "meaning", "mask")]
+        return made + f"\n{term('no_status', language)}\n"
+    status = [
+        (f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in profile.status.bits.items()
+    ]
+    heads_status = [term(head, language) for head in ("name", "meaning", "mask")]
     return made + f"\n{profile.status.register:04X}H\n\n" + table(heads_status, status)
 
 
@@ -130,10 +138,10 @@ def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list
     return [
         (
             f"`{name}`",
-            side(BITS[name], language),
+            localized(BITS[name], language),
             f"{bit.mask:04X}H",
             f"{bit.value:04X}H",
-            say("pulse" if bit.pulse else "level", language),
+            term("pulse" if bit.pulse else "level", language),
             under,
         )
         for name, bit in bits.items()
@@ -141,21 +149,18 @@ def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list
 
 
 def faults(profile: DriveProfile, language: str) -> str:
-    rows = [(f.code, f.label or "–", side(f.text, language)) for f in profile.faults.values()]
+    rows = [(f.code, f.label or "–", localized(f.text, language)) for f in profile.faults.values()]
     other = profile.fault_text
     if other is not None:
         rows.append(
-            ("n", profile.fault_label.replace("{code}", "n") or "–", side(other, language).replace("{code}", "n"))
+            ("n", profile.fault_label.replace("{code}", "n") or "–", localized(other, language).replace("{code}", "n"))
         )  # type: ignore[arg-type]
-    return table([say(head, language) for head in ("code", "label", "meaning")], rows)
+    return table([term(head, language) for head in ("code", "label", "meaning")], rows)
 
 
 def caveats(profile: DriveProfile, language: str) -> str:
-    rows = (
-        (f'<a id="{c.id.lower()}"></a>**{c.id}**', side(c.text, language), evidence(c.evidence, language))
-        for c in profile.caveats
-    )
-    return table([say(head, language) for head in ("id", "meaning", "source")], rows)
+    rows = ((_anchored(c.id), localized(c.text, language), evidence(c.evidence, language)) for c in profile.caveats)
+    return table([term(head, language) for head in ("id", "meaning", "source")], rows)
 
 
 def _anchored(id: str) -> str:
@@ -169,13 +174,13 @@ def open_questions(profile: DriveProfile, language: str) -> str:
         (
             f"`{q.where or q.name}`" if q.where != "-" else "–",
             f"`{str(q.value).lower() if isinstance(q.value, bool) else q.value}`",
-            side(q.text, language) + _choices(q),
-            side(q.reason, language),
-            side(q.procedure, language),
+            localized(q.text, language) + _choices(q),
+            localized(q.reason, language),
+            localized(q.procedure, language),
         )
         for q in profile.open_questions
     )
-    return table([say(head, language) for head in heads], rows)
+    return table([term(head, language) for head in heads], rows)
 
 
 def _choices(question: OpenQuestion) -> str:

@@ -1,4 +1,4 @@
-"""The public Python names as a page: signature and first paragraph of the docstring, from the code itself."""
+"""Reference of the public Python names: signature and first paragraph of the docstring of each."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from typing import Any
 from drivebus import blocking, drives
 from drivebus.drives.store import Store
 from drivebus.values import Text
-from generator.words import colon, side
+from generator.terms import colon, localized
 
 MODULES = ("drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles")
-"""What programs import; ``drivebus.errors`` has a page of its own."""
+"""Public modules; ``drivebus.errors`` has a page of its own."""
 CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "python.zh.json").read_text(encoding="utf-8"))
-"""English paragraph → Chinese; a paragraph that changed has none and is a KeyError."""
+"""English paragraph → Chinese; a missing one is a KeyError."""
 ALSO = Text("Also here, described above: {names}.", "此处也有，见上文：{names}。")
-TWINS: dict[type, type] = {
+DOCUMENTED_BY: dict[type, type] = {
     blocking.Drive: drives.Drive,
     drives.FileStore: Store,
     drives.MemoryStore: Store,
 }
-"""Whose paragraph it is where a method has none of its own: it does the same."""
+"""Class → class whose method of the same name documents a method without a docstring."""
 
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -37,8 +37,8 @@ def page(language: str) -> str:
     return "\n".join(_sections(language))
 
 
-def public() -> Iterator[tuple[str, list[tuple[str, Any]], list[str]]]:
-    """Each module with the names that it describes, and those that stand above already."""
+def public_names() -> Iterator[tuple[str, list[tuple[str, Any]], list[str]]]:
+    """Yield each module with the names to describe, and those that an earlier module describes."""
     known: list[Any] = []
     for module in MODULES:
         found = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
@@ -48,20 +48,20 @@ def public() -> Iterator[tuple[str, list[tuple[str, Any]], list[str]]]:
 
 
 def _sections(language: str) -> Iterator[str]:
-    for module, names, again in public():
-        yield f"## `{module}`\n\n{_said(import_module(module), language)}\n"
+    for module, names, again in public_names():
+        yield f"## `{module}`\n\n{_description(import_module(module), language)}\n"
         if again:
-            yield side(ALSO, language).format(names=", ".join(f"`{name}`" for name in again)) + "\n"
+            yield localized(ALSO, language).format(names=", ".join(f"`{name}`" for name in again)) + "\n"
         for name, one in names:
-            yield f"### `{module}.{name}`\n\n```python\n{_heading(name, one)}\n```\n\n{_said(one, language)}\n"
+            yield f"### `{module}.{name}`\n\n```python\n{_heading(name, one)}\n```\n\n{_description(one, language)}\n"
             if inspect.isclass(one):
                 yield from _members(one, language)
 
 
 def _members(one: type, language: str) -> Iterator[str]:
-    twin, stop = TWINS.get(one), colon(language)
+    fallback, stop = DOCUMENTED_BY.get(one), colon(language)
     lines = [
-        f"- `{_member(name, found)}`{stop}{_said(_function(found), language, getattr(twin, name, None))}"
+        f"- `{_member(name, found)}`{stop}{_description(_function(found), language, getattr(fallback, name, None))}"
         for name, found in members(one).items()
     ]
     if lines:
@@ -69,7 +69,7 @@ def _members(one: type, language: str) -> Iterator[str]:
 
 
 def members(one: type) -> dict[str, Any]:
-    """Public methods and properties, those of bases of ours too."""
+    """Return public methods and properties, also those of base classes of the package."""
     ours = [base for base in one.__mro__ if base.__module__.startswith("drivebus")]
     kinds = (property, classmethod, staticmethod)
     return {
@@ -80,9 +80,9 @@ def members(one: type) -> dict[str, Any]:
     }
 
 
-def _said(found: Any, language: str, twin: Any = None) -> str:
-    """Raises KeyError, with what to write where, for what says nothing, or nothing in this language."""
-    text = paragraph(found) or (paragraph(twin) if twin is not None else "")
+def _description(found: Any, language: str, fallback: Any = None) -> str:
+    """Return the description of an object. Raises KeyError if it has none, or none in this language."""
+    text = paragraph(found) or (paragraph(fallback) if fallback is not None else "")
     if not text:
         raise KeyError(f"{found!r} has no docstring")
     if language != "en" and text not in CHINESE:
@@ -91,7 +91,7 @@ def _said(found: Any, language: str, twin: Any = None) -> str:
 
 
 def paragraph(found: Any) -> str:
-    """The first paragraph of its own docstring."""
+    """Return the first paragraph of an object's own docstring."""
     own = getattr(found, "__doc__", None) or ""
     return " ".join(inspect.cleandoc(own).split("\n\n")[0].split()).replace("``", "`")
 
@@ -113,7 +113,7 @@ def _member(name: str, found: Any) -> str:
 
 
 def _heading(name: str, one: Any) -> str:
-    """How it is called; of values their fields, of words the words."""
+    """Return the signature of an object: a call, the fields of a dataclass, or the members of an enum."""
     if not inspect.isclass(one):
         return _call(name, _node(one))
     if issubclass(one, Enum):
@@ -121,9 +121,9 @@ def _heading(name: str, one: Any) -> str:
             [f"class {name}", *(f"    {word} = {found.value!r}" for word, found in one.__members__.items())]
         )
     body = _class(one).body
-    made = next((line for line in body if isinstance(line, ast.FunctionDef) and line.name == "__init__"), None)
-    if made is not None:
-        return _call(name, made, bound=True)
+    constructor = next((line for line in body if isinstance(line, ast.FunctionDef) and line.name == "__init__"), None)
+    if constructor is not None:
+        return _call(name, constructor, bound=True)
     return "\n".join(
         [f"class {name}", *(f"    {ast.unparse(line)}" for line in body if isinstance(line, ast.AnnAssign))]
     )

@@ -1,4 +1,4 @@
-"""The API as a page: every route with its access, parameters and result, from the declarations."""
+"""Reference of the REST API: access, parameters and result of every route, from the declarations."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from drivebus.types import Json
 from drivebus.values import Text
 from drivebus.web.api.openapi import STATUS_MEANINGS
 from drivebus.web.app import declared_routes
-from generator.words import side, table
+from generator.terms import localized, table
 
 HEADS = {
-    "address": Text("path", "路径"),
-    "needs": Text("needs", "需要"),
+    "path": Text("path", "路径"),
+    "access": Text("access", "访问条件"),
     "status": Text("status", "状态码"),
     "meaning": Text("meaning", "含义"),
     "parameter": Text("parameter", "参数"),
     "in": Text("in", "位置"),
     "value": Text("value", "取值"),
-    "must": Text("required", "必需"),
+    "required": Text("required", "必需"),
 }
 PLACES = {"path": Text("path", "路径"), "query": Text("query", "查询"), "body": Text("body", "正文")}
 YES, NO = Text("yes", "是"), Text("no", "否")
@@ -31,24 +31,24 @@ FILE = Text("Result: the file itself.", "结果：文件本身。")
 
 
 def parts(language: str) -> dict[str, str]:
-    """The generated parts of ``docs/reference/rest-api.md``."""
+    """Return the generated parts of ``docs/reference/rest-api.md``."""
     return {"errors": _errors(language), "operations": _operations(language), "account": _account(language)}
 
 
 def _errors(language: str) -> str:
-    rows = [[status, side(text, language)] for status, text in STATUS_MEANINGS.items()]
+    rows = [[status, localized(text, language)] for status, text in STATUS_MEANINGS.items()]
     return table(_heads("status", "meaning", language=language), rows)
 
 
 def _account(language: str) -> str:
-    """The routes that are no operations: page, session, users, tokens, live values, metrics."""
+    """Return the table of routes that are no operations: page, session, users, tokens, live values, metrics."""
     operations = {(one.method, API_PREFIX + one.path) for one in OPERATIONS.values()}
     rows = [
         (f"`{route.method} {route.path}`", f"`{route.access}`")
         for route in declared_routes()
         if (route.method, route.path) not in operations
     ]
-    return table(_heads("address", "needs", language=language), rows)
+    return table(_heads("path", "access", language=language), rows)
 
 
 def _operations(language: str) -> str:
@@ -57,36 +57,36 @@ def _operations(language: str) -> str:
 
 def _operation(operation: Operation, language: str) -> Iterator[str]:
     yield f"### `{operation.method} {API_PREFIX}{operation.path}`\n"
-    right = side(RIGHT, language).format(right=operation.right)
-    audited = side(AUDITED, language) if operation.mutates else ""
+    right = localized(RIGHT, language).format(right=operation.right)
+    audited = localized(AUDITED, language) if operation.mutates else ""
     stop, blank = (".", " ") if language == "en" else ("。", "")
-    summary = side(operation.summary, language)
+    summary = localized(operation.summary, language)
     yield f"{summary}{stop}{blank}{right}{audited}{blank}{_result(operation, language)}".strip() + "\n"
     if rows := [*_rows(operation, language)]:
-        yield table(_heads("parameter", "in", "value", "must", language=language), rows)
+        yield table(_heads("parameter", "in", "value", "required", language=language), rows)
 
 
 def _result(operation: Operation, language: str) -> str:
     if operation.download:
-        return side(FILE, language)
+        return localized(FILE, language)
     if operation.response is ApiObject:
         return ""
     keys = ", ".join(f"`{name}`" for name in operation.response.model_fields)
-    return side(RESULT, language).format(keys=keys)
+    return localized(RESULT, language).format(keys=keys)
 
 
 def _rows(operation: Operation, language: str) -> Iterator[list[str]]:
     schemas = operation.params.model_json_schema().get("properties", {})
     required = operation.required_params()
     for name in operation.path_params:
-        yield [f"`{name}`", side(PLACES["path"], language), _value(schemas[name]), side(YES, language)]
-    where = side(PLACES["body" if operation.has_body else "query"], language)
+        yield [f"`{name}`", localized(PLACES["path"], language), _value(schemas[name]), localized(YES, language)]
+    where = localized(PLACES["body" if operation.has_body else "query"], language)
     for name, schema in operation.param_schemas().items():
-        yield [f"`{name}`", where, _value(schema), side(YES if name in required else NO, language)]
+        yield [f"`{name}`", where, _value(schema), localized(YES if name in required else NO, language)]
 
 
 def _value(schema: Json) -> str:
-    """Type, range and default in the signs of JSON Schema, which need no translation."""
+    """Return type, range and default of a parameter in the words of JSON Schema, which need no translation."""
     options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
     found = (options[0] if options else {}) | {name: value for name, value in schema.items() if name != "anyOf"}
     words = [", ".join(f'`"{one}"`' for one in found["enum"]) if "enum" in found else str(found.get("type", ""))]
@@ -101,4 +101,4 @@ def _value(schema: Json) -> str:
 
 
 def _heads(*names: str, language: str) -> list[str]:
-    return [side(HEADS[name], language) for name in names]
+    return [localized(HEADS[name], language) for name in names]

@@ -16,21 +16,21 @@ MISSING = {"en": "no report yet", "zh": "尚无报告"}
 
 
 def campaign_table(reports: Path, language: str) -> str:
-    """One line a campaign, in the order of ``python -m verification all``; one without a report says so."""
+    """Return one row per campaign, in the order of ``python -m verification all``."""
     rows = [TABLE_HEADS[language], ("---",) * len(TABLE_HEADS[language])]
     rows += [_row(name, reports / f"{load_campaign(name).stem}.json", language) for name in CAMPAIGN_NAMES]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def _row(name: str, path: Path, language: str) -> tuple[str, ...]:
-    what = load_campaign(name).summary[language]
+    summary = load_campaign(name).summary[language]
     if not path.exists():
-        return (f"`{name}`", what, "", MISSING[language], "", "", "")
+        return (f"`{name}`", summary, "", MISSING[language], "", "", "")
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     bound = "–" if found["upper_bound_95"] is None else f"{found['upper_bound_95']:g}"
     return (
         f"[`{name}`](../reports/{path.name})",
-        what,
+        summary,
         ", ".join(found["evidence_for"]),
         f"{found['trials']:,} {found['unit']}",
         str(found["violations"]),

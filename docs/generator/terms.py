@@ -1,4 +1,4 @@
-"""Words of the generated tables in both languages, and small Markdown helpers."""
+"""Terms of the generated tables in both languages, and small Markdown helpers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivebus.profiles.model import Evidence
 from drivebus.values import Text
 
 PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
-"""Sentences that vectors and evidence have in English only → Chinese."""
+"""English sentences of vectors and evidence → Chinese."""
 BITS = {
     "start": Text("start", "启动"),
     "stop": Text("stop as the drive is set to", "按停机方式停机"),
@@ -37,18 +37,18 @@ BITS = {
     "set_reverse": Text("set direction is reverse", "设定频率方向为反转"),
     "output_reverse": Text("output direction is reverse", "输出频率方向为反转"),
 }
-"""What the bits of command and status words do, in the words of the manuals."""
-WORDS = {
+"""Functions of the bits of command and status words, in the words of the manuals."""
+TERMS = {
     "model": Text("model", "型号"),
     "maker": Text("maker", "厂家"),
     "encodings": Text("encodings", "编码"),
-    "line": Text("default line", "默认线路"),
+    "line": Text("factory settings", "出厂通信参数"),
     "addresses": Text("addresses", "站号"),
     "broadcast": Text("broadcast", "广播"),
     "none": Text("none", "无"),
     "can": Text("does not have", "不具备"),
     "grade": Text("grade", "等级"),
-    "what": Text("what", "项目"),
+    "what": Text("property", "项目"),
     "value": Text("value", "值"),
     "source": Text("source", "依据"),
     "notation": Text("notation", "写法"),
@@ -67,8 +67,8 @@ WORDS = {
     "pulse": Text("pulse", "脉冲"),
     "level": Text("level", "电平"),
     "under": Text("under setting", "设置条件"),
-    "bytes": Text("bytes", "字节"),
-    "hex": Text("on the wire", "线上数据"),
+    "bytes": Text("position", "字节"),
+    "hex": Text("bytes", "数据"),
     "field": Text("field", "字段"),
     "option": Text("option", "选项"),
     "default": Text("default", "默认值"),
@@ -77,7 +77,7 @@ WORDS = {
     "reason": Text("why this value", "取此值的理由"),
     "procedure": Text("how to determine it on a drive", "如何在实机上确定"),
     "printed": Text("printed", "手册所印"),
-    "wrong": Text("what is wrong", "错误所在"),
+    "wrong": Text("error", "错误所在"),
     "correct": Text("a correct sender emits", "正确的发送方发出"),
     "frame": Text("frame", "帧"),
     "nothing": Text("nothing published", "未公布"),
@@ -87,7 +87,7 @@ WORDS = {
     "formats": Text("formats", "字符格式"),
     "gap": Text("silence before a frame", "帧前静默"),
     "reply": Text("reply begins within", "应答开始时限"),
-    "lateness": Text("longest lateness believed possible", "最长迟到时间"),
+    "lateness": Text("longest lateness of a reply", "最长迟到时间"),
     "setpoint": Text("setpoint step", "频率给定步长"),
     "limits": Text("frequency limits until narrowed", "频率限值（可收窄）"),
     "writes": Text("writes", "写入"),
@@ -131,21 +131,21 @@ CAPABILITIES = {
     "broadcast_stop": Text("broadcast stop", "广播停机"),
     "status": Text("report its state", "报告运行状态"),
 }
-"""Those that some model lacks."""
+"""Capabilities that not every model has."""
 
 
-def say(word: str, language: str) -> str:
-    return side(WORDS[word], language)
+def term(name: str, language: str) -> str:
+    return localized(TERMS[name], language)
 
 
-def side(text: Text, language: str) -> str:
+def localized(text: Text, language: str) -> str:
     chosen: str = getattr(text, language)
     return chosen
 
 
 def evidence(found: Evidence, language: str) -> str:
-    """Kind, and where it stands."""
-    kind = side(KINDS[found.kind], language)
+    """Return the kind of evidence and its source."""
+    kind = localized(KINDS[found.kind], language)
     if not found.source:
         return kind
     mark = "" if found.source.startswith("§") else (":" if language == "en" else "：")
@@ -154,7 +154,7 @@ def evidence(found: Evidence, language: str) -> str:
 
 
 def phrase(sentence: str, language: str) -> str:
-    """A sentence of a vector or of evidence. Raises KeyError where its Chinese is missing from phrases.zh.json."""
+    """Return a sentence of a vector or of evidence. Raises KeyError if phrases.zh.json lacks its Chinese."""
     wordless = re.search("[a-z]{2,}", sentence) is None
     return sentence if language == "en" or wordless else PHRASES[sentence]
 
