@@ -1,30 +1,61 @@
-"""Atomic replacement of files: a power cut leaves the old content or the new, never a part."""
+"""Durable files: atomic replacement, and the system calls that make a name or its content durable."""
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+
+PRIVATE_FILE_MODE = 0o600
+PRIVATE_FOLDER_MODE = 0o700
+_CREATE_FLAGS = (
+    os.O_WRONLY
+    | os.O_CREAT
+    | os.O_EXCL
+    | getattr(os, "O_BINARY", 0)
+    | getattr(os, "O_CLOEXEC", 0)
+    | getattr(os, "O_NOFOLLOW", 0)
+)
 
 
-def atomic_write(path: Path, content: bytes, open_file: Callable[[Path], IO[bytes]]) -> None:
-    """Replace a file; durable on return. ``open_file`` creates the new file, which lies beside the old one.
+def atomic_write(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Replace a file; durable on return. A power cut leaves the old content or the new, never a part.
 
     Raises OSError; then the old file is unchanged and no other is left. One writer at a time: the remains of a killed
-    writer are overwritten.
+    writer are removed.
     """
     part = path.with_name(f".{path.name}.new")
     try:
-        with open_file(part) as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        fd = os.open(part, _CREATE_FLAGS, mode)
+    except FileExistsError:
+        part.unlink()
+        fd = os.open(part, _CREATE_FLAGS, mode)
+    try:
+        try:
+            write_all(fd, content)
+            os.fsync(fd)
+        finally:
+            os.close(fd)
         part.replace(path)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
     fsync_directory(path.parent)
+
+
+def atomic_write_private(path: Path, content: bytes) -> None:
+    """Replace a file that only its owner can read, as ``atomic_write`` does; create its folder where there is none."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=PRIVATE_FOLDER_MODE)
+    atomic_write(path, content, PRIVATE_FILE_MODE)
+
+
+def write_all(fd: int, data: bytes) -> None:
+    """Write all bytes, however few the system takes at a time. Raises OSError, also for a disk that takes none."""
+    while data:
+        written = os.write(fd, data)
+        if written == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        data = data[written:]
 
 
 def fsync_directory(folder: Path) -> None:

@@ -73,12 +73,14 @@ class FaultyDisk:
             self._remember_unsynced(path)
         return _FaultyFile(self, path, REAL_CALLS["open"](path, mode.replace("b", "") + "b", 0), "b" in mode)
 
-    def os_open(self, path: Any, *more: Any, **named: Any) -> int:
+    def os_open(self, path: Any, flags: int, *more: Any, **named: Any) -> int:
         if not self.contains(path):
-            return int(REAL_CALLS["os.open"](path, *more, **named))
+            return int(REAL_CALLS["os.open"](path, flags, *more, **named))
         if self.count_call("open"):
             raise ProgramKilled
-        fd = int(REAL_CALLS["os.open"](path, *more, **named))
+        if flags & (os.O_EXCL | os.O_TRUNC):
+            self._remember_unsynced(Path(path))
+        fd = int(REAL_CALLS["os.open"](path, flags, *more, **named))
         self._names[fd] = Path(path)
         return fd
 

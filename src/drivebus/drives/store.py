@@ -106,7 +106,7 @@ def default_path() -> Path:
 
 
 def _replace(path: Path, text: str) -> None:
-    atomic_write.atomic_write(path, text.encode(), lambda part: part.open("wb"))
+    atomic_write.atomic_write(path, text.encode())
 
 
 @contextlib.contextmanager

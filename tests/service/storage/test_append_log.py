@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from drivebus.service.storage.append_log import AppendLog, write_durably
+from drivebus.atomic_write import atomic_write_private
+from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
 
 
@@ -33,7 +34,7 @@ def test_a_disk_that_takes_a_little_at_a_time_gets_everything(tmp_path: Path, mo
     monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[:3]))
     journal = AppendLog(tmp_path / "x")
     journal.append(b"0123456789\n")
-    write_durably(tmp_path / "y", b"0123456789\n")
+    atomic_write_private(tmp_path / "y", b"0123456789\n")
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == b"0123456789\n"
     assert journal.size == 11
 

@@ -9,9 +9,10 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from drivebus.atomic_write import atomic_write_private
 from drivebus.service.alarms.model import Alarm
 from drivebus.service.api.paging import page
-from drivebus.service.storage.append_log import AppendLog, write_durably
+from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
@@ -87,7 +88,7 @@ class AlarmLog:
         """Append changes on the writer's thread; rewrite the file when it has too many lines."""
         if self._lines + len(alarms) > MAX_LOG_LINES:
             self._journal.close()
-            write_durably(self._journal.path, _encode_lines([*self._alarms.values()]))
+            atomic_write_private(self._journal.path, _encode_lines([*self._alarms.values()]))
             self._lines = len(self._alarms)
         self._journal.append(_encode_lines(alarms))
         self._lines += len(alarms)

@@ -16,11 +16,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
-from drivebus.atomic_write import fsync_directory
+from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.service.audit import records
 from drivebus.service.audit.records import AuditEntry
 from drivebus.service.storage import append_log
-from drivebus.service.storage.append_log import AppendLog, write_durably
+from drivebus.service.storage.append_log import AppendLog
 from drivebus.types import Json
 
 AUDIT_FILE: Final = "audit.jsonl"
@@ -68,7 +68,7 @@ class AuditPaths:
     def create_key(self) -> bytes:
         """Return the key; create it where there is none. Raises OSError."""
         if not self.key.exists():
-            write_durably(self.key, secrets.token_hex(32).encode() + b"\n")
+            atomic_write_private(self.key, secrets.token_hex(32).encode() + b"\n")
         return self.read_key()
 
     def read_key(self) -> bytes:
@@ -201,7 +201,7 @@ class AuditChain:
             return
         digest = sha256(tail.torn).hexdigest()
         path = self.paths.folder / f"audit-torn-{digest[:16]}.bin"
-        write_durably(path, tail.torn)
+        atomic_write_private(path, tail.torn)
         torn = AppendLog(tail.path)
         torn.truncate(tail.valid_bytes)
         torn.close()

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivebus.atomic_write import atomic_write_private
 from drivebus.clock import Clock, wall_ms
 from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, TooManyAttempts
@@ -23,7 +24,6 @@ from drivebus.service.auth.users import (
     User,
     UserDatabase,
     UserFile,
-    atomic_write_private,
     normalized_name,
 )
 
@@ -44,7 +44,6 @@ class SetupSecret:
         """Return the secret; create it and its file on the first call."""
         if self._secret is None:
             self._secret = secrets.token_urlsafe(16)
-            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             atomic_write_private(self.path, self._secret.encode() + b"\n")
         return self._secret
 

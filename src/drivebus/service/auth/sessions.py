@@ -17,7 +17,8 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivebus.service.auth.users import User, atomic_write_private
+from drivebus.atomic_write import atomic_write_private
+from drivebus.service.auth.users import User
 
 _BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
 

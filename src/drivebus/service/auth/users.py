@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fcntl import LOCK_EX, flock
 from pathlib import Path
-from typing import IO
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivebus import atomic_write
+from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
@@ -164,7 +163,6 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
 
 USER_FILE = "users.json"
 _USER_DATABASE_ADAPTER = TypeAdapter(UserDatabase)
-_PRIVATE_MODE = 0o600
 
 
 class UserFile:
@@ -204,7 +202,9 @@ class UserFile:
         """Write the result of ``change`` durably and return it. If ``change`` raises, nothing is written."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with os.fdopen(_open_private(self.path.with_suffix(".lock")), "w") as lock:
+            lock_path = self.path.with_suffix(".lock")
+            flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+            with os.fdopen(os.open(lock_path, flags, PRIVATE_FILE_MODE), "w") as lock:
                 flock(lock, LOCK_EX)
                 after = change(self._read_if_changed())
                 atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
@@ -220,18 +220,3 @@ class UserFile:
 
     def _unusable_error(self, problem: str) -> ConfigurationError:
         return ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem)
-
-
-def atomic_write_private(path: Path, content: bytes) -> None:
-    """Replace a file atomically and durably; only its owner can read it. Raises OSError."""
-    atomic_write.atomic_write(path, content, _create_private)
-
-
-def _create_private(part: Path) -> IO[bytes]:
-    """Create a new file; an existing one is removed first."""
-    part.unlink(missing_ok=True)
-    return os.fdopen(_open_private(part, os.O_EXCL), "wb")
-
-
-def _open_private(path: Path, flags: int = 0) -> int:
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | flags, _PRIVATE_MODE)

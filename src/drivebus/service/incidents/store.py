@@ -14,11 +14,10 @@ from pathlib import Path
 from threading import Lock
 from typing import Final
 
-from drivebus.atomic_write import fsync_directory
+from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
 from drivebus.errors import NotFound
 from drivebus.service.api.paging import page
-from drivebus.service.storage.append_log import write_durably
 from drivebus.types import Json
 
 INCIDENT_ID: Final = re.compile(r"(\d{6,12})-[a-z0-9][a-z0-9_-]{0,63}")
@@ -49,8 +48,8 @@ class IncidentStore:
         part = self.folder / f".{id}"
         part.mkdir(mode=0o700)
         _write_capture(part / CAPTURE_FILE, header, frames)
-        write_durably(part / "incident.json", _encode({"id": id, **summary, **whole}))
-        write_durably(part / "summary.json", _encode({"id": id, **summary}))
+        atomic_write_private(part / "incident.json", _encode({"id": id, **summary, **whole}))
+        atomic_write_private(part / "summary.json", _encode({"id": id, **summary}))
         part.rename(self.folder / id)
         fsync_directory(self.folder)
         self._limit_size()
@@ -58,7 +57,7 @@ class IncidentStore:
 
     def add_parameters(self, id: str, parameters: Mapping[str, Json]) -> None:
         """Add parameters read from the drive afterwards. Raises NotFound, OSError."""
-        write_durably(self._path(id) / "parameters.json", _encode(dict(parameters)))
+        atomic_write_private(self._path(id) / "parameters.json", _encode(dict(parameters)))
 
     def get(self, id: str) -> Json:
         """Return an incident, with ``parameters`` (None if not read) and the bus's frames as ``capture``.

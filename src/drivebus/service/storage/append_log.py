@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from pathlib import Path
 
-from drivebus.atomic_write import fsync_directory
+from drivebus.atomic_write import PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE, fsync_directory, write_all
 
 TAIL_BYTES = 1 << 20
 """No line is longer, so that the last one can be found from the end."""
-PRIVATE_FILE_MODE = 0o600
 
 
 class AppendLog:
-    """``path`` is created with its folder when it is first written; readable by its owner only."""
+    """Append-only file, created with its folder at the first write; only its owner can read it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.size = 0
-        """Octets that are safe."""
+        """Bytes that are durable."""
         self._fd = -1
         self._write_failed = False
-        """A write has failed: what is behind ``size`` counts for nothing."""
+        """A write has failed: bytes beyond ``size`` are cut off before the next one."""
 
     def open(self) -> None:
-        """Idempotent. Raises OSError."""
+        """Open or create the file. Idempotent. Raises OSError."""
         if self._fd >= 0:
             return
-        self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.path.parent.mkdir(parents=True, exist_ok=True, mode=PRIVATE_FOLDER_MODE)
         new = not self.path.exists()
         fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, PRIVATE_FILE_MODE)
         try:
@@ -41,26 +39,26 @@ class AppendLog:
         self._fd = fd
 
     def append(self, data: bytes) -> None:
-        """Durable when it returns. Raises OSError, and then nothing of it will be there."""
+        """Append data; durable on return. Raises OSError; then none of it stays in the file."""
         self._reopen_if_replaced()
         self.open()
         if self._write_failed:
             os.ftruncate(self._fd, self.size)
-        apart = self._separator()
+        record = self._separator() + data
         self._write_failed = True
-        _write_all(self._fd, apart + data)
+        write_all(self._fd, record)
         os.fsync(self._fd)
-        self.size, self._write_failed = self.size + len(apart + data), False
+        self.size, self._write_failed = self.size + len(record), False
 
     def truncate(self, size: int) -> None:
-        """Take away everything from octet ``size`` on. Raises OSError."""
+        """Cut the file off after ``size`` bytes, durably. Raises OSError."""
         self.open()
         os.ftruncate(self._fd, size)
         os.fsync(self._fd)
         self.size, self._write_failed = size, False
 
     def close(self) -> None:
-        """Idempotent. What is in doubt is taken away, as well as the disk lets us."""
+        """Close the file, without the bytes of a failed write as far as the disk permits. Idempotent."""
         fd, self._fd = self._fd, -1
         if fd < 0:
             return
@@ -76,13 +74,13 @@ class AppendLog:
         """Open the file again where it was removed, moved or replaced."""
         if self._fd < 0:
             return
-        mine = os.fstat(self._fd)
+        opened = os.fstat(self._fd)
         try:
-            there = self.path.stat()
+            current = self.path.stat()
         except FileNotFoundError:
             self.close()
             return
-        if (mine.st_dev, mine.st_ino) != (there.st_dev, there.st_ino):
+        if (opened.st_dev, opened.st_ino) != (current.st_dev, current.st_ino):
             self.close()
 
     def _separator(self) -> bytes:
@@ -92,33 +90,11 @@ class AppendLog:
         return b"\n" if written else b""
 
 
-def _write_all(fd: int, data: bytes) -> None:
-    while data:
-        written = os.write(fd, data)
-        if written == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        data = data[written:]
-
-
 def read_tail(path: Path) -> bytes:
-    """The last ``TAIL`` octets of a file, b"" where there is none. Raises OSError."""
+    """Return the last ``TAIL_BYTES`` of a file, b"" where there is none. Raises OSError."""
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - TAIL_BYTES))
             return file.read()
     except FileNotFoundError:
         return b""
-
-
-def write_durably(path: Path, data: bytes, mode: int = PRIVATE_FILE_MODE) -> None:
-    """A file that is there whole and durable, or is as it was. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    part = path.with_name(f".{path.name}.part")
-    fd = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode)
-    try:
-        _write_all(fd, data)
-        os.fsync(fd)
-    finally:
-        os.close(fd)
-    part.replace(path)
-    fsync_directory(path.parent)
