@@ -17,7 +17,7 @@ from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
 
 
 def test_every_drive_is_seen_within_seconds() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             found = (await kit.call("drives.list"))["drives"]
@@ -25,11 +25,11 @@ def test_every_drive_is_seen_within_seconds() -> None:
             assert [view["state"] for view in found] == ["stopped"] * 4
             assert found[0]["signals"]["output_frequency"]["quality"] == "good"
 
-    run(story())
+    run(scenario())
 
 
 def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             await kit.grant_waivers("fan-1")
@@ -40,13 +40,13 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
             assert stopped["outcome"]["status"] == "confirmed"
             assert kit.trail.outcomes("drive.stop") == ["confirmed"]
 
-    run(story())
+    run(scenario())
 
 
 def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
     """What was recorded and is sent again starts nothing."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             await kit.grant_waivers()
@@ -68,11 +68,11 @@ def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
             assert kit.service.plant.drives["fan-1"].status().state is not DriveState.RUNNING
 
-    run(story())
+    run(scenario())
 
 
 def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             with pytest.raises(WaiverRequired):
@@ -82,7 +82,7 @@ def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
             await kit.grant_waivers("pump-1")
             assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
 def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role: Role, params: dict[str, Any]) -> None:
     """Whatever door the request came through."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             sent = _sent(kit)
             with pytest.raises(PermissionDenied):
@@ -105,7 +105,7 @@ def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role
             assert _sent(kit) == sent
             assert kit.trail.entries[-1].outcome == "plant.forbidden"
 
-    run(story())
+    run(scenario())
 
 
 def _sent(kit: ServiceKit) -> int:
@@ -115,20 +115,20 @@ def _sent(kit: ServiceKit) -> int:
 def test_wrong_parameters_are_all_named_and_unknown_things_are_not_found() -> None:
     """T19: no number in a string, nothing unknown."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
-            with pytest.raises(InvalidParameters) as refused:
+            with pytest.raises(InvalidParameters) as rejected:
                 await kit.call("drive.run", drive="fan-1", frequency_hz="25.0", colour="red")
-            assert {fault["path"] for fault in refused.value.params["faults"]} == {"frequency_hz", "colour"}
+            assert {fault["path"] for fault in rejected.value.params["faults"]} == {"frequency_hz", "colour"}
             for operation, params in (("drives.get", {"drive": "nobody"}), ("nothing.at_all", {})):
                 with pytest.raises(NotFound):
                     await kit.service.call(operation, params, LOCAL)
 
-    run(story())
+    run(scenario())
 
 
 def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             live = kit.service.live("state", LOCAL)
@@ -137,13 +137,13 @@ def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
             second = await anext(live)
             assert second["type"] == "update" and set(second["topics"]) < set(first["topics"])
 
-    run(story())
+    run(scenario())
 
 
 def test_to_save_parameters_takes_a_right_of_its_own() -> None:
     """EEPROM is not RAM."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             tuner = Actor("tom", frozenset({Right.VIEW, Right.OPERATE, Right.WRITE_PARAMETERS}), "s-tom", remote=False)
@@ -153,11 +153,11 @@ def test_to_save_parameters_takes_a_right_of_its_own() -> None:
             found = await kit.call("parameters.write", tuner, drive="fan-1", values=values)
             assert found["outcome"]["status"] == "confirmed"
 
-    run(story())
+    run(scenario())
 
 
 def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_owner() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             found = (await kit.call("parameters.read", drive="fan-1", names=["F0.1", "output_frequency"]))["parameters"]
@@ -168,11 +168,11 @@ def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_own
                     "parameters.write", remote_actor(role=Role.ENGINEER), drive="fan-1", values={"F0.1": 2.0}
                 )
 
-    run(story())
+    run(scenario())
 
 
 def test_a_profile_is_told_whole() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             found = await kit.call("drives.profile", drive="fan-1")
             assert found["model"] == "c320" and found["can_write_ram"] and found["can_save"]
@@ -185,4 +185,4 @@ def test_a_profile_is_told_whole() -> None:
             assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
             assert all(text["en"] and text["zh"] for text in found["keypad"])
 
-    run(story())
+    run(scenario())

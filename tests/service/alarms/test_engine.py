@@ -159,9 +159,9 @@ def test_an_alarm_is_gone_when_it_is_cleared_and_acknowledged_in_either_order() 
     assert [alarm.id for alarm in alarms.active()] == ["a2"]
     alarms.acknowledge("a2", "li", 4000)
     assert alarms.active() == []
-    with pytest.raises(NotFound) as refused:
+    with pytest.raises(NotFound) as rejected:
         alarms.acknowledge("a2", "li", 5000)
-    assert refused.value.params == {"alarm": "a2"}
+    assert rejected.value.params == {"alarm": "a2"}
 
 
 def test_a_shelf_keeps_its_like_aside_until_it_ends_by_the_monotonic_clock() -> None:

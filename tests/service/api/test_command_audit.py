@@ -35,7 +35,7 @@ def recorded(kit: ServiceKit, operation: str) -> list[tuple[str | None, Any, int
 @pytest.mark.parametrize("operation", OPERATIONS)
 @pytest.mark.parametrize("how", [ZeroDivisionError, asyncio.CancelledError])
 def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, how: type[BaseException]) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
             breaks(kit, operation, how)
@@ -46,7 +46,7 @@ def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, h
             assert asked == ([] if operation == "drive.stop" else [("requested", None, None)])
             assert ended == ("unknown", how.__name__, number)
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)

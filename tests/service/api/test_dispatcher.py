@@ -49,19 +49,19 @@ def at_a_desk(story: Callable[[ServiceKit, Dispatcher], Awaitable[None]], **answ
 
     motions = {name for name in answers if name in ("drive_run", "drive_jog", "drive_set_frequency")}
 
-    async def whole() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await story(kit, Dispatcher(kit.service.plant, of(answers.keys() - motions), of(motions)))
 
-    run(whole())
+    run(scenario())
 
 
 @pytest.mark.parametrize("name", ["nothing.at_all", "drives.list"])
 def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        with pytest.raises(NotFound) as refused:
+        with pytest.raises(NotFound) as rejected:
             await desk.call(name, {}, LOCAL)
-        assert (refused.value.key, refused.value.params) == ("plant.no_operation", {"id": name})
+        assert (rejected.value.key, rejected.value.params) == ("plant.no_operation", {"id": name})
 
     at_a_desk(story)
 
@@ -81,10 +81,10 @@ def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
 def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json, target: str) -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         right = str(OPERATIONS[name].right)
-        with pytest.raises(PermissionDenied) as refused:
+        with pytest.raises(PermissionDenied) as rejected:
             await desk.call(name, params, NOBODY)
-        assert refused.value.key == "plant.forbidden"
-        assert refused.value.params == {"name": "eve", "operation": name, "right": right}
+        assert rejected.value.key == "plant.forbidden"
+        assert rejected.value.params == {"name": "eve", "operation": name, "right": right}
         assert kit.trail.entries == [
             AuditEntry(name, "eve", "s-eve", "10.0.0.9", target, params, outcome="plant.forbidden"),
         ]
@@ -95,10 +95,10 @@ def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json,
 def test_who_may_not_look_does_not() -> None:
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
         desk.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))
-        with pytest.raises(PermissionDenied) as refused:
+        with pytest.raises(PermissionDenied) as rejected:
             desk.check_may_view(Actor("eve", frozenset(Right) - {Right.VIEW}, "s-eve"))
-        assert refused.value.key == "plant.forbidden"
-        assert refused.value.params == {"name": "eve", "operation": "live", "right": "view"}
+        assert rejected.value.key == "plant.forbidden"
+        assert rejected.value.params == {"name": "eve", "operation": "live", "right": "view"}
 
     at_a_desk(story)
 
@@ -122,9 +122,9 @@ def test_a_plant_that_ends_takes_stops_and_questions_and_one_that_has_ended_noth
             if state == "running" or (state == "stopping" and name in ("drive.stop", "drives.list")):
                 assert await desk.call(name, params, LOCAL) == {}
                 return
-            with pytest.raises(ServiceUnavailable) as refused:
+            with pytest.raises(ServiceUnavailable) as rejected:
                 await desk.call(name, params, LOCAL)
-            assert refused.value.key == "plant.stopping" and kit.trail.entries == []
+            assert rejected.value.key == "plant.stopping" and kit.trail.entries == []
         finally:
             kit.service.plant.state = "running"
 
@@ -135,10 +135,10 @@ def test_faults_found_by_a_handler_have_the_same_shape() -> None:
     wrong = [param_fault("names.0", "x", "unknown")]
 
     async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        with pytest.raises(InvalidParameters) as refused:
+        with pytest.raises(InvalidParameters) as rejected:
             await desk.call("parameters.read", FAN | {"names": ["x"]}, LOCAL)
-        assert refused.value.key == "plant.params" and refused.value.params["operation"] == "parameters.read"
-        assert refused.value.params["faults"] == wrong
+        assert rejected.value.key == "plant.params" and rejected.value.params["operation"] == "parameters.read"
+        assert rejected.value.params["faults"] == wrong
 
     at_a_desk(story, parameters_read=InvalidParameters("plant.params", faults=wrong))
 
@@ -220,10 +220,10 @@ def test_a_command_expires_while_its_record_is_written(takes_s: float, done: boo
         if done:
             await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
             return
-        with pytest.raises(Expired) as refused:
+        with pytest.raises(Expired) as rejected:
             await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
-        assert refused.value.key == "plant.record_too_slow"
-        assert refused.value.params == {"age_s": 2.01, "limit_s": 2.0}
+        assert rejected.value.key == "plant.record_too_slow"
+        assert rejected.value.params == {"age_s": 2.01, "limit_s": 2.0}
         assert kit.trail.outcomes("drive.set_frequency") == ["requested", "plant.record_too_slow"]
 
     at_a_desk(story, drive_set_frequency={})

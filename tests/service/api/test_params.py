@@ -139,11 +139,11 @@ def test_a_room_that_finds_a_fault_itself_says_it_in_both_languages() -> None:
 
 
 def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             with pytest.raises(InvalidParameters) as caught:
                 await kit.call("drive.run", drive="fan-1", frequency_hz="5")
             assert "应为数值" in error_to_json(caught.value)["text"]["zh"]
             assert error_to_json(error_from_json(error_to_json(caught.value))) == error_to_json(caught.value)
 
-    run(story())
+    run(scenario())

@@ -208,11 +208,11 @@ def test_a_failed_disk_refuses_waiting_records_and_keeps_the_others(
         await made.open()
         with monkeypatch.context() as context:
             context.setattr(os, "write", full)
-            with pytest.raises(AuditUnavailable) as refused:
+            with pytest.raises(AuditUnavailable) as rejected:
                 await made.record(sample_entry(1))
             made.record_nowait(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
             await made.checkpoint()
-            assert not made.ok and "No space" in str(refused.value)
+            assert not made.ok and "No space" in str(rejected.value)
         assert await made.record(sample_entry(2)) == 3
         assert made.ok
         await made.close()
@@ -397,9 +397,9 @@ def test_a_trail_that_can_not_be_read_is_no_good_trail(tmp_path: Path) -> None:
     made = written_trail(tmp_path)
     made.paths.current.unlink()
     made.paths.current.mkdir()
-    with pytest.raises(AuditUnavailable) as refused:
+    with pytest.raises(AuditUnavailable) as rejected:
         asyncio.run(made.verify())
-    assert "Is a directory" in str(refused.value)
+    assert "Is a directory" in str(rejected.value)
 
 
 def test_a_removed_trail_is_started_again_and_the_gap_is_detected(tmp_path: Path) -> None:

@@ -29,9 +29,9 @@ def test_the_secret_makes_the_first_administrator_once(tmp_path: Path) -> None:
         and access.setup_secret.path.stat().st_mode & 0o777 == 0o600
     )
     for wrong in (secret + "x", "\ud800"):
-        with pytest.raises(NotAuthenticated) as refused:
+        with pytest.raises(NotAuthenticated) as rejected:
             run(access.create_first_administrator(wrong, "ann", PASSWORD, "127.0.0.1"))
-        assert refused.value.key == "auth.wrong_secret"
+        assert rejected.value.key == "auth.wrong_secret"
     with pytest.raises(InvalidInput):
         run(access.create_first_administrator(secret, "ann", "short", "127.0.0.1"))
     opened = run(access.create_first_administrator(secret, "ann", PASSWORD, "127.0.0.1"))
@@ -86,9 +86,9 @@ def test_a_code_logs_in_once_and_not_too_late(tmp_path: Path) -> None:
     assert len(code) == 22, "128 bits of chance"
     in_time, late = (run(access.issue_code("operator", 60)) for _ in range(2))
     for spent in (code, "guess", "\ud800"):
-        with pytest.raises(NotAuthenticated) as refused:
+        with pytest.raises(NotAuthenticated) as rejected:
             run(access.login_with_code(spent, "127.0.0.1"))
-        assert refused.value.key == "auth.wrong_code"
+        assert rejected.value.key == "auth.wrong_code"
     clock.now += 59.999
     run(access.login_with_code(in_time, "127.0.0.1"))
     clock.now += 0.001
@@ -114,9 +114,9 @@ def test_a_code_of_a_disabled_user_does_not_log_in(tmp_path: Path) -> None:
     access.user_file.change(
         lambda register: register.with_changed_user(replace(register.user("operator"), disabled=True))
     )
-    with pytest.raises(NotAuthenticated) as refused:
+    with pytest.raises(NotAuthenticated) as rejected:
         run(access.login_with_code(code, "local"))
-    assert refused.value.key == "auth.wrong_code" and access.sessions.of_user("operator") == []
+    assert rejected.value.key == "auth.wrong_code" and access.sessions.of_user("operator") == []
 
 
 def test_codes_that_are_right_do_not_count_and_wrong_ones_do(tmp_path: Path) -> None:

@@ -64,10 +64,10 @@ GUESSED = (
 
 @pytest.mark.parametrize("password", GUESSED)
 def test_common_words_rows_and_digits_are_no_password(password: str) -> None:
-    with pytest.raises(InvalidInput) as refused:
+    with pytest.raises(InvalidInput) as rejected:
         check_password_policy(password, "somebody else")
-    assert refused.value.key == "auth.password_common"
-    assert refused.value.params == {"different": 5, "own": 4}
+    assert rejected.value.key == "auth.password_common"
+    assert rejected.value.params == {"different": 5, "own": 4}
 
 
 KEPT = (

@@ -131,7 +131,7 @@ def test_the_first_reason_of_an_end_stays_and_wakes_waiting_tasks_at_once(tmp_pa
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
 
-    async def story() -> str:
+    async def scenario() -> str:
         waiting = asyncio.create_task(visitor.wait_ended())
         await asyncio.sleep(0.1)
         await access.logout(visitor.session)
@@ -141,7 +141,7 @@ def test_the_first_reason_of_an_end_stays_and_wakes_waiting_tasks_at_once(tmp_pa
         assert asyncio.get_running_loop().time() == begun
         return why
 
-    assert run(story(), max_s=60.0) == visitor.session.end_reason == "logout"
+    assert run(scenario(), max_s=60.0) == visitor.session.end_reason == "logout"
 
 
 def test_ended_for_all_is_ended_at_once(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_a_waiting_task_learns_of_the_end_within_a_second(tmp_path: Path) -> Non
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
 
-    async def story() -> float:
+    async def scenario() -> float:
         loop = asyncio.get_running_loop()
         waiting = asyncio.create_task(visitor.wait_ended())
         await asyncio.sleep(10)
@@ -221,7 +221,7 @@ def test_a_waiting_task_learns_of_the_end_within_a_second(tmp_path: Path) -> Non
         assert await waiting == "rights"
         return loop.time() - begun
 
-    assert run(story(), max_s=60.0) <= 1.0
+    assert run(scenario(), max_s=60.0) <= 1.0
 
 
 def test_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_path: Path) -> None:
@@ -258,9 +258,9 @@ def test_a_password_change_restores_no_right_that_was_withdrawn_meanwhile(
     access, _ = auth_service(tmp_path)
     _, visitor = login(access)
     meanwhile(access, monkeypatch, **changed)
-    with pytest.raises(NotAuthenticated) as refused:
+    with pytest.raises(NotAuthenticated) as rejected:
         run(access.change_password(visitor.session, PASSWORD, "a quite new pass phrase"))
-    assert refused.value.key == "auth.wrong_password"
+    assert rejected.value.key == "auth.wrong_password"
     found = access.database.user("operator")
     assert {name: getattr(found, name) for name in changed} == changed
     assert access.sessions.of_user("operator") == [visitor.session] and visitor.end_reason == "rights"
@@ -286,9 +286,9 @@ def test_a_user_changed_during_the_password_check_is_not_logged_in(
         return await plain(known, password)
 
     monkeypatch.setattr(access.passwords, "verify", slow)
-    with pytest.raises(NotAuthenticated) as refused:
+    with pytest.raises(NotAuthenticated) as rejected:
         run(access.login("operator", PASSWORD, "local"))
-    assert refused.value.key == "auth.wrong_password" and access.sessions.of_user("operator") == []
+    assert rejected.value.key == "auth.wrong_password" and access.sessions.of_user("operator") == []
 
 
 @pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
@@ -391,12 +391,12 @@ def test_a_request_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypat
     hangs = threading.Event()
     monkeypatch.setattr(access.session_store, "write", lambda kept: hangs.wait(20.0))
 
-    async def story() -> None:
+    async def scenario() -> None:
         await asyncio.wait_for(access.record_activity(visitor.session), 5.0)
         assert not hangs.is_set()
         hangs.set()
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
 def test_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
@@ -455,7 +455,7 @@ def test_a_hanging_disk_is_written_to_once(tmp_path: Path, monkeypatch: pytest.M
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
 
-    async def story() -> int:
+    async def scenario() -> int:
         hung = asyncio.Event()
         monkeypatch.setattr(access, "keep", hung.wait)
         for _ in range(3):
@@ -463,7 +463,7 @@ def test_a_hanging_disk_is_written_to_once(tmp_path: Path, monkeypatch: pytest.M
             await access.record_activity(visitor.session)
         return len(asyncio.all_tasks())
 
-    assert run(story()) == 2, "this one, and the one that writes"
+    assert run(scenario()) == 2, "this one, and the one that writes"
 
 
 def test_the_user_file_is_where_the_plant_file_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -502,13 +502,13 @@ def test_a_connection_of_a_token_ends_with_its_date(tmp_path: Path) -> None:
     access, clock = auth_service(tmp_path)
     visitor = token_of(access, clock, Right.VIEW)
 
-    async def story() -> str:
+    async def scenario() -> str:
         waiting = asyncio.create_task(visitor.wait_ended())
         await asyncio.sleep(5)
         clock.now += 1.0
         return await waiting
 
-    assert run(story(), max_s=60.0) == "expired"
+    assert run(scenario(), max_s=60.0) == "expired"
 
 
 def test_a_token_ends_with_its_date_its_withdrawal_and_its_user(tmp_path: Path) -> None:
@@ -538,7 +538,7 @@ def test_a_connection_of_a_token_ends_when_its_user_may_less(tmp_path: Path) -> 
     access, clock = auth_service(tmp_path)
     visitor = token_of(access, clock, Right.VIEW, Right.STOP)
 
-    async def story() -> float:
+    async def scenario() -> float:
         waiting = asyncio.create_task(visitor.wait_ended())
         await asyncio.sleep(10)
         assert not waiting.done()
@@ -549,4 +549,4 @@ def test_a_connection_of_a_token_ends_when_its_user_may_less(tmp_path: Path) -> 
         assert await waiting == "rights"
         return asyncio.get_running_loop().time() - begun
 
-    assert run(story(), max_s=60.0) <= 1.0
+    assert run(scenario(), max_s=60.0) <= 1.0

@@ -153,9 +153,9 @@ def test_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bo
         with pytest.raises(NotAuthenticated):
             run(access.login(f"user{n}", "wrong password", one))
     clock.now += 0.25
-    with pytest.raises(TooManyAttempts) as refused:
+    with pytest.raises(TooManyAttempts) as rejected:
         run(access.login("user", "wrong password", one))
-    assert (refused.value.key, refused.value.params) == ("auth.too_many", {"retry_s": 1.8})
+    assert (rejected.value.key, rejected.value.params) == ("auth.too_many", {"retry_s": 1.8})
     clock.now += 1.25
     with pytest.raises(TooManyAttempts if same else NotAuthenticated):
         run(access.login("operator", "wrong password", other))

@@ -31,9 +31,9 @@ def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled
         lambda: register.with_changed_user(replace(ADMIN, disabled=True)),
         lambda: register.with_changed_user(replace(ADMIN, password=None)),
     ):
-        with pytest.raises(Conflict) as refused:
+        with pytest.raises(Conflict) as rejected:
             change()
-        assert refused.value.key == "auth.last_administrator"
+        assert rejected.value.key == "auth.last_administrator"
     two = register.with_user(replace(ADMIN, name="bob"))
     assert two.without_user("ann").has_administrator
 
@@ -43,9 +43,9 @@ def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
     vera = User("vera", Role.VIEWER, "$", 1)
     register = UserDatabase((vera,)).with_changed_user(replace(vera, role=Role.OPERATOR))
     assert register.user("vera").role is Role.OPERATOR and register.without_user("vera").users == ()
-    with pytest.raises(ResourceNotFound) as refused:
+    with pytest.raises(ResourceNotFound) as rejected:
         register.with_changed_user(replace(vera, name="nobody"))
-    assert refused.value.key == "auth.no_such_user"
+    assert rejected.value.key == "auth.no_such_user"
 
 
 MAY = {
@@ -83,16 +83,16 @@ def test_a_right_is_shown_by_its_name_and_its_identifier() -> None:
 def test_names_that_look_alike_are_one_user() -> None:
     register = UserDatabase().with_user(ADMIN)
     assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
-    with pytest.raises(Conflict) as refused:
+    with pytest.raises(Conflict) as rejected:
         register.with_user(replace(ADMIN, role=Role.VIEWER))
-    assert refused.value.key == "auth.name_taken"
+    assert rejected.value.key == "auth.name_taken"
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
 def test_a_name_with_control_characters_is_refused(name: str) -> None:
-    with pytest.raises(InvalidInput) as refused:
+    with pytest.raises(InvalidInput) as rejected:
         UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
-    assert refused.value.key == "auth.bad_name"
+    assert rejected.value.key == "auth.bad_name"
 
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
@@ -103,9 +103,9 @@ def test_a_name_in_any_script_is_taken(name: str) -> None:
 
 def test_a_token_can_not_do_more_than_its_user() -> None:
     register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
-    with pytest.raises(InvalidInput) as refused:
+    with pytest.raises(InvalidInput) as rejected:
         register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
-    assert (refused.value.key, refused.value.params) == ("auth.beyond_role", {"rights": "operate, stop"})
+    assert (rejected.value.key, rejected.value.params) == ("auth.beyond_role", {"rights": "operate, stop"})
     with pytest.raises(InvalidInput):
         register.with_token(replace(TOKEN, rights=()))
     with pytest.raises(ResourceNotFound):
@@ -117,9 +117,9 @@ def test_with_a_user_go_the_users_tokens_and_codes() -> None:
     register = register.with_token(replace(TOKEN, user="vera")).with_code(OneTimeCode("c", "vera", 9), 0)
     after = register.with_token(TOKEN).without_user("vera")
     assert (after.users, after.tokens, after.codes) == ((ADMIN,), (TOKEN,), ())
-    with pytest.raises(ResourceNotFound) as refused:
+    with pytest.raises(ResourceNotFound) as rejected:
         after.without_token("t2")
-    assert refused.value.key == "auth.no_such_token"
+    assert rejected.value.key == "auth.no_such_token"
     assert after.without_token("t1").tokens == ()
 
 

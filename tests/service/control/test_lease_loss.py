@@ -1,4 +1,4 @@
-"""What ends by itself: a jog takes the arms with it; an owner who is gone is noticed also where the drive is silent."""
+"""Ends without a command: a lost jog revokes arm tokens; a lost lease is handled also while the drive is offline."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ ANN = remote_actor()
 
 
 @pytest.mark.parametrize("lost", [True, False])
-def test_the_end_of_a_jog_voids_what_was_armed_before_it(lost: bool) -> None:
-    """Letting go, or being too late, is a stop."""
+def test_the_end_of_a_jog_revokes_earlier_arm_tokens(lost: bool) -> None:
+    """Both the end and the expiry of a jog are stops."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
             await kit.grant_waivers()
@@ -39,56 +39,53 @@ def test_the_end_of_a_jog_voids_what_was_armed_before_it(lost: bool) -> None:
                 await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=second)
             assert kit.station("fan-1").motor.starts == starts
 
-    run(story())
+    run(scenario())
 
 
-def raised(kit: ServiceKit) -> set[str]:
-    return {one.kind for one in kit.service.plant.alarms.active() if one.cleared_ms is None}
+def uncleared_kinds(kit: ServiceKit) -> set[str]:
+    return {alarm.kind for alarm in kit.service.plant.alarms.active() if alarm.cleared_ms is None}
 
 
 @pytest.mark.parametrize("silent", [True, False])
 @pytest.mark.parametrize("policy", list(OnClientLost))
-def test_an_owner_who_is_gone_is_noticed_where_nothing_shows_that_the_drive_stands(
-    policy: OnClientLost, silent: bool
-) -> None:
-    """Nobody here started it, and it may be running all the same; one that is seen to stand needs nothing."""
+def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnClientLost, silent: bool) -> None:
+    """An offline drive may be running although this service did not start it."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
         async with running_service(plant_config(drives=drives)) as kit:
             await asyncio.sleep(2)
             await kit.call("lease.take", ANN, drive="fan-1")
-            unit = kit.service.plant.drives["fan-1"]
+            drive = kit.service.plant.drives["fan-1"]
             if silent:
-                simulated_bus_of(unit.bus.port).unplug()
+                simulated_bus_of(drive.bus.port).unplug()
             await asyncio.sleep(15)
-            assert unit.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
-            assert ("control_lost" in raised(kit)) is (silent and policy is OnClientLost.HOLD)
-            stops = [one.what for one in kit.trail.entries if one.who == "drivebus"]
+            assert drive.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
+            assert ("control_lost" in uncleared_kinds(kit)) is (silent and policy is OnClientLost.HOLD)
+            stops = [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
             assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
 
-    run(story())
+    run(scenario())
 
 
-def test_the_events_of_a_lost_port_are_said_once_and_by_nobody() -> None:
-    """Whoever acknowledged an alarm is not who ended it."""
+def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> None:
     events: list[Json] = []
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
-            hall = kit.service.plant
-            port = simulated_bus_of(hall.drives["fan-1"].bus.port)
+            plant = kit.service.plant
+            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
             port.unplug()
             await asyncio.sleep(2)
-            (alarm,) = [one for one in hall.alarms.active() if one.kind == SystemAlarm.PORT_LOST]
+            (alarm,) = [alarm for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.PORT_LOST]
             assert alarm.text.en == "Bus a has lost its port: it is opened again as soon as possible"
-            hall.publish_alarms(hall.alarms.acknowledge(alarm.id, "ann", hall.wall_ms()))
+            plant.publish_alarms(plant.alarms.acknowledge(alarm.id, "ann", plant.wall_ms()))
             port.replug()
             await asyncio.sleep(3)
             events.extend(kit.history.events)
 
-    run(story())
-    received = [(event["outcome"], event["actor"]) for event in events]
-    assert [one for one in received if one[1] == "ann"] == [("acknowledged", "ann")]
-    assert ("cleared", None) in received
+    run(scenario())
+    outcomes = [(event["outcome"], event["actor"]) for event in events]
+    assert [(outcome, actor) for outcome, actor in outcomes if actor == "ann"] == [("acknowledged", "ann")]
+    assert ("cleared", None) in outcomes

@@ -1,4 +1,4 @@
-"""Leases and arms, by themselves: time is an argument."""
+"""Control leases and arm tokens alone: time is an argument."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ ANN, BOB, EVE = remote_actor("ann"), remote_actor("bob"), remote_actor("eve", Ro
 ANN_AGAIN = remote_actor("ann", session="another")
 
 
-def test_the_times_are_those_of_the_rulings() -> None:
-    """6.5, 6.6."""
+def test_the_documented_times_and_limits() -> None:
     assert (LEASE_TTL_S, ARM_TTL_S, MAX_ARM_TOKENS) == (10, 10, 100)
 
 
-def test_a_lease_ends_to_the_tick_unless_it_is_renewed() -> None:
+def test_a_lease_ends_exactly_at_its_expiry_unless_it_is_renewed() -> None:
     leases = ControlLeases()
     leases.take("a", ANN, 100.0)
     assert leases.get("a", 100.0 + LEASE_TTL_S - 0.001) is not None
     assert leases.get("a", 100.0 + LEASE_TTL_S) is None
-    with pytest.raises(ControlNotHeld) as refused:
+    with pytest.raises(ControlNotHeld) as rejected:
         leases.renew("a", ANN, 100.0 + LEASE_TTL_S)
-    assert (refused.value.key, refused.value.params) == ("plant.no_lease", {"drive": "a"})
+    assert (rejected.value.key, rejected.value.params) == ("plant.no_lease", {"drive": "a"})
     assert leases.renew("a", ANN, 109.0).expires_at == 109.0 + LEASE_TTL_S
     assert leases.pop_expired(109.0 + LEASE_TTL_S - 0.001) == []
     assert [lease.drive for lease in leases.pop_expired(109.0 + LEASE_TTL_S)] == ["a"]
     assert leases.pop_expired(200.0) == []
 
 
-def test_a_lease_shows_who_has_it_and_for_how_long() -> None:
+def test_the_view_of_a_lease_has_its_owner_and_expiry() -> None:
     leases = ControlLeases()
     leases.take("a", ANN, 100.0)
     lease = leases.get("a", 103.0)
@@ -43,21 +42,21 @@ def test_a_lease_shows_who_has_it_and_for_how_long() -> None:
     assert lease.view(clock) == LeaseView("ann", "session-ann", 1_000_000 + round((LEASE_TTL_S - 3.0) * 1000))
 
 
-def test_only_who_has_lost_a_lease_is_told_as_gone() -> None:
-    """Not an owner who took it again in time, and not one from whom an engineer took it."""
+def test_only_a_lease_that_ran_out_is_returned_as_expired() -> None:
+    """Neither one that was taken again at once nor one that an engineer took over."""
     leases = ControlLeases()
     leases.take("a", ANN, 0.0)
     leases.take("a", ANN, LEASE_TTL_S)
     leases.take("b", ANN, 0.0)
     leases.take("b", EVE, 1.0)
     assert leases.pop_expired(LEASE_TTL_S) == []
-    leases.remove_drive("a"), leases.remove_drive("a"), leases.remove_drive("never heard of")
+    leases.remove_drive("a"), leases.remove_drive("a"), leases.remove_drive("unknown")
     assert leases.get("a", LEASE_TTL_S) is None
     assert [lease.drive for lease in leases.pop_expired(100.0)] == ["b"]
 
 
-def test_a_lease_that_ran_out_is_told_even_when_somebody_was_quicker() -> None:
-    """Another's release or taking before the next look must not swallow the lost owner's policy."""
+def test_an_expired_lease_is_returned_also_after_another_session_took_the_drive() -> None:
+    """A release or a new lease before the next cycle must not suppress the drive's policy for a lost client."""
     leases = ControlLeases()
     leases.take("a", ANN, 0.0)
     leases.release("a", BOB, LEASE_TTL_S)
@@ -78,9 +77,9 @@ def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:
             leases.renew("a", other, 1.0)
         with pytest.raises(ControlNotHeld):
             leases.release("a", other, 1.0)
-    with pytest.raises(ControlNotHeld) as refused:
+    with pytest.raises(ControlNotHeld) as rejected:
         leases.take("a", BOB, 1.0)
-    assert (refused.value.key, refused.value.params) == ("plant.not_owner", {"drive": "a", "owner": "ann"})
+    assert (rejected.value.key, rejected.value.params) == ("plant.not_owner", {"drive": "a", "owner": "ann"})
     assert leases.take("a", ANN, 1.0) is None
     taken = leases.take("a", EVE, 1.0)
     assert taken is not None and taken.actor is ANN
@@ -90,18 +89,18 @@ def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:
     assert leases.get("a", 2.0).actor is LOCAL  # type: ignore[union-attr]
 
 
-def test_a_remote_actor_needs_a_lease_of_its_own_before_it_commands() -> None:
-    with pytest.raises(ControlNotHeld) as refused:
+def test_a_remote_actor_needs_its_own_lease_to_command() -> None:
+    with pytest.raises(ControlNotHeld) as rejected:
         ControlLeases().require("a", ANN, 0.0)
-    assert refused.value.key == "plant.no_lease"
+    assert rejected.value.key == "plant.no_lease"
 
 
-def test_an_arm_serves_once_in_time_for_one_thing_and_one_session() -> None:
+def test_an_arm_token_is_valid_once_in_time_for_one_target_and_one_session() -> None:
     arms = ArmTokens()
     word = arms.issue("a", ANN, 0.0)
-    assert len(word) == 22, "128 bits of chance"
+    assert len(word) == 22, "128 random bits"
     arms.consume(word, "a", ANN, ARM_TTL_S)
-    for what, actor, now, given in (
+    for target, actor, now, token in (
         ("a", ANN, ARM_TTL_S, word),
         ("b", ANN, 0.0, arms.issue("a", ANN, 0.0)),
         ("a", ANN_AGAIN, 0.0, arms.issue("a", ANN, 0.0)),
@@ -109,24 +108,25 @@ def test_an_arm_serves_once_in_time_for_one_thing_and_one_session() -> None:
         ("a", ANN, 0.0, "made up"),
         ("a", ANN, 0.0, None),
     ):
-        with pytest.raises(ArmRequired) as refused:
-            arms.consume(given, what, actor, now)
-        void = ("plant.arm_void", {"what": what, "limit_s": ARM_TTL_S})
-        assert (refused.value.key, refused.value.params) == (void if given else ("plant.arm_needed", {"what": what}))
+        with pytest.raises(ArmRequired) as rejected:
+            arms.consume(token, target, actor, now)
+        void = ("plant.arm_void", {"what": target, "limit_s": ARM_TTL_S})
+        assert (rejected.value.key, rejected.value.params) == (
+            void if token else ("plant.arm_needed", {"what": target})
+        )
     arms.consume(None, "a", LOCAL, 0.0)
 
 
-def test_a_stop_voids_the_arms_of_its_drive_and_of_no_other() -> None:
+def test_a_stop_revokes_the_arm_tokens_of_its_drive_and_of_no_other() -> None:
     arms = ArmTokens()
-    one, other = arms.issue("a", ANN, 0.0), arms.issue("b", ANN, 0.0)
+    revoked, other = arms.issue("a", ANN, 0.0), arms.issue("b", ANN, 0.0)
     arms.revoke("a", "group:x")
     with pytest.raises(ArmRequired):
-        arms.consume(one, "a", ANN, 0.0)
+        arms.consume(revoked, "a", ANN, 0.0)
     arms.consume(other, "b", ANN, 0.0)
 
 
-def test_arms_are_bounded_and_no_two_are_alike() -> None:
-    """I12."""
+def test_arm_tokens_are_unique_and_limited_in_number() -> None:
     arms = ArmTokens()
     words = [arms.issue("a", ANN, 0.0) for _ in range(2 * MAX_ARM_TOKENS)]
     assert len(set(words)) == 2 * MAX_ARM_TOKENS and len(arms._tokens) == MAX_ARM_TOKENS

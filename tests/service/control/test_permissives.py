@@ -1,4 +1,4 @@
-"""Everything that forbids a start is said before anybody tries, and refuses whoever does."""
+"""Start blockers: every view lists them, and the first one rejects a start."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ def stopping(kit: ServiceKit) -> None:
 
 
 def latched(kit: ServiceKit) -> None:
-    unit = kit.service.plant.drives["fan-1"]
-    unit.bus.start_inhibited = lambda address: address == unit.config.address  # type: ignore[method-assign]
+    drive = kit.service.plant.drives["fan-1"]
+    drive.bus.start_inhibited = lambda address: address == drive.config.address  # type: ignore[method-assign]
 
 
-def doubted(**health: Any) -> Callable[[ServiceKit], None]:
-    def doubt(kit: ServiceKit) -> None:
+def unhealthy(**health: Any) -> Callable[[ServiceKit], None]:
+    def change(kit: ServiceKit) -> None:
         bus = kit.service.plant.drives["fan-1"].bus
         plain = bus.health
         bus.health = lambda address: replace(plain(address), **health)  # type: ignore[method-assign]
 
-    return doubt
+    return change
 
 
 def unwaived(kit: ServiceKit) -> None:
     kit.service.plant.drives["fan-1"].waiver = None
 
 
-def deaf(kit: ServiceKit) -> None:
+def unwritable(kit: ServiceKit) -> None:
     kit.trail.broken = True
 
 
@@ -48,76 +48,77 @@ def interlocked(kit: ServiceKit) -> None:
     kit.service.plant.interlocks.replace([InterlockConfig("i", ("fan-1",), "pump-1.output_frequency > 5 Hz")])
 
 
-HINDRANCES = {
+BLOCKERS = {
     "plant.stopping": stopping,
     "drives.latched": latched,
-    "drives.foreign_master": doubted(foreign_master=True),
-    "drives.duplicate": doubted(duplicate_address=True),
-    "drives.high_error_rate": doubted(damage_rate=0.5, damaged=100),
+    "drives.foreign_master": unhealthy(foreign_master=True),
+    "drives.duplicate": unhealthy(duplicate_address=True),
+    "drives.high_error_rate": unhealthy(damage_rate=0.5, damaged=100),
     "interlocks.violated": interlocked,
     "plant.waiver_needed": unwaived,
-    "plant.audit_unavailable": deaf,
+    "plant.audit_unavailable": unwritable,
 }
 
 
-def found(kit: ServiceKit) -> list[str]:
-    """What is said of a start; the first of it refuses one."""
-    unit = kit.service.plant.drives["fan-1"]
-    text = list(start_blockers_json(kit.service.plant, unit))
-    if not text:
-        check_start(kit.service.plant, unit)
+def blocker_keys(kit: ServiceKit) -> list[str]:
+    """Return the keys of the start blockers, after checking that the first one rejects a start."""
+    drive = kit.service.plant.drives["fan-1"]
+    blockers = list(start_blockers_json(kit.service.plant, drive))
+    if not blockers:
+        check_start(kit.service.plant, drive)
         return []
-    with pytest.raises(DrivebusError) as refused:
-        check_start(kit.service.plant, unit)
-    assert refused.value.key == text[0]["key"]
-    assert all(one.keys() == {"key", "params", "text"} and one["text"].keys() == {"en", "zh"} for one in text)
-    return [one["key"] for one in text]
+    with pytest.raises(DrivebusError) as rejected:
+        check_start(kit.service.plant, drive)
+    assert rejected.value.key == blockers[0]["key"]
+    assert all(blocker.keys() == {"key", "params", "text"} for blocker in blockers)
+    assert all(blocker["text"].keys() == {"en", "zh"} for blocker in blockers)
+    return [blocker["key"] for blocker in blockers]
 
 
-@pytest.mark.parametrize("key", HINDRANCES)
-def test_each_thing_that_forbids_a_start_does_so_by_itself(key: str) -> None:
-    async def story() -> None:
+@pytest.mark.parametrize("key", BLOCKERS)
+def test_each_start_blocker_alone_rejects_a_start(key: str) -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             kit.service.plant.drives["fan-1"].waiver = "tested (ann)"
-            assert found(kit) == []
-            HINDRANCES[key](kit)
-            assert found(kit) == [key]
+            assert blocker_keys(kit) == []
+            BLOCKERS[key](kit)
+            assert blocker_keys(kit) == [key]
             kit.service.plant.state = "running"
 
-    run(story())
+    run(scenario())
 
 
-def test_all_that_forbids_a_start_is_said_at_once_and_an_ending_plant_says_only_that() -> None:
-    async def story() -> None:
+def test_all_start_blockers_are_listed_and_a_stopping_service_lists_only_itself() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
-            for key, hinder in HINDRANCES.items():
+            for key, block in BLOCKERS.items():
                 if key != "plant.stopping":
-                    hinder(kit)
-            assert found(kit) == [key for key in HINDRANCES if key != "plant.stopping"]
+                    block(kit)
+            assert blocker_keys(kit) == [key for key in BLOCKERS if key != "plant.stopping"]
             stopping(kit)
-            assert found(kit) == ["plant.stopping"]
+            assert blocker_keys(kit) == ["plant.stopping"]
             kit.service.plant.state = "running"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(("kind", "may"), [("trips", True), ("runs_on", False), ("unknown", False)])
 def test_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
-            unit = kit.service.plant.drives["fan-1"]
-            unit.comm_loss_read, unit.comm_loss_stale = CommLossView(kind, 1.0, Text("why", "原因")), False
-            assert found(kit) == ([] if may else ["plant.waiver_needed"])
+            drive = kit.service.plant.drives["fan-1"]
+            drive.comm_loss_read, drive.comm_loss_stale = CommLossView(kind, 1.0, Text("why", "原因")), False
+            assert blocker_keys(kit) == ([] if may else ["plant.waiver_needed"])
 
-    run(story())
+    run(scenario())
 
 
 def test_a_waiver_of_another_drive_is_named() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             kit.service.plant.drives["fan-1"].waiver_of_another = CommLossWaiver(
                 "tested (ann)", "c300", "sim://c300@1", 7
             )
-            assert found(kit) == ["plant.waiver_of_another"]
+            assert blocker_keys(kit) == ["plant.waiver_of_another"]
 
-    run(story())
+    run(scenario())

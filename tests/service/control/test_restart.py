@@ -1,4 +1,4 @@
-"""A plant that begins sends nothing but reads (I10); what it finds running is told, or stopped by policy."""
+"""Start of the service: it sends nothing but reads, and raises an alarm for a running drive or stops it by policy."""
 
 from __future__ import annotations
 
@@ -19,35 +19,32 @@ from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
 from fixtures.service import BUSES, DRIVES, plant_config, running_service
 
-SHARED = tuple(
-    BusConfig(bus.id, f"{bus.link}&name=shared-{bus.id}") for bus in BUSES
-)  # the same drives in every life of the service
+SHARED_BUSES = tuple(BusConfig(bus.id, f"{bus.link}&name=shared-{bus.id}") for bus in BUSES)
+"""Simulated buses that stay when a service ends and the next one starts."""
 
 
 def effects(service: Service) -> set[Effect]:
-    """Of everything that was sent."""
+    """Return the effects of all sent frames."""
     return {
-        unit.drive.dialect.station_config.effect_of(seen.event.data)
-        for unit in service.plant.drives.values()
-        for seen in service.plant.bus_of(unit).frames
-        if seen.event.kind is TraceKind.SENT and seen.event.station == unit.config.address
+        drive.drive.dialect.station_config.effect_of(frame.event.data)
+        for drive in service.plant.drives.values()
+        for frame in service.plant.bus_of(drive).frames
+        if frame.event.kind is TraceKind.SENT and frame.event.station == drive.config.address
     }
 
 
 @pytest.mark.parametrize("policy", list(OnRestart))
-def test_a_drive_that_is_found_running_is_adopted_or_stopped_and_never_started(policy: OnRestart) -> None:
-    """I10, ruling 7: a life before this one started it."""
+def test_a_drive_found_running_is_left_running_or_stopped_and_never_started(policy: OnRestart) -> None:
+    """An earlier service started it and was killed."""
 
-    async def second_life() -> None:
+    async def scenario() -> None:
         drives = tuple(replace(drive, on_restart=policy) for drive in DRIVES)
-        chosen = plant_config(buses=SHARED, drives=drives)
+        chosen = plant_config(buses=SHARED_BUSES, drives=drives)
         async with running_service(chosen) as first:
             await first.grant_waivers()
             await asyncio.sleep(5)
             await first.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            first.service.plant.drives[
-                "fan-1"
-            ].started_by_service = False  # a life that ends without its last word (kill -9)
+            first.service.plant.drives["fan-1"].started_by_service = False  # as after SIGKILL: it stops nothing
             await first.service.stop()
             bench: Any = find_simulated_bus("shared-a")
             assert bench.station(1).motor.phase is not OutputPhase.OFF
@@ -58,28 +55,26 @@ def test_a_drive_that_is_found_running_is_adopted_or_stopped_and_never_started(p
                 if policy is OnRestart.STOP:
                     assert effects(service) <= {Effect.NONE, Effect.STOP}
                     assert bench.station(1).motor.phase is OutputPhase.OFF
-                    assert [e.what for e in first.trail.entries if e.who == "drivebus"] == ["drive.stop"]
+                    assert [entry.what for entry in first.trail.entries if entry.who == "drivebus"] == ["drive.stop"]
                 else:
                     assert effects(service) == {Effect.NONE}
                     assert bench.station(1).motor.phase is not OutputPhase.OFF
                     assert "running_at_start" in kinds
 
-    run(second_life())
+    run(scenario())
 
 
-def test_a_start_up_sends_only_reads() -> None:
-    """I10."""
-
-    async def story() -> None:
+def test_the_start_of_the_service_sends_only_reads() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(30)
             assert effects(kit.service) == {Effect.NONE}
 
-    run(story())
+    run(scenario())
 
 
-def test_an_interlock_stops_what_turns_and_forbids_its_start() -> None:
-    async def story() -> None:
+def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
+    async def scenario() -> None:
         interlock = InterlockConfig("fan-first", ("pump-1",), "fan-1.output_frequency > 5 Hz")
         async with running_service(plant_config(interlocks=(interlock,))) as kit:
             await asyncio.sleep(15)
@@ -94,11 +89,11 @@ def test_an_interlock_stops_what_turns_and_forbids_its_start() -> None:
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
             assert "drive.stop" in [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
 
-    run(story())
+    run(scenario())
 
 
-def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file() -> None:
-    async def story() -> None:
+def test_waivers_and_limits_survive_a_restart_within_the_limits_of_the_file() -> None:
+    async def scenario() -> None:
         store = MemoryStore()
         async with running_service(store=store) as kit:
             await kit.grant_waivers("pump-1")
@@ -113,9 +108,8 @@ def test_waivers_and_limits_outlive_the_process_and_never_reach_beyond_the_file(
         async with running_service(store=store) as kit:
             assert (await kit.call("drives.get", drive="pump-1"))["comm_loss"]["waiver"] is None
         drives = tuple(replace(drive, limits=DriveLimits(maximum_hz=30.0)) for drive in DRIVES)
-        async with running_service(
-            plant_config(drives=drives), store=store
-        ) as kit:  # the file was made narrower meanwhile
+        narrowed = plant_config(drives=drives)
+        async with running_service(narrowed, store=store) as kit:
             assert (await kit.call("drives.get", drive="pump-1"))["maximum_hz"] == 30.0
 
-    run(story())
+    run(scenario())

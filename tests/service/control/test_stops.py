@@ -1,4 +1,4 @@
-"""A stop beats everything: leases, arms, queued starts, a trail that can't be written; and ends are told."""
+"""Stops: they need no lease, arm token or audit trail, cancel earlier commands, and report their result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, rem
 
 
 async def ready(kit: ServiceKit, *drives: str) -> None:
-    """Everybody has answered and may start."""
+    """Wait until every drive may be started, and start these."""
     await asyncio.sleep(5)
     await kit.grant_waivers()
     for drive in drives:
@@ -45,10 +45,10 @@ async def commanded_hz(kit: ServiceKit, *drives: str) -> list[float | None]:
     return [(await kit.call("drives.get", drive=drive))["commanded_hz"] for drive in drives]
 
 
-def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
-    """The trail can't be written; somebody else owns the drive."""
+def test_a_stop_needs_no_lease_no_arm_token_and_no_audit_trail() -> None:
+    """Another session controls the drive and the trail cannot be written."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             kit.trail.broken = True
@@ -56,19 +56,21 @@ def test_a_stop_needs_neither_lease_nor_arm_nor_trail() -> None:
             assert found["outcome"]["status"] == "confirmed"
             with pytest.raises(AuditUnavailable):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert [one.params["what"] for one in kit.trail.entries if one.what == "audit.refused"] == ["drive.run"]
-            assert "plant.audit_unavailable" in [one["key"] for one in await blocked(kit, "fan-1")]
+            assert [entry.params["what"] for entry in kit.trail.entries if entry.what == "audit.refused"] == [
+                "drive.run"
+            ]
+            assert "plant.audit_unavailable" in [blocker["key"] for blocker in await blocked(kit, "fan-1")]
             kit.trail.broken = False
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None:
-    """Polled every 20 s: the tile beside "confirmed" said for so long that it runs."""
+def test_a_confirmed_stop_updates_the_state_at_once_where_polls_are_slow() -> None:
+    """The page must not show a running drive beside a confirmed stop until the next poll in 20 s."""
 
-    async def story() -> None:
-        slow = tuple(replace(one, min_poll_interval_s=20.0) for one in DRIVES)
+    async def scenario() -> None:
+        slow = tuple(replace(drive, min_poll_interval_s=20.0) for drive in DRIVES)
         async with running_service(plant_config(drives=slow)) as kit:
             await asyncio.sleep(45)
             await ready(kit, "fan-1", "pump-1")
@@ -78,26 +80,26 @@ def test_a_stop_that_is_confirmed_is_seen_at_once_where_polls_are_slow() -> None
                 assert found["outcome"]["status"] == "confirmed"
                 assert state(kit, drive) is DriveState.STOPPED
 
-    run(story())
+    run(scenario())
 
 
-def test_a_view_says_that_a_bad_link_forbids_a_start_before_anybody_tries() -> None:
-    """The gate's own reasons, all of them: three spoilt replies of 5 minutes, above 1 % (RELIABILITY 4)."""
+def test_a_view_lists_a_bad_link_as_start_blocker() -> None:
+    """A link is bad with three damaged replies in five minutes that are more than 1 % of all."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             assert not await blocked(kit, "fan-1")
             bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
-            for weather in ("flip=0.02", "clean"):
-                bench.line_quality = weather
+            for quality in ("flip=0.02", "clean"):
+                bench.line_quality = quality
                 await asyncio.sleep(20)
-            assert [one["key"] for one in await blocked(kit, "fan-1")] == ["drives.high_error_rate"]
+            assert [blocker["key"] for blocker in await blocked(kit, "fan-1")] == ["drives.high_error_rate"]
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert kit.station("fan-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
 async def blocked(kit: ServiceKit, drive: str) -> list[dict[str, object]]:
@@ -105,10 +107,10 @@ async def blocked(kit: ServiceKit, drive: str) -> list[dict[str, object]]:
     return found
 
 
-def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
-    """Nobody knew before."""
+def test_a_start_is_rejected_where_its_own_audit_record_fails() -> None:
+    """The trail reported no error before it."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             kit.trail.fails_silently = True
@@ -119,31 +121,29 @@ def test_a_trail_that_fails_at_this_very_start_refuses_it() -> None:
             assert kit.station("fan-1").motor.starts == 0
             await kit.call("drive.stop", drive="fan-1")
 
-    run(story())
+    run(scenario())
 
 
-def test_control_goes_on_where_the_trail_can_not_be_written() -> None:
-    """A setpoint and a reset are no start."""
+def test_a_setpoint_is_sent_where_the_audit_trail_cannot_be_written() -> None:
+    """Only starts require a record."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             kit.trail.broken = True
             found = await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=30.0)
             assert found["outcome"]["status"] == "acknowledged"  # what a C320 can show of it
-            assert [one.what for one in kit.trail.entries[-1:]] == ["drive.set_frequency"], (
-                "its end; nothing was refused"
-            )
-            assert "audit.refused" not in [one.what for one in kit.trail.entries]
+            recorded = [entry.what for entry in kit.trail.entries]
+            assert recorded[-1] == "drive.set_frequency" and "audit.refused" not in recorded
             assert [alarm.subject for alarm in kit.service.plant.alarms.active() if alarm.kind == "storage_failure"]
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_while_a_start_is_being_recorded_takes_the_start_away() -> None:
-    """The wish is older than the stop, whatever the disk does meanwhile."""
+def test_a_stop_while_a_start_is_being_recorded_cancels_the_start() -> None:
+    """The start was commanded before the stop, however long its record takes."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             kit.trail.delay_s = 0.5
@@ -156,13 +156,12 @@ def test_a_stop_while_a_start_is_being_recorded_takes_the_start_away() -> None:
             assert state(kit, "fan-1") is DriveState.STOPPED
             assert kit.station("fan-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
-def test_a_start_whose_record_takes_too_long_is_another_wish() -> None:
-    """I1."""
+def test_a_start_whose_record_takes_too_long_expires() -> None:
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             kit.trail.delay_s = 3.0
@@ -170,13 +169,12 @@ def test_a_start_whose_record_takes_too_long_is_another_wish() -> None:
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert kit.station("fan-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_of_anyone_voids_what_was_armed() -> None:
-    """6.5, S16."""
+def test_a_stop_by_any_actor_revokes_arm_tokens() -> None:
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             ann = remote_actor()
@@ -186,13 +184,13 @@ def test_a_stop_of_anyone_voids_what_was_armed() -> None:
             with pytest.raises(ArmRequired):
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
 
-    run(story())
+    run(scenario())
 
 
-def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_session() -> None:
-    """Monotonic time of the plant only."""
+def test_an_arm_token_is_valid_for_ten_seconds_one_drive_and_one_session() -> None:
+    """Only the monotonic time of the service counts."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             ann, twin = remote_actor(), remote_actor("ann", session="another")
@@ -213,29 +211,29 @@ def test_an_arm_is_void_after_ten_seconds_for_another_drive_and_for_another_sess
             with pytest.raises(ArmRequired):
                 await kit.call("drive.run", twin, drive="fan-1", frequency_hz=20.0, arm_token=arm)
 
-    run(story())
+    run(scenario())
 
 
-def test_the_whole_plant_is_stopped_and_stays_latched_until_it_is_released() -> None:
-    async def story() -> None:
+def test_after_a_stop_of_everything_starts_stay_inhibited_until_released() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1", "pump-1")
             assert await commanded_hz(kit, "fan-1", "pump-1") == [20.0, 20.0]
             found = await kit.call("plant.stop", remote_actor(role=Role.OPERATOR))
             assert await commanded_hz(kit, "fan-1", "pump-1") == [None, None]
-            assert {bus: one["confirmed"] for bus, one in found["buses"].items()} == {"a": True, "b": True}
+            assert {bus: report["confirmed"] for bus, report in found["buses"].items()} == {"a": True, "b": True}
             assert found["outcomes"]["pump-1"]["status"] == "confirmed"
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert "drives.latched" in [one["key"] for one in await blocked(kit, "fan-1")]
+            assert "drives.latched" in [blocker["key"] for blocker in await blocked(kit, "fan-1")]
             await kit.call("start_inhibit.release", drive="fan-1")
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() -> None:
-    async def story() -> None:
+def test_a_lost_bus_is_reported_as_unconfirmed_and_the_others_are_stopped() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1", "pump-1")
             simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
@@ -245,13 +243,11 @@ def test_a_bus_that_is_gone_is_told_as_unconfirmed_and_the_others_are_stopped() 
             kinds = {(alarm.kind, alarm.drive) for alarm in kit.service.plant.alarms.active()}
             assert ("stop_unconfirmed", "fan-1") in kinds
 
-    run(story())
+    run(scenario())
 
 
-def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_good_stop() -> None:
-    """G07."""
-
-    async def story() -> None:
+def test_an_unconfirmed_stop_raises_an_alarm_until_a_stop_is_confirmed() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
@@ -264,7 +260,7 @@ def test_an_unconfirmed_stop_is_an_error_and_an_alarm_that_ends_with_the_next_go
             await kit.call("drive.stop", drive="fan-1")
             assert "stop_unconfirmed" not in kinds(kit)
 
-    run(story())
+    run(scenario())
 
 
 def kinds(kit: ServiceKit) -> set[str]:
@@ -272,10 +268,10 @@ def kinds(kit: ServiceKit) -> set[str]:
 
 
 @pytest.mark.parametrize("policy", list(OnClientLost))
-def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> None:
-    """Hold with an alarm, or stop."""
+def test_a_lost_client_triggers_the_policy_of_its_drive(policy: OnClientLost) -> None:
+    """The drive runs on with an alarm, or is stopped."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
         async with running_service(plant_config(drives=drives)) as kit:
             await ready(kit)
@@ -292,11 +288,11 @@ def test_a_lost_owner_triggers_the_policy_of_its_drive(policy: OnClientLost) -> 
             assert state(kit, "fan-1").turning is held
             assert ("control_lost" in kinds(kit)) is held
 
-    run(story())
+    run(scenario())
 
 
-def test_a_lease_is_taken_from_nobody_but_by_an_engineer() -> None:
-    async def story() -> None:
+def test_only_an_engineer_takes_a_lease_from_another_session() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             await kit.call("lease.take", remote_actor("ann"), drive="fan-1")
@@ -305,46 +301,46 @@ def test_a_lease_is_taken_from_nobody_but_by_an_engineer() -> None:
             taken = await kit.call("lease.take", remote_actor("eve", Role.ENGINEER), drive="fan-1")
             assert taken["lease"]["owner"] == "eve"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("policy", list(OnServiceStop))
-def test_an_ending_service_stops_what_it_started_as_its_policy_says(policy: OnServiceStop) -> None:
-    """6.6; what somebody else started goes on."""
+def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(policy: OnServiceStop) -> None:
+    """Drives that others started run on."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
         async with running_service(plant_config(drives=drives)) as kit:
             await ready(kit, "fan-1")
             kit.station("fan-2").motor.run(20.0)
             await asyncio.sleep(3)
             stations = kit.station("fan-1"), kit.station("fan-2")
-            message = await kit.service.stop()
+            outcomes = await kit.service.stop()
             stopped = policy is OnServiceStop.STOP
-            assert [*message] == (["fan-1"] if stopped else [])
+            assert [*outcomes] == (["fan-1"] if stopped else [])
             assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
 
-    run(story())
+    run(scenario())
 
 
-def test_an_ending_service_tells_within_three_seconds_what_it_could_not_stop() -> None:
-    async def story() -> None:
+def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
-            begun = kit.service.plant.now()
-            message = await kit.service.stop()
-            assert kit.service.plant.now() - begun <= 3.0
-            assert message["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in message["fan-1"]
+            started_at = kit.service.plant.now()
+            outcomes = await kit.service.stop()
+            assert kit.service.plant.now() - started_at <= 3.0
+            assert outcomes["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in outcomes["fan-1"]
 
-    run(story())
+    run(scenario())
 
 
 GROUP = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=3.0, max_concurrent_starts=2)
 
 
-def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> None:
-    async def story() -> None:
+def test_a_group_starts_its_drives_in_sequence_and_a_stop_of_one_ends_it() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
             await ready(kit)
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
@@ -355,11 +351,11 @@ def test_a_group_starts_one_after_another_and_a_stop_of_one_ends_the_rest() -> N
             assert found["pump-1"]["kind"] == "Superseded"
             assert kit.station("pump-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
-def test_a_group_whose_owner_is_gone_starts_no_further_drive() -> None:
-    async def story() -> None:
+def test_a_group_whose_lease_was_lost_starts_no_further_drive() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(groups=(replace(GROUP, start_interval_s=7.0),))) as kit:
             await ready(kit)
             ann = remote_actor()
@@ -370,24 +366,24 @@ def test_a_group_whose_owner_is_gone_starts_no_further_drive() -> None:
             assert [found[drive].get("kind") for drive in GROUP.drives] == [None, None, "ControlNotHeld"]
             assert kit.station("pump-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
 def test_a_group_is_stopped_together() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(groups=(replace(GROUP, start_interval_s=0.0),))) as kit:
             await ready(kit)
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
-            assert {one["status"] for one in found["outcomes"].values()} == {"confirmed"}
+            assert {outcome["status"] for outcome in found["outcomes"].values()} == {"confirmed"}
             found = await kit.call("group.stop", remote_actor("bob"), group="fans")
-            assert {one["status"] for one in found["outcomes"].values()} == {"confirmed"}
+            assert {outcome["status"] for outcome in found["outcomes"].values()} == {"confirmed"}
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("start_interval_s", [0.0, 1.0])
 def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interval_s: float) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
         group = GroupConfig(
             "fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1
@@ -401,13 +397,13 @@ def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interva
                 phases = [kit.station(drive).motor.phase.value for drive in group.drives]
                 most = max(most, phases.count("accelerating"))
             assert most == 1
-            assert {one["status"] for one in (await start)["outcomes"].values()} == {"confirmed"}
+            assert {outcome["status"] for outcome in (await start)["outcomes"].values()} == {"confirmed"}
 
-    run(story())
+    run(scenario())
 
 
 def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
         async with running_service(plant_config(groups=(group,))) as kit:
             await ready(kit)
@@ -419,11 +415,11 @@ def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
             await kit.call("group.set_frequency", group="fans", frequency_hz=24.0)
             assert kit.station("fan-2").motor.target_hz == 12.0
 
-    run(story())
+    run(scenario())
 
 
-def test_a_group_of_which_one_may_not_run_at_its_share_does_not_start_at_all() -> None:
-    async def story() -> None:
+def test_a_group_with_a_follower_above_its_limit_does_not_start() -> None:
+    async def scenario() -> None:
         group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 30.0})
         async with running_service(plant_config(groups=(group,))) as kit:
             await ready(kit)
@@ -432,13 +428,11 @@ def test_a_group_of_which_one_may_not_run_at_its_share_does_not_start_at_all() -
             assert caught.value.params["frequency_hz"] == 600.0
             assert kit.station("fan-1").motor.starts == 0
 
-    run(story())
+    run(scenario())
 
 
-def test_a_jog_from_afar_ends_half_a_second_after_the_hand() -> None:
-    """T13."""
-
-    async def story() -> None:
+def test_a_remote_jog_ends_half_a_second_after_its_last_renewal() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             ann = remote_actor()
@@ -456,11 +450,11 @@ def test_a_jog_from_afar_ends_half_a_second_after_the_hand() -> None:
             assert kit.station("fan-1").motor.phase is OutputPhase.OFF
             assert not kit.service.plant.drives["fan-1"].started_by_service
 
-    run(story())
+    run(scenario())
 
 
-def test_a_jog_is_ended_by_letting_go() -> None:
-    async def story() -> None:
+def test_the_end_of_a_jog_stops_the_drive() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
@@ -468,13 +462,13 @@ def test_a_jog_is_ended_by_letting_go() -> None:
             assert found["outcome"]["status"] == "confirmed"
             assert LOCAL.name == kit.service.plant.leases.get("fan-1", kit.service.plant.now()).actor.name  # type: ignore[union-attr]
 
-    run(story())
+    run(scenario())
 
 
-def test_a_jog_is_held_and_ended_under_its_own_drive_only() -> None:
-    """Who may do what is asked of the drive that is named."""
+def test_a_jog_is_renewed_and_ended_only_under_its_own_drive() -> None:
+    """Control is checked for the drive that the request names."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
@@ -484,13 +478,13 @@ def test_a_jog_is_held_and_ended_under_its_own_drive_only() -> None:
             assert kit.station("fan-1").running
             await kit.call("drive.jog_renew", drive="fan-1", jog=jog)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
-    """Started there again, it is not stopped when the service ends (6.6: what *we* started)."""
+def test_a_drive_stopped_at_its_keypad_no_longer_counts_as_started_by_the_service() -> None:
+    """Started there again, it runs on when the service stops."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             motor = kit.station("fan-1").motor
@@ -501,24 +495,24 @@ def test_a_drive_that_was_stopped_at_its_keypad_is_no_longer_ours() -> None:
             assert state(kit, "fan-1").turning
             assert await kit.service.stop() == {}
 
-    run(story())
+    run(scenario())
 
 
-def test_a_drive_that_has_not_begun_yet_is_ours_for_as_long_as_it_may_take() -> None:
-    async def story() -> None:
+def test_a_drive_counts_as_started_while_its_standstill_may_be_older_than_the_start() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            unit = kit.service.plant.drives["fan-1"]
-            for after_s, ours in ((STANDSTILL_CONFIRM_S, True), (STANDSTILL_CONFIRM_S + 0.1, False)):
-                seen = replace(unit.status(), state=DriveState.STOPPED, at=unit.last_motion_at + after_s)
-                kit.service.policies.on_status(unit, seen)
-                assert unit.started_by_service is ours
+            drive = kit.service.plant.drives["fan-1"]
+            for after_s, counts in ((STANDSTILL_CONFIRM_S, True), (STANDSTILL_CONFIRM_S + 0.1, False)):
+                status = replace(drive.status(), state=DriveState.STOPPED, at=drive.last_motion_at + after_s)
+                kit.service.policies.on_status(drive, status)
+                assert drive.started_by_service is counts
 
-    run(story())
+    run(scenario())
 
 
-def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> None:
-    async def story() -> None:
+def test_a_stopping_service_starts_nothing_also_not_the_rest_of_a_group() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
             await ready(kit)
             start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
@@ -533,13 +527,13 @@ def test_an_ending_plant_starts_nothing_more_not_even_the_rest_of_a_group() -> N
             assert [found[drive].get("status") for drive in GROUP.drives] == ["confirmed", None, None]
             assert [*(await ending)] == ["fan-1"]
 
-    run(story())
+    run(scenario())
 
 
-def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_can_be() -> None:
-    """Said once, tried for ever; a stop of everything names its drives."""
+def test_a_bus_that_cannot_be_opened_is_retried_and_affects_no_other() -> None:
+    """It is reported once, and a stop of everything lists its drives as unconfirmed."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1,2?name=later"), BUSES[1])
         bench = simulated_bus_of(open_port(buses[0].link))
         bench.unplug()
@@ -555,15 +549,15 @@ def test_a_bus_that_can_not_be_opened_stops_nobody_else_and_is_opened_when_it_ca
             await asyncio.sleep(20)
             assert (await kit.call("drives.get", drive="fan-1"))["presence"] == "online"
             assert "port_lost" not in kinds(kit)
-            message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert sum("can't be opened" in text for text in message) == 1
-            assert sum("bus a is open" in text for text in message) == 1
+            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert sum("can't be opened" in text for text in texts) == 1
+            assert sum("bus a is open" in text for text in texts) == 1
 
-    run(story())
+    run(scenario())
 
 
-def test_whoever_takes_the_lease_of_a_drive_without_an_owner_ends_that_alarm() -> None:
-    async def story() -> None:
+def test_a_new_lease_clears_the_alarm_of_lost_control() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
             await asyncio.sleep(12)
@@ -572,32 +566,30 @@ def test_whoever_takes_the_lease_of_a_drive_without_an_owner_ends_that_alarm() -
             await asyncio.sleep(1)
             assert "control_lost" not in kinds(kit)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_history_that_can_not_be_written_is_an_alarm_and_forbids_nothing() -> None:
-    """G14."""
-
-    async def story() -> None:
+def test_a_history_that_cannot_be_written_raises_an_alarm_and_blocks_nothing() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
             kit.history.problem = "database or disk is full"
             await asyncio.sleep(1)
-            (alarm,) = [one for one in kit.service.plant.alarms.active() if one.kind == "storage_failure"]
+            (alarm,) = [alarm for alarm in kit.service.plant.alarms.active() if alarm.kind == "storage_failure"]
             assert alarm.text.en.startswith("history can't be written: database or disk is full;")
             assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
             kit.history.problem = None
             await asyncio.sleep(1)
             assert "storage_failure" not in kinds(kit)
 
-    run(story())
+    run(scenario())
 
 
-def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -> None:
-    """No stop of theirs takes the rest of the group away, and its buses are closed before its turn comes."""
+def test_a_stopping_service_that_holds_its_drives_starts_no_more_of_them() -> None:
+    """Without a stop of its drives, the state of the service ends the group's start."""
 
-    async def story() -> None:
-        drives = tuple(replace(one, on_service_stop=OnServiceStop.HOLD) for one in DRIVES)
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)
         drives = (*drives[:3], replace(drives[3], on_service_stop=OnServiceStop.STOP))
         async with running_service(plant_config(drives=drives, groups=(GROUP,))) as kit:
             await ready(kit, "pump-2")
@@ -611,19 +603,19 @@ def test_an_ending_plant_that_holds_its_drives_starts_no_more_of_them_either() -
             held = [event["drive"] for event in kit.history.events if "on_service_stop = hold" in event["text"]["en"]]
             assert held == [GROUP.drives[0]]
 
-    run(story())
+    run(scenario())
 
 
-def test_an_ending_service_does_not_wait_for_a_long_ramp() -> None:
-    """Confirmed or told within three seconds; the drive goes on slowing down by itself."""
+def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
+    """It reports the stop as unknown within three seconds; the drive goes on slowing down."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=30"), BUSES[1])
         async with running_service(plant_config(buses=buses)) as kit:
             await ready(kit, "fan-1")
             await asyncio.sleep(15)
-            begun = kit.service.plant.now()
+            started_at = kit.service.plant.now()
             assert await kit.service.stop() == {"fan-1": None}
-            assert kit.service.plant.now() - begun <= 3.0
+            assert kit.service.plant.now() - started_at <= 3.0
 
-    run(story())
+    run(scenario())

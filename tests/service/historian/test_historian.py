@@ -236,13 +236,13 @@ async def test_a_loaded_past_may_be_larger_than_the_queue(
 def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
     """A plant in virtual time has no threads: the same historian, on the loop's own thread."""
 
-    async def story() -> list[float]:
+    async def scenario() -> list[float]:
         async with Historian(HistoryConfig(), tmp_path) as historian:
             historian.append(samples([1.0, 2.0]))
             await asyncio.sleep(FLUSH_INTERVAL_S + 0.1)
             return (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"]  # type: ignore[no-any-return]
 
-    assert virtual_time.run(story()) == [1.0, 2.0]
+    assert virtual_time.run(scenario()) == [1.0, 2.0]
 
 
 async def test_a_thousand_jumps_of_the_clock_lose_and_reorder_nothing(database: HistoryDatabase) -> None:

@@ -152,7 +152,7 @@ def test_numbers_that_can_not_be_read_yet_are_read_later_and_never_written_over(
                 raise ServiceUnavailable("history.unavailable", why="away")
             return dict(self.kept)
 
-    async def story() -> None:
+    async def scenario() -> None:
         keeper = Keeper()
         book = RunStatisticsStore(keeper)
         await book.open()
@@ -166,4 +166,4 @@ def test_numbers_that_can_not_be_read_yet_are_read_later_and_never_written_over(
         await book.close()
         assert keeper.kept["fan-1"]["running_s"] == 9.0
 
-    virtual_time.run(story())
+    virtual_time.run(scenario())

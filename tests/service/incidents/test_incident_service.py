@@ -51,7 +51,7 @@ async def faults(kit: ServiceKit) -> list[dict[str, Any]]:
 
 
 def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with plant(tmp_path) as kit:
             alarm = await trip(kit)
             assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "critical", 5)
@@ -74,11 +74,11 @@ def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_pat
             (tmp_path / "x.dbcap").write_text(case["capture"]["text"])
             assert len(read_capture(tmp_path / "x.dbcap").records) > 20
 
-    run(story())
+    run(scenario())
 
 
 def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with plant(tmp_path) as kit:
             alarm = await trip(kit)
             found = await kit.call("alarm.shelve", remote_actor(), alarm=alarm["id"], minutes=5, reason="known trouble")
@@ -99,11 +99,11 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
             with pytest.raises(NotFound):
                 await kit.call("incidents.get", incident="000009-fan-1")
 
-    run(story())
+    run(scenario())
 
 
 def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with plant(tmp_path) as kit:
             (tmp_path / "incidents").write_text("a file where the folder should be")
             alarm = await trip(kit)
@@ -120,4 +120,4 @@ def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(t
             (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "storage_failure"]
             assert store["cleared_ms"] is not None
 
-    run(story())
+    run(scenario())

@@ -1,4 +1,4 @@
-"""Interlocks over time: delay, edges, and what nobody has read yet."""
+"""Interlocks over time: delay, edges, and values that were never read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivebus.values import Quality, Text
 
 
 def view(drive: str, state: str = "running", **signals: tuple[Any, str, Quality]) -> DriveView:
-    found = {name: SignalView(value, unit, quality, None, 0.1) for name, (value, unit, quality) in signals.items()}
+    values = {name: SignalView(value, unit, quality, None, 0.1) for name, (value, unit, quality) in signals.items()}
     return DriveView(
         id=drive,
         title=Text(drive, drive),
@@ -31,7 +31,7 @@ def view(drive: str, state: str = "running", **signals: tuple[Any, str, Quality]
         minimum_hz=0.0,
         maximum_hz=50.0,
         comm_loss=CommLossView("trips", 2.0, Text("", "")),
-        signals=found,
+        signals=values,
     )
 
 
@@ -43,131 +43,131 @@ def interlocks(require: str = "pump.state == running", **rest: Any) -> Interlock
     return InterlockEngine([InterlockConfig("flow", ("fan",), require, **rest)])
 
 
-def ids(found: list[InterlockConfig]) -> list[str]:
-    return [one.id for one in found]
+def ids(interlocks: list[InterlockConfig]) -> list[str]:
+    return [interlock.id for interlock in interlocks]
 
 
-def forbidding(found: InterlockEngine, drive: str) -> list[str]:
-    return [one.config.id for one in found.violations(drive)]
+def blocking(engine: InterlockEngine, drive: str) -> list[str]:
+    return [violation.config.id for violation in engine.violations(drive)]
 
 
-def said(found: InterlockEngine, language: str) -> str:
-    """Why the fan may not start, as it is told."""
-    return i18n.text("interlocks.violated", language, **found.violations("fan")[0].message_params)
+def blocker_text(engine: InterlockEngine, language: str) -> str:
+    """Return the first reason against a start of the fan."""
+    return i18n.text("interlocks.violated", language, **engine.violations("fan")[0].message_params)
 
 
-def test_what_holds_forbids_nothing() -> None:
-    found = interlocks()
-    assert found.evaluate(views(), 0.0) == []
-    assert (forbidding(found, "fan"), found.tripped_stops("fan"), forbidding(found, "pump")) == ([], [], [])
+def test_an_interlock_that_holds_blocks_nothing() -> None:
+    engine = interlocks()
+    assert engine.evaluate(views(), 0.0) == []
+    assert (blocking(engine, "fan"), engine.tripped_stops("fan"), blocking(engine, "pump")) == ([], [], [])
 
 
-def test_it_forbids_a_start_at_once_and_stops_after_its_delay() -> None:
-    found = interlocks(delay_s=2.0)
-    found.evaluate(views(), 0.0)
-    assert found.evaluate(views("stopped"), 1.0) == []
-    assert (forbidding(found, "fan"), found.tripped_stops("fan")) == (["flow"], [])
-    assert found.evaluate(views("stopped"), 2.9) == []
-    assert found.evaluate(views("stopped"), 3.0) == [("flow", False)]
-    assert ids(found.tripped_stops("fan")) == ["flow"]
-    assert found.evaluate(views("stopped"), 4.0) == [], "an edge is told once"
-    assert ids(found.tripped_stops("fan")) == ["flow"], "and it stops as long as it does not hold"
-    assert found.tripped_stops("pump") == []
+def test_a_violation_blocks_starts_at_once_and_trips_after_its_delay() -> None:
+    engine = interlocks(delay_s=2.0)
+    engine.evaluate(views(), 0.0)
+    assert engine.evaluate(views("stopped"), 1.0) == []
+    assert (blocking(engine, "fan"), engine.tripped_stops("fan")) == (["flow"], [])
+    assert engine.evaluate(views("stopped"), 2.9) == []
+    assert engine.evaluate(views("stopped"), 3.0) == [("flow", False)]
+    assert ids(engine.tripped_stops("fan")) == ["flow"]
+    assert engine.evaluate(views("stopped"), 4.0) == [], "an edge is reported once"
+    assert ids(engine.tripped_stops("fan")) == ["flow"], "it stays tripped while it does not hold"
+    assert engine.tripped_stops("pump") == []
 
 
-def test_holding_again_is_told_once_and_begins_the_delay_anew() -> None:
-    found = interlocks(delay_s=2.0)
-    found.evaluate(views(), 0.0)
-    found.evaluate(views("stopped"), 1.0)
-    assert found.evaluate(views(), 2.0) == [], "it had not tripped"
-    found.evaluate(views("stopped"), 2.5)
-    assert found.evaluate(views("stopped"), 4.0) == []
-    assert found.evaluate(views("stopped"), 4.5) == [("flow", False)]
-    assert found.evaluate(views(), 5.0) == [("flow", True)]
-    assert found.evaluate(views(), 6.0) == []
-    assert forbidding(found, "fan") == []
+def test_an_interlock_that_holds_again_is_reported_once_and_restarts_its_delay() -> None:
+    engine = interlocks(delay_s=2.0)
+    engine.evaluate(views(), 0.0)
+    engine.evaluate(views("stopped"), 1.0)
+    assert engine.evaluate(views(), 2.0) == [], "it had not tripped"
+    engine.evaluate(views("stopped"), 2.5)
+    assert engine.evaluate(views("stopped"), 4.0) == []
+    assert engine.evaluate(views("stopped"), 4.5) == [("flow", False)]
+    assert engine.evaluate(views(), 5.0) == [("flow", True)]
+    assert engine.evaluate(views(), 6.0) == []
+    assert blocking(engine, "fan") == []
 
 
-def test_one_that_blocks_starts_stops_nothing() -> None:
-    found = interlocks(action=InterlockAction.BLOCK_START)
-    assert found.evaluate(views("stopped"), 0.0) == [("flow", False)]
-    assert (forbidding(found, "fan"), found.tripped_stops("fan")) == (["flow"], [])
+def test_an_interlock_with_the_action_block_start_stops_nothing() -> None:
+    engine = interlocks(action=InterlockAction.BLOCK_START)
+    assert engine.evaluate(views("stopped"), 0.0) == [("flow", False)]
+    assert (blocking(engine, "fan"), engine.tripped_stops("fan")) == (["flow"], [])
 
 
-def test_a_value_that_is_not_good_does_not_hold() -> None:
-    found = interlocks("pump.output_frequency > 5 Hz")
-    found.evaluate(views(), 0.0)
+def test_a_value_of_bad_or_uncertain_quality_violates_an_interlock() -> None:
+    engine = interlocks("pump.output_frequency > 5 Hz")
+    engine.evaluate(views(), 0.0)
     for quality in (Quality.UNCERTAIN, Quality.BAD):
-        assert found.evaluate(views(quality=quality), 1.0) == [("flow", False)]
-        assert ids(found.tripped_stops("fan")) == ["flow"]
-        found.evaluate(views(), 2.0)
-    assert found.evaluate(views(hz=None), 3.0) == [("flow", False)]
-    found.evaluate(views(), 4.0)
-    assert found.evaluate({}, 5.0) == [("flow", False)], "a drive that is no longer there"
+        assert engine.evaluate(views(quality=quality), 1.0) == [("flow", False)]
+        assert ids(engine.tripped_stops("fan")) == ["flow"]
+        engine.evaluate(views(), 2.0)
+    assert engine.evaluate(views(hz=None), 3.0) == [("flow", False)]
+    engine.evaluate(views(), 4.0)
+    assert engine.evaluate({}, 5.0) == [("flow", False)], "a drive that was removed"
 
 
-def test_an_unknown_state_does_not_hold_either_way() -> None:
-    found = interlocks("not pump.state == running")
-    found.evaluate(views("stopped"), 0.0)
-    assert found.evaluate(views("unknown"), 1.0) == [("flow", False)]
+def test_an_unknown_state_violates_a_condition_and_its_negation() -> None:
+    engine = interlocks("not pump.state == running")
+    engine.evaluate(views("stopped"), 0.0)
+    assert engine.evaluate(views("unknown"), 1.0) == [("flow", False)]
 
 
-def test_before_the_first_look_nothing_may_start() -> None:
-    found = interlocks()
-    assert forbidding(found, "fan") == ["flow"] and found.tripped_stops("fan") == []
-    assert 'interlock "flow"' in said(found, "en") and "“flow”" in said(found, "zh")
-    assert "not read yet" in said(found, "en")
+def test_an_interlock_blocks_starts_before_its_first_evaluation() -> None:
+    engine = interlocks()
+    assert blocking(engine, "fan") == ["flow"] and engine.tripped_stops("fan") == []
+    assert 'interlock "flow"' in blocker_text(engine, "en") and "“flow”" in blocker_text(engine, "zh")
+    assert "not read yet" in blocker_text(engine, "en")
 
 
-def test_a_restart_does_not_stop_a_drive_because_nothing_has_been_read_yet() -> None:
-    """But it forbids starts, and it does not wait for ever."""
-    found = interlocks()
-    assert found.evaluate(views("unknown"), 100.0) == []
-    assert (forbidding(found, "fan"), found.tripped_stops("fan")) == (["flow"], [])
-    assert found.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S - 0.01) == []
-    assert found.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S) == [("flow", False)]
-    assert ids(found.tripped_stops("fan")) == ["flow"]
+def test_a_restart_trips_no_interlock_before_its_values_were_read() -> None:
+    """It blocks starts meanwhile, and trips after the grace time."""
+    engine = interlocks()
+    assert engine.evaluate(views("unknown"), 100.0) == []
+    assert (blocking(engine, "fan"), engine.tripped_stops("fan")) == (["flow"], [])
+    assert engine.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S - 0.01) == []
+    assert engine.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S) == [("flow", False)]
+    assert ids(engine.tripped_stops("fan")) == ["flow"]
 
 
-def test_what_is_known_not_to_hold_trips_at_once_after_a_restart() -> None:
-    found = interlocks()
-    assert found.evaluate(views("stopped"), 100.0) == [("flow", False)]
+def test_a_known_violation_trips_at_once_after_a_restart() -> None:
+    engine = interlocks()
+    assert engine.evaluate(views("stopped"), 100.0) == [("flow", False)]
 
 
-def test_the_grace_ends_with_the_first_certain_look() -> None:
-    found = interlocks()
-    found.evaluate(views("unknown"), 100.0)
-    found.evaluate(views(), 101.0)
-    assert found.evaluate(views("unknown"), 102.0) == [("flow", False)]
+def test_the_grace_time_ends_with_the_first_known_result() -> None:
+    engine = interlocks()
+    engine.evaluate(views("unknown"), 100.0)
+    engine.evaluate(views(), 101.0)
+    assert engine.evaluate(views("unknown"), 102.0) == [("flow", False)]
 
 
-def test_a_violation_says_why_in_both_languages() -> None:
-    found = interlocks("pump.state == running and pump.output_frequency >= 10 Hz", title=Text("Flow", "流量"))
-    found.evaluate(views("stopped", 3.5), 0.0)
-    assert said(found, "en") == (
+def test_a_violation_states_its_reasons_in_both_languages() -> None:
+    engine = interlocks("pump.state == running and pump.output_frequency >= 10 Hz", title=Text("Flow", "流量"))
+    engine.evaluate(views("stopped", 3.5), 0.0)
+    assert blocker_text(engine, "en") == (
         'interlock "Flow" is not met: pump.state == running required, pump.state is stopped; '
         "pump.output_frequency >= 10 Hz required, pump.output_frequency is 3.5 Hz"
     )
-    params = found.violations("fan")[0].message_params
+    params = engine.violations("fan")[0].message_params
     assert (params["interlock"], params["require"]) == (
         "flow",
         "pump.state == running and pump.output_frequency >= 10 Hz",
     )
-    assert all(word in said(found, "zh") for word in ("流量", "3.5 Hz", "联锁"))
-    found.evaluate(views("running", 3.5, Quality.BAD), 1.0)
-    reasons = found.violations("fan")[0].reasons
-    assert [one.en for one in reasons] == [
+    assert all(word in blocker_text(engine, "zh") for word in ("流量", "3.5 Hz", "联锁"))
+    engine.evaluate(views("running", 3.5, Quality.BAD), 1.0)
+    reasons = engine.violations("fan")[0].reasons
+    assert [reason.en for reason in reasons] == [
         "pump.output_frequency >= 10 Hz required, pump.output_frequency has no good value"
     ]
 
 
-def test_a_reload_keeps_what_unchanged_interlocks_know() -> None:
-    found = interlocks(delay_s=2.0)
-    found.evaluate(views(), 0.0)
-    found.evaluate(views("stopped"), 1.0)
+def test_a_reload_keeps_the_state_of_unchanged_interlocks() -> None:
+    engine = interlocks(delay_s=2.0)
+    engine.evaluate(views(), 0.0)
+    engine.evaluate(views("stopped"), 1.0)
     flow = InterlockConfig("flow", ("fan",), "pump.state == running", delay_s=2.0)
-    found.replace([flow, InterlockConfig("more", ("fan",), "pump.state == stopped")])
-    assert "more" in forbidding(found, "fan"), "a new one forbids until somebody has looked at it"
-    assert found.evaluate(views("stopped"), 3.0) == [("flow", False)]
-    found.replace([InterlockConfig("flow", ("fan",), "pump.state == stopped", delay_s=2.0)])
-    assert found.evaluate(views("stopped"), 4.0) == [] and forbidding(found, "fan") == []
+    engine.replace([flow, InterlockConfig("more", ("fan",), "pump.state == stopped")])
+    assert "more" in blocking(engine, "fan"), "a new interlock blocks starts until its first evaluation"
+    assert engine.evaluate(views("stopped"), 3.0) == [("flow", False)]
+    engine.replace([InterlockConfig("flow", ("fan",), "pump.state == stopped", delay_s=2.0)])
+    assert engine.evaluate(views("stopped"), 4.0) == [] and blocking(engine, "fan") == []

@@ -1,4 +1,4 @@
-"""Interlocks in a whole running plant over simulated drives, in virtual time."""
+"""Interlocks in a running service over simulated drives, in virtual time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ AIR = InterlockConfig(
 )
 
 
-async def both_run(kit: Any) -> None:
+async def start_both(kit: Any) -> None:
     await kit.grant_waivers()
     await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
     await asyncio.sleep(6)
@@ -33,14 +33,14 @@ async def both_run(kit: Any) -> None:
     await asyncio.sleep(6)
 
 
-def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_it_is_tried() -> None:
-    async def story() -> None:
+def test_a_violated_interlock_is_shown_as_start_blocker_and_rejects_a_start() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:
             await asyncio.sleep(15)
             await kit.grant_waivers()
             await asyncio.sleep(1)
             blocked = (await kit.call("drives.get", drive="pump-1"))["start_blockers"]
-            assert [one["key"] for one in blocked] == ["interlocks.violated"]
+            assert [blocker["key"] for blocker in blocked] == ["interlocks.violated"]
             assert blocked[0]["params"]["interlock"] == "air"
             assert "fan-1.state is stopped" in blocked[0]["text"]["en"] and "送风" in blocked[0]["text"]["zh"]
             with pytest.raises(Interlocked, match=r"fan-1\.output_frequency is 0 Hz"):
@@ -48,16 +48,16 @@ def test_a_refused_start_says_what_is_missing_in_both_languages_before_and_when_
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
             assert (await kit.call("drives.get", drive="fan-1"))["start_blockers"] == []
 
-    run(story())
+    run(scenario())
 
 
-def test_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
-    """Stale after max(3 × 0.5 s, 1 s) and the timeout, then the delay of 1 s, then the stop."""
+def test_a_drive_that_stops_answering_trips_the_drives_that_require_it() -> None:
+    """Its values are stale after max(3 × 0.5 s, 1 s) and the timeout; the stop follows after the delay of 1 s."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:
             await asyncio.sleep(15)
-            await both_run(kit)
+            await start_both(kit)
             assert kit.station("pump-1").running
             kit.station("fan-1").faults.silent = True
             await asyncio.sleep(1.4)
@@ -65,14 +65,14 @@ def test_a_drive_that_falls_silent_stops_those_that_need_it() -> None:
             await asyncio.sleep(6.0)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
-    async def story() -> None:
+def test_a_stop_that_is_being_repeated_is_not_commanded_again() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:
             await asyncio.sleep(15)
-            await both_run(kit)
+            await start_both(kit)
             for drive in ("fan-1", "pump-1"):
                 kit.station(drive).faults.silent = True
             await asyncio.sleep(20)
@@ -83,26 +83,25 @@ def test_a_stop_that_is_being_repeated_is_not_asked_for_again() -> None:
             await asyncio.sleep(5)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
 
-    run(story())
+    run(scenario())
 
 
 def interlock_alarms(kit: Any) -> list[tuple[str, str, bool]]:
-    """Drive, interlock, and whether it is still raised."""
+    """Return drive, interlock, and whether the alarm is uncleared."""
     active = kit.service.plant.alarms.active()
-    return [
-        (one.drive, one.subject, one.cleared_ms is None) for one in active if one.kind == SystemAlarm.INTERLOCK_TRIP
-    ]
+    trips = [alarm for alarm in active if alarm.kind == SystemAlarm.INTERLOCK_TRIP]
+    return [(alarm.drive, alarm.subject, alarm.cleared_ms is None) for alarm in trips]
 
 
-def test_an_alarm_is_raised_for_what_was_stopped_and_not_for_what_stands() -> None:
-    """At rest nothing runs, and no interlock that wants something running holds: that is no trip."""
+def test_an_interlock_alarm_is_raised_for_a_stopped_drive_and_not_for_one_at_rest() -> None:
+    """At rest no interlock that requires a running drive holds; that is no trip."""
     block = replace(AIR, id="block", drives=("pump-2",), action=InterlockAction.BLOCK_START)
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR, block))) as kit:
             await asyncio.sleep(15)
             assert interlock_alarms(kit) == []
-            await both_run(kit)
+            await start_both(kit)
             await kit.call("drive.run", drive="pump-2", frequency_hz=20.0)
             await asyncio.sleep(6)
             await kit.call("drive.stop", drive="fan-1")
@@ -113,33 +112,33 @@ def test_an_alarm_is_raised_for_what_was_stopped_and_not_for_what_stands() -> No
             await asyncio.sleep(6)
             assert interlock_alarms(kit) == [("pump-1", "air", False)], "it holds again"
 
-    run(story())
+    run(scenario())
 
 
-def test_a_short_lapse_is_forgiven() -> None:
-    async def story() -> None:
+def test_a_violation_shorter_than_the_delay_trips_nothing() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:
             await asyncio.sleep(15)
-            await both_run(kit)
+            await start_both(kit)
             kit.station("fan-1").faults.silent = True
             await asyncio.sleep(0.4)
             kit.station("fan-1").faults.silent = False
             await asyncio.sleep(5.0)
             assert kit.station("pump-1").running
 
-    run(story())
+    run(scenario())
 
 
-def test_another_setpoint_trips_nothing_that_requires_running() -> None:
-    """A C320 reports its ramps as states of their own."""
+def test_a_new_setpoint_does_not_trip_an_interlock_that_requires_running() -> None:
+    """A C320 reports acceleration and deceleration as separate states."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:
             await asyncio.sleep(15)
-            await both_run(kit)
+            await start_both(kit)
             for frequency_hz in (45.0, 10.0):
                 await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=frequency_hz)
                 await asyncio.sleep(5.0)
                 assert kit.station("pump-1").running
 
-    run(story())
+    run(scenario())

@@ -10,18 +10,18 @@ from fixtures.service import plant_config, running_service
 
 
 def test_a_bus_that_opens_with_its_plant_is_no_news() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(10)
             assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
             message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
             assert not [text for text in message if text.startswith("bus ")]
 
-    run(story())
+    run(scenario())
 
 
 def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1"), BusConfig("b", "sim://vc660@1,2"))
         async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(10)
@@ -31,4 +31,4 @@ def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
             assert bus["errors"] == silent["errors"]
             assert [station["error_rate"] for station in bus["stations"]] == [0.0, 1.0] and 0 < bus["error_rate"] < 1
 
-    run(story())
+    run(scenario())

@@ -24,7 +24,7 @@ def hub() -> Hub:
 
 
 def test_a_changed_topic_is_pushed_whole_and_the_latest_wins() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         one.publish("drives/a", {"state": "stopped", "signals": {"x": 1, "y": 2}})
         live = one.subscribe(STATE_STREAM)
@@ -36,22 +36,22 @@ def test_a_changed_topic_is_pushed_whole_and_the_latest_wins() -> None:
         assert found["type"] == "update"
         assert found["topics"] == {"drives/a": {"state": "stopped", "signals": {"x": 6, "y": 2}}}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_change_is_pushed_at_once() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one, loop = hub(), asyncio.get_running_loop()
         live = one.subscribe(STATE_STREAM)
         await anext(live)
         loop.call_later(0.1, one.publish, "drives/a", {"state": "running"})
         assert (await anext(live))["topics"] == {"drives/a": {"state": "running"}} and loop.time() == 0.1
 
-    run(story())
+    run(scenario())
 
 
 def test_an_equal_object_is_no_change() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         one.publish("drives/a", {"state": "stopped"})
         live = one.subscribe(STATE_STREAM)
@@ -59,11 +59,11 @@ def test_an_equal_object_is_no_change() -> None:
         one.publish("drives/a", {"state": "stopped"})
         assert (await anext(live))["topics"] == {}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_quiet_hub_sends_a_heartbeat_every_second() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one, loop = hub(), asyncio.get_running_loop()
         live = one.subscribe(STATE_STREAM)
         await anext(live)
@@ -72,11 +72,11 @@ def test_a_quiet_hub_sends_a_heartbeat_every_second() -> None:
             assert (await anext(live))["topics"] == {}
         assert loop.time() - begun == 3.0
 
-    run(story())
+    run(scenario())
 
 
 def test_a_removed_topic_is_reported() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         one.publish("drives/a", {"state": "stopped"})
         live = one.subscribe(STATE_STREAM)
@@ -86,11 +86,11 @@ def test_a_removed_topic_is_reported() -> None:
         found = await anext(live)
         assert found["removed"] == ["drives/a"] and found["topics"] == {}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_topic_that_was_removed_and_published_again_is_not_reported_as_removed() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         one.publish("drives/a", {"state": "running"})
         live = one.subscribe(STATE_STREAM)
@@ -100,11 +100,11 @@ def test_a_topic_that_was_removed_and_published_again_is_not_reported_as_removed
         found = await anext(live)
         assert "removed" not in found and found["topics"] == {"drives/a": {"state": "stopped"}}
 
-    run(story())
+    run(scenario())
 
 
 def test_of_a_list_only_new_items_are_sent() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         assert [one.append("events", name) for name in "abc"] == [1, 2, 3]
         assert one.items("events", 1) == [(2, "b"), (3, "c")] and one.items("events", 3) == []
@@ -114,11 +114,11 @@ def test_of_a_list_only_new_items_are_sent() -> None:
         found = await anext(live)
         assert found["topics"] == {"events": ["d"]} and "missed" not in found
 
-    run(story())
+    run(scenario())
 
 
 def test_lists_are_bounded_and_the_items_that_were_dropped_are_counted() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         one.append("events", {"n": -1})
         live = one.subscribe(STATE_STREAM)
@@ -129,11 +129,11 @@ def test_lists_are_bounded_and_the_items_that_were_dropped_are_counted() -> None
         assert [item["n"] for item in found["topics"]["events"]] == [*range(7, MAX_LIST_ITEMS + 7)]
         assert found["missed"] == {"events": 7}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_reader_that_does_not_read_holds_no_more_than_the_newest_of_each_topic() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         live = one.subscribe(STATE_STREAM)
         await anext(live)
@@ -143,11 +143,11 @@ def test_a_reader_that_does_not_read_holds_no_more_than_the_newest_of_each_topic
         assert (await anext(live))["topics"] == {"drives/a": {"n": 999}}
         assert (await anext(live))["topics"] == {}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_subscriber_that_goes_away_is_forgotten() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         live = one.subscribe(STATE_STREAM)
         await anext(live)
@@ -155,11 +155,11 @@ def test_a_subscriber_that_goes_away_is_forgotten() -> None:
         await live.aclose()  # type: ignore[attr-defined]
         assert one.subscriber_count == 0
 
-    run(story())
+    run(scenario())
 
 
 def test_an_ending_service_ends_every_stream_with_the_reason() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         one = hub()
         live = one.subscribe(STATE_STREAM)
         await anext(live)
@@ -167,11 +167,11 @@ def test_an_ending_service_ends_every_stream_with_the_reason() -> None:
         messages = [message async for message in live]
         assert [message["reason"] for message in messages] == ["shutdown"] and messages[0]["text"]["zh"]
 
-    run(story())
+    run(scenario())
 
 
 def test_a_drive_is_published_with_each_reply_and_not_only_with_each_cycle() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             live, times = kit.service.live(STATE_STREAM, LOCAL), set()
@@ -183,13 +183,13 @@ def test_a_drive_is_published_with_each_reply_and_not_only_with_each_cycle() -> 
             period_s = kit.service.plant.drives["fan-1"].profile.signals["output_frequency"].period_s
             assert len(times) >= 4.0 / period_s - 1
 
-    run(story())
+    run(scenario())
 
 
 def test_a_wall_clock_that_is_set_changes_no_age() -> None:
     wall_s = 0.0
 
-    async def story() -> None:
+    async def scenario() -> None:
         nonlocal wall_s
         loop = asyncio.get_running_loop()
         clock = UtcClock(loop.time, lambda: int((loop.time() + wall_s) * 1000))
@@ -205,11 +205,11 @@ def test_a_wall_clock_that_is_set_changes_no_age() -> None:
         clock.follow_wall_clock()
         assert clock.now_ms() == 10_000 - 3_600_000, "a small correction moves no label"
 
-    run(story())
+    run(scenario())
 
 
 def test_a_lease_is_published_with_its_end_and_not_again_until_it_is_renewed() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         ann = remote_actor("ann")
         async with running_service() as kit:
             await asyncio.sleep(1)
@@ -220,13 +220,13 @@ def test_a_lease_is_published_with_its_end_and_not_again_until_it_is_renewed() -
             lease = plant.hub.topics["drives/fan-1"]["lease"]
             assert lease == {"owner": "ann", "session": ann.session, "expires_ms": expires_ms}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
     """Hub, request and history; within max(3 periods, 1 s) and the timeout."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             live, known = kit.service.live(STATE_STREAM, LOCAL), {}
@@ -245,13 +245,13 @@ def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
             gaps = [s for s in kit.history.samples[fed:] if s.tag == "fan-1.output_frequency" and s.value is None]
             assert len(gaps) == 1
 
-    run(story())
+    run(scenario())
 
 
 def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
     """What was never read has no gap: nothing went."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             kit.station("fan-2").faults.silent = True
             await asyncio.sleep(5)
@@ -262,7 +262,7 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
             samples = [one for readings in (bad, good, good, bad, bad) for one in fan_2.new_samples(readings, 0)]
             assert [one.value for one in samples if one.tag == "fan-2.output_frequency"] == [0.0, None]
 
-    run(story())
+    run(scenario())
 
 
 def silence(kit: ServiceKit) -> None:
@@ -276,7 +276,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
     """On the hub, and as one line of the log each."""
     caplog.set_level("INFO", "drivebus.service")
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
@@ -297,11 +297,11 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
             logged = [r.getMessage() for r in caplog.records if getattr(r, "event", {}).get("drive") == "fan-1"]
             assert len(logged) == 3
 
-    run(story())
+    run(scenario())
 
 
 def test_frames_are_decoded_for_whoever_looks() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             live = kit.service.live("frames/a", LOCAL)
@@ -316,11 +316,11 @@ def test_frames_are_decoded_for_whoever_looks() -> None:
             later = await kit.call("buses.frames", bus="a", after=kept["last"])
             assert later["frames"] == []
 
-    run(story())
+    run(scenario())
 
 
 def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(10)
             found = await kit.call("buses.get", bus="a")
@@ -328,13 +328,13 @@ def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
             assert found["is_open"] and 0 < found["load_percent"] < 100 and found["stop_bound_s"] < 0.5
             assert found["line"] == "9600 8E1"
 
-    run(story())
+    run(scenario())
 
 
 def test_many_requests_do_not_delay_live_values() -> None:
     """A message of 160 topics is encoded in some 20 pieces, while 200 requests wait for their turns."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         one, loop = hub(), asyncio.get_running_loop()
         for topic in range(160):
             one.publish(f"drives/{topic}", {"state": "x" * 4000})
@@ -344,4 +344,4 @@ def test_many_requests_do_not_delay_live_values() -> None:
         assert 15 <= sum(request.done() for request in requests) <= 30
         await asyncio.gather(*requests)
 
-    run(story())
+    run(scenario())

@@ -44,7 +44,7 @@ async def badge(kit: ServiceKit) -> str:
 
 
 def test_after_a_write_the_badge_is_doubted_and_forbids_a_start_until_it_is_read_again() -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await trips(kit)
             await write(kit, **{"F9.4": 0.0})
@@ -57,14 +57,14 @@ def test_after_a_write_the_badge_is_doubted_and_forbids_a_start_until_it_is_read
             await asyncio.sleep(5)
             assert await badge(kit) == "runs_on"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("during", [True, False])
 def test_what_was_read_before_or_while_something_was_written_is_not_believed(during: bool) -> None:
     """The read began before the write ended: it may have seen the old value, and the next one is an hour away."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await trips(kit)
             unit = kit.service.plant.drives["fan-1"]
@@ -80,7 +80,7 @@ def test_what_was_read_before_or_while_something_was_written_is_not_believed(dur
             unit.set_comm_loss(report, kit.service.plant.now(), during_write)
             assert await badge(kit) == ("unknown" if during else "trips")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(("action", "time", "kind"), [(0x00, 50, "trips"), (0x10, 50, "runs_on"), (0x00, 0, "runs_on")])
@@ -89,7 +89,7 @@ def test_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_
 ) -> None:
     """The E300's F4.3 and F4.4: no test's own word here. And it does what its badge says."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service(plant_config(buses=(BUS,), drives=(SMALL,), groups=())) as kit:
             station = kit.station("small")
             station.keypad_set(0x4_03, action)
@@ -110,4 +110,4 @@ def test_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_
             bench.advance()
             assert not station.motor.energised
 
-    run(story())
+    run(scenario())

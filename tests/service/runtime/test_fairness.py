@@ -74,7 +74,7 @@ def test_so_many_at_once_as_was_said() -> None:
 
 
 def test_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
-    async def story() -> list[list[int]]:
+    async def scenario() -> list[list[int]]:
         rounds: list[list[int]] = [[]]
 
         async def wait(number: int) -> None:
@@ -91,13 +91,13 @@ def test_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
         await wait(4)  # after everybody has gone
         return [numbers for numbers in rounds if numbers]
 
-    assert virtual_time.run(story()) == [[0], [2], [3], [4]]
+    assert virtual_time.run(scenario()) == [[0], [2], [3], [4]]
 
 
 def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
     """A hundred questions wait, and more come all the time; none of both kinds starves."""
 
-    async def story() -> tuple[int, int]:
+    async def scenario() -> tuple[int, int]:
         asked, message = 0, 0
 
         async def ask() -> None:
@@ -114,5 +114,5 @@ def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
             question.cancel()
         return asked, message
 
-    asked, message = virtual_time.run(story())
+    asked, message = virtual_time.run(scenario())
     assert message == 20 and 15 <= asked <= 25

@@ -15,7 +15,7 @@ from fixtures.service import DRIVES, plant_config, running_service
 def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
     """A stop of everything is one of each drive; a DF800 can only acknowledge; who is not there confirms nothing."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1,2"), BusConfig("b", "sim://df800@1"))
         drives = (*DRIVES[:2], *(replace(drive, model="df800") for drive in DRIVES[2:]))
         async with running_service(plant_config(buses=buses, drives=drives)) as kit:
@@ -26,7 +26,7 @@ def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
             await kit.call("plant.stop")
             assert (await kit.call("plant.statistics"))["stops"] == {"requested": 5, "confirmed": 3, "acknowledged": 1}
 
-    run(story())
+    run(scenario())
 
 
 async def test_what_the_history_took_in_and_each_drive_did_is_told_at_once(tmp_path: Path) -> None:
