@@ -1,4 +1,4 @@
-"""The plant process: what is seen, who may command, what is recorded."""
+"""The service as a whole: views, rights, audit records."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivebus.testing.virtual_time import run
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
 
 
-def test_every_drive_is_seen_within_seconds() -> None:
+def test_every_drive_is_online_within_seconds() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
@@ -43,8 +43,8 @@ def test_a_local_start_is_confirmed_and_recorded_before_and_after() -> None:
     run(scenario())
 
 
-def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
-    """What was recorded and is sent again starts nothing."""
+def test_a_remote_start_needs_a_lease_and_an_arm_token_that_is_valid_once() -> None:
+    """A replayed request starts nothing."""
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -58,9 +58,9 @@ def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0)
             arm = (await kit.call("drive.arm", ann, drive="fan-1"))["arm_token"]
             await kit.call("drive.run", ann, drive="fan-1", frequency_hz=20.0, arm_token=arm)
-            with pytest.raises(ArmRequired) as served:
+            with pytest.raises(ArmRequired) as rejected:
                 await kit.call("drive.run", ann, drive="fan-1", frequency_hz=25.0, arm_token=arm)
-            assert served.value.key == "plant.arm_void", "before any stop has voided it"
+            assert rejected.value.key == "plant.arm_void", "also before a stop revokes it"
             await kit.call("lease.renew", ann, drive="fan-1")
             await kit.call("drive.stop", ann, drive="fan-1")
             await kit.call("lease.take", ann, drive="fan-1")
@@ -71,14 +71,14 @@ def test_a_remote_start_takes_a_lease_and_two_steps_that_serve_once() -> None:
     run(scenario())
 
 
-def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
+def test_a_drive_that_may_run_on_after_a_communication_loss_needs_a_waiver() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             with pytest.raises(WaiverRequired):
                 await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
             view = await kit.call("drives.get", drive="pump-1")
-            assert "plant.waiver_needed" in [one["key"] for one in view["start_blockers"]]
+            assert "plant.waiver_needed" in [blocker["key"] for blocker in view["start_blockers"]]
             await kit.grant_waivers("pump-1")
             assert (await kit.call("drive.run", drive="pump-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
 
@@ -94,40 +94,41 @@ def test_a_start_needs_a_waiver_where_the_drive_may_run_on() -> None:
         ("parameters.write", Role.OPERATOR, {"drive": "fan-1", "values": {"F0.1": 2.0}}),
     ],
 )
-def test_who_lacks_the_right_is_refused_in_the_plant_itself(operation: str, role: Role, params: dict[str, Any]) -> None:
-    """Whatever door the request came through."""
+def test_the_service_itself_rejects_an_operation_without_its_right(
+    operation: str, role: Role, params: dict[str, Any]
+) -> None:
 
     async def scenario() -> None:
         async with running_service() as kit:
-            sent = _sent(kit)
+            sent = _frame_count(kit)
             with pytest.raises(PermissionDenied):
                 await kit.call(operation, remote_actor(role=role), **params)
-            assert _sent(kit) == sent
+            assert _frame_count(kit) == sent
             assert kit.trail.entries[-1].outcome == "plant.forbidden"
 
     run(scenario())
 
 
-def _sent(kit: ServiceKit) -> int:
-    return sum(line.frame_count for line in kit.service.plant.buses.values())
+def _frame_count(kit: ServiceKit) -> int:
+    return sum(bus.frame_count for bus in kit.service.plant.buses.values())
 
 
-def test_wrong_parameters_are_all_named_and_unknown_things_are_not_found() -> None:
-    """T19: no number in a string, nothing unknown."""
+def test_all_wrong_parameters_are_reported_and_unknown_ids_are_not_found() -> None:
+    """Neither a number in a string nor an unknown name is accepted."""
 
     async def scenario() -> None:
         async with running_service() as kit:
             with pytest.raises(InvalidParameters) as rejected:
                 await kit.call("drive.run", drive="fan-1", frequency_hz="25.0", colour="red")
             assert {fault["path"] for fault in rejected.value.params["faults"]} == {"frequency_hz", "colour"}
-            for operation, params in (("drives.get", {"drive": "nobody"}), ("nothing.at_all", {})):
+            for operation, params in (("drives.get", {"drive": "unknown"}), ("nothing.at_all", {})):
                 with pytest.raises(NotFound):
                     await kit.service.call(operation, params, LOCAL)
 
     run(scenario())
 
 
-def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
+def test_a_subscriber_gets_a_snapshot_and_then_changes() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
@@ -140,8 +141,7 @@ def test_a_listener_gets_a_snapshot_and_then_what_changed() -> None:
     run(scenario())
 
 
-def test_to_save_parameters_takes_a_right_of_its_own() -> None:
-    """EEPROM is not RAM."""
+def test_a_write_to_eeprom_needs_its_own_right() -> None:
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -156,7 +156,7 @@ def test_to_save_parameters_takes_a_right_of_its_own() -> None:
     run(scenario())
 
 
-def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_owner() -> None:
+def test_parameters_are_read_with_their_wire_address_and_written_only_with_control() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
@@ -171,17 +171,19 @@ def test_parameters_are_read_with_their_wire_address_and_written_only_by_the_own
     run(scenario())
 
 
-def test_a_profile_is_told_whole() -> None:
+def test_a_profile_is_returned_whole() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             found = await kit.call("drives.profile", drive="fan-1")
             assert found["model"] == "c320" and found["can_write_ram"] and found["can_save"]
             profile = profiles.load("c320")
-            assert [one["name"] for one in found["signals"]] == [*profile.signals]
-            assert [one["notation"] for one in found["parameters"]] == [*profile.parameters]
-            assert [one["code"] for one in found["faults"]] == [*profile.faults]
-            assert [one["id"] for one in found["caveats"]] == [one.id for one in profile.caveats]
-            assert [one["name"] for one in found["open_questions"]] == [one.name for one in profile.open_questions]
+            assert [item["name"] for item in found["signals"]] == [*profile.signals]
+            assert [item["notation"] for item in found["parameters"]] == [*profile.parameters]
+            assert [item["code"] for item in found["faults"]] == [*profile.faults]
+            assert [item["id"] for item in found["caveats"]] == [caveat.id for caveat in profile.caveats]
+            assert [item["name"] for item in found["open_questions"]] == [
+                question.name for question in profile.open_questions
+            ]
             assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
             assert all(text["en"] and text["zh"] for text in found["keypad"])
 

@@ -1,4 +1,4 @@
-"""Alarms are raised, seen, set aside and cleared as the settings say, exactly to the tick."""
+"""Alarm engine: raise, acknowledge, shelve and clear (ISA-18.2), exactly to the tick."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HIGH = AlarmConfig(
 STALE = AlarmConfig("old", AlarmKind.STALE, (), delay_s=1.0)
 
 
-def book(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
+def engine(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
     return AlarmEngine(settings, [FAN], FakeAlarmLog().put, known, **more)
 
 
@@ -27,63 +27,63 @@ def words(changes: list) -> list[str]:
     return [f"{change.action} {change.alarm.setting}" for change in changes]
 
 
-def run(alarms: AlarmEngine, *story: tuple[float, object]) -> list[str]:
-    """Views at their seconds; what happened, with the second."""
-    return [f"{at:g} {word}" for at, seen in story for word in words(alarms.observe(seen, at, int(at * 1000)))]
+def run(alarms: AlarmEngine, *views: tuple[float, object]) -> list[str]:
+    """Observe views at their seconds; return each change with its second."""
+    return [f"{at:g} {word}" for at, observed in views for word in words(alarms.observe(observed, at, int(at * 1000)))]
 
 
 def test_a_threshold_raises_after_its_delay_to_the_tick_and_clears_below_its_hysteresis() -> None:
     steps = [(n / 10, current(11.0)) for n in range(32)] + [(4.0, current(9.0)), (5.0, current(8.0))]
-    assert run(book(HIGH), *steps) == ["3 raised overload", "5 cleared overload"]
+    assert run(engine(HIGH), *steps) == ["3 raised overload", "5 cleared overload"]
 
 
-def test_the_threshold_itself_is_not_beyond_it() -> None:
-    assert run(book(replace(HIGH, delay_s=0.0)), (0, current(10.0)), (1, current(10.001))) == ["1 raised overload"]
+def test_a_value_equal_to_the_threshold_raises_nothing() -> None:
+    assert run(engine(replace(HIGH, delay_s=0.0)), (0, current(10.0)), (1, current(10.001))) == ["1 raised overload"]
 
 
-def test_below_is_the_mirror_of_above() -> None:
+def test_a_lower_limit_mirrors_an_upper_limit() -> None:
     low = replace(HIGH, kind=AlarmKind.BELOW, delay_s=0.0)
-    message = run(book(low), (0, current(10.0)), (1, current(9.0)), (2, current(11.9)), (3, current(12.0)))
-    assert message == ["1 raised overload", "3 cleared overload"]
+    changes = run(engine(low), (0, current(10.0)), (1, current(9.0)), (2, current(11.9)), (3, current(12.0)))
+    assert changes == ["1 raised overload", "3 cleared overload"]
 
 
 def test_a_value_inside_the_hysteresis_ends_a_delay_that_was_running() -> None:
-    story = [(0, current(11.0)), (2.5, current(9.0)), (2.6, current(11.0)), (3.5, current(11.0)), (5.6, current(11.0))]
-    assert run(book(HIGH), *story) == ["5.6 raised overload"]
+    views = [(0, current(11.0)), (2.5, current(9.0)), (2.6, current(11.0)), (3.5, current(11.0)), (5.6, current(11.0))]
+    assert run(engine(HIGH), *views) == ["5.6 raised overload"]
 
 
 @pytest.mark.parametrize("quality", [Quality.BAD, Quality.UNCERTAIN])
-def test_a_value_that_is_not_good_neither_raises_nor_clears_nor_begins_the_delay_again(quality: Quality) -> None:
-    """Whoever does not know says so by the stale alarm, not by this one."""
-    doubtful = [(1, current(0.0, quality)), (3.5, current(99.0, quality)), (4, current(11.0))]
-    assert run(book(HIGH), (0, current(11.0)), *doubtful, (5, current(0.0, quality))) == ["4 raised overload"]
+def test_a_value_without_good_quality_neither_raises_nor_clears_nor_restarts_the_delay(quality: Quality) -> None:
+    """The stale alarm is for missing values."""
+    not_good = [(1, current(0.0, quality)), (3.5, current(99.0, quality)), (4, current(11.0))]
+    assert run(engine(HIGH), (0, current(11.0)), *not_good, (5, current(0.0, quality))) == ["4 raised overload"]
 
 
 @pytest.mark.parametrize("value", [None, "text"])
-def test_what_is_no_number_or_not_there_raises_nothing(value: object) -> None:
-    alarms = book(replace(HIGH, delay_s=0.0))
+def test_a_missing_or_non_numeric_value_raises_nothing(value: object) -> None:
+    alarms = engine(replace(HIGH, delay_s=0.0))
     assert run(alarms, (0, current(value)), (1, view({}))) == []
 
 
 def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> None:
-    alarms = book()
+    alarms = engine()
     other = {**OVERCURRENT, "code": 5, "label": "Er.05"}
-    story = [(0, view(fault=OVERCURRENT)), (1, view(fault=OVERCURRENT)), (2, view(fault=other)), (3, view())]
-    assert run(alarms, *story) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
+    views = [(0, view(fault=OVERCURRENT)), (1, view(fault=OVERCURRENT)), (2, view(fault=other)), (3, view())]
+    assert run(alarms, *views) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
     assert [alarm.value for alarm in alarms.active()] == [5, 4]
     assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
 
 
-def test_another_fault_has_a_delay_of_its_own() -> None:
-    late = book(AlarmConfig("trip", AlarmKind.FAULT, (), delay_s=5.0))
-    one, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
-    message = run(late, (0, one), (5, one), (6, other), (10.9, other), (11, other))
-    assert message == ["5 raised trip", "6 cleared trip", "11 raised trip"]
+def test_another_fault_has_its_own_delay() -> None:
+    late = engine(AlarmConfig("trip", AlarmKind.FAULT, (), delay_s=5.0))
+    overcurrent, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
+    changes = run(late, (0, overcurrent), (5, overcurrent), (6, other), (10.9, other), (11, other))
+    assert changes == ["5 raised trip", "6 cleared trip", "11 raised trip"]
 
 
 def test_a_fault_without_a_text_shows_its_label_once() -> None:
     bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
-    alarms = book()
+    alarms = engine()
     run(alarms, (0, view(fault=bare)), (1, view(fault={"code": 3})))
     assert [alarm.text.en for alarm in alarms.active()] == [
         "Fan reports a fault: 3",
@@ -92,23 +92,23 @@ def test_a_fault_without_a_text_shows_its_label_once() -> None:
 
 
 def test_a_drive_without_reply_does_not_clear_its_fault() -> None:
-    alarms = book()
+    alarms = engine()
     lost = view(presence="offline", state="unknown")
     unknown = view(state="unknown")
-    message = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
-    assert [word for word in message if "fault" in word] == ["0 raised fault", "3 cleared fault"]
+    changes = run(alarms, (0, view(fault=OVERCURRENT)), (1, lost), (2, unknown), (3, view(state="stopped")))
+    assert [word for word in changes if "fault" in word] == ["0 raised fault", "3 cleared fault"]
 
 
 def test_a_drive_without_a_state_clears_its_fault_by_a_good_reading_of_it() -> None:
     """DF800 reports no run state."""
     quiet = view({"fault": signal(0)}, state="unknown")
-    assert run(book(), (0, view(fault=OVERCURRENT)), (1, quiet)) == ["0 raised fault", "1 cleared fault"]
+    assert run(engine(), (0, view(fault=OVERCURRENT)), (1, quiet)) == ["0 raised fault", "1 cleared fault"]
 
 
 def test_no_response_is_raised_at_once_and_after_a_start_with_a_delay() -> None:
     lost, fresh = view(presence="offline", state="unknown"), view(presence="never_seen", state="unknown")
-    assert run(book(), (0, view()), (1, lost), (2, view())) == ["1 raised no_response", "2 cleared no_response"]
-    assert run(book(), (0, fresh), (9.9, fresh), (10, fresh)) == ["10 raised no_response"]
+    assert run(engine(), (0, view()), (1, lost), (2, view())) == ["1 raised no_response", "2 cleared no_response"]
+    assert run(engine(), (0, fresh), (9.9, fresh), (10, fresh)) == ["10 raised no_response"]
 
 
 def test_stale_values_raise_an_alarm_and_never_reported_signals_do_not() -> None:
@@ -116,31 +116,33 @@ def test_stale_values_raise_an_alarm_and_never_reported_signals_do_not() -> None
     old = view(
         {"output_current": signal(3.0, Quality.BAD), "temperature": signal(None, Quality.BAD, source_time_ms=None)}
     )
-    alarms = book(STALE)
-    message = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
-    assert message == ["7 raised old", "8 cleared old"]
+    alarms = engine(STALE)
+    changes = run(alarms, (0, never), (5, never), (6, old), (7, old), (8, current(3.0)))
+    assert changes == ["7 raised old", "8 cleared old"]
     assert alarms.active()[0].text.en == "Fan: no fresh value of output current"
 
 
 def test_a_named_signal_that_is_never_read_is_stale_and_uncertain_is_not() -> None:
     named = replace(STALE, signal="temperature", delay_s=0.0)
     never = view({"temperature": signal(None, Quality.BAD, source_time_ms=None)})
-    assert run(book(named), (0, view({"temperature": signal(1.0, Quality.UNCERTAIN)})), (1, never)) == ["1 raised old"]
+    assert run(engine(named), (0, view({"temperature": signal(1.0, Quality.UNCERTAIN)})), (1, never)) == [
+        "1 raised old"
+    ]
 
 
-def test_a_setting_of_the_same_kind_takes_the_place_of_the_one_that_every_drive_has() -> None:
+def test_a_configured_alarm_replaces_the_default_of_its_kind() -> None:
     own = AlarmConfig("trip", AlarmKind.FAULT, ("fan-1",), priority=AlarmPriority.LOW, title=Text("Trip", ""))
-    alarms = book(own)
+    alarms = engine(own)
     assert run(alarms, (0, view(fault=OVERCURRENT))) == ["0 raised trip"]
     assert (alarms.active()[0].priority, alarms.active()[0].title) == (AlarmPriority.LOW, Text("Trip", "Trip"))
 
 
-def test_a_setting_for_other_drives_watches_only_them() -> None:
-    assert run(book(replace(HIGH, drives=("pump-1",), delay_s=0.0)), (0, current(99.0))) == []
+def test_an_alarm_configured_for_other_drives_ignores_this_one() -> None:
+    assert run(engine(replace(HIGH, drives=("pump-1",), delay_s=0.0)), (0, current(99.0))) == []
 
 
-def test_the_same_thing_again_is_another_alarm() -> None:
-    alarms = book()
+def test_a_repeated_fault_is_another_alarm() -> None:
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)), (1, view()), (2, view(fault=OVERCURRENT)))
     assert [(alarm.id, alarm.raised_ms, alarm.cleared_ms) for alarm in alarms.active()] == [
         ("a2", 2000, None),
@@ -148,8 +150,8 @@ def test_the_same_thing_again_is_another_alarm() -> None:
     ]
 
 
-def test_an_alarm_is_gone_when_it_is_cleared_and_acknowledged_in_either_order() -> None:
-    alarms = book()
+def test_an_alarm_leaves_the_list_once_cleared_and_acknowledged_in_either_order() -> None:
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     (change,) = alarms.acknowledge("a1", "li", 500)
     assert (change.action, change.alarm.acknowledged_ms, change.alarm.acknowledged_by) == ("acknowledged", 500, "li")
@@ -164,9 +166,9 @@ def test_an_alarm_is_gone_when_it_is_cleared_and_acknowledged_in_either_order() 
     assert rejected.value.params == {"alarm": "a2"}
 
 
-def test_a_shelf_keeps_its_like_aside_until_it_ends_by_the_monotonic_clock() -> None:
-    """The label may say what it likes."""
-    alarms = book()
+def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_clock() -> None:
+    """The UTC time only labels the end."""
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     assert alarms.counts("fan-1") == {"critical": 1}
     (change,) = alarms.shelve("a1", 2, 10.0, 10_000)
@@ -179,8 +181,8 @@ def test_a_shelf_keeps_its_like_aside_until_it_ends_by_the_monotonic_clock() -> 
     assert alarms.counts("fan-1") == {"critical": 2}
 
 
-def test_a_shelf_can_be_ended_before() -> None:
-    alarms = book()
+def test_an_alarm_can_be_unshelved_early() -> None:
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     alarms.shelve("a1", 60, 0.0, 0)
     assert words(alarms.unshelve("a1")) == ["unshelved fault"]
@@ -189,8 +191,8 @@ def test_a_shelf_can_be_ended_before() -> None:
         alarms.shelve("a7", 1, 0.0, 0)
 
 
-def test_what_the_service_raises_is_raised_once_and_cleared_by_it() -> None:
-    alarms = book()
+def test_a_system_alarm_is_raised_once_and_cleared_by_the_service() -> None:
+    alarms = engine()
     (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, subject="no-water")
     assert (change.alarm.setting, change.alarm.priority) == ("interlock_trip", AlarmPriority.CRITICAL)
     assert change.alarm.text == Text(
@@ -206,39 +208,39 @@ def test_what_the_service_raises_is_raised_once_and_cleared_by_it() -> None:
     assert alarms.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 8, subject="no-water") == []
 
 
-def test_a_setting_that_is_called_like_an_alarm_of_the_service_hides_none_of_these() -> None:
-    alarms = book(replace(HIGH, id="stop_unconfirmed", delay_s=0.0))
+def test_a_configured_id_equal_to_a_system_alarm_hides_none() -> None:
+    alarms = engine(replace(HIGH, id="stop_unconfirmed", delay_s=0.0))
     assert run(alarms, (0, current(99.0))) == ["0 raised stop_unconfirmed"]
     assert words(alarms.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, "fan-1", 1)) == ["raised stop_unconfirmed"]
     assert words(alarms.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, "fan-1", 2)) == ["cleared stop_unconfirmed"]
     assert [alarm.cleared_ms for alarm in alarms.active()] == [2, None]
 
 
-def test_a_shelf_of_before_lasts_a_day_at_most_whatever_the_clock_was_set_to() -> None:
-    before = book()
+def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
+    before = engine()
     run(before, (0, view(fault=OVERCURRENT)))
     before.shelve("a1", 1440, 0.0, 10**14)
-    after = book(known=tuple(before.active()), first_number=2, now=0.0, now_ms=0)
+    after = engine(known=tuple(before.active()), first_number=2, now=0.0, now_ms=0)
     assert after.expire_shelves(86_399.0, 0) == []
     assert words(after.expire_shelves(86_400.0, 0)) == ["unshelved fault"]
 
 
 def test_every_sentence_has_all_its_numbers() -> None:
-    alarms = book(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
+    alarms = engine(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
     for kind in SystemAlarm:
         alarms.raise_alarm(kind, "fan-1", 0, subject="x", reason="y")
     silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)
     old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
     run(alarms, (0, silent), (3, silent), (4, old), (5, old))
-    message = [
+    texts = [
         text for alarm in alarms.active() for text in (alarm.title.en, alarm.title.zh, alarm.text.en, alarm.text.zh)
     ]
-    assert len(message) == 4 * (len(SystemAlarm) + 5)
-    assert [text for text in message if "{" in text or "None" in text or "alarms." in text] == []
-    assert "Fan: output current is 12.346 A, above 10 A" in message
+    assert len(texts) == 4 * (len(SystemAlarm) + 5)
+    assert [text for text in texts if "{" in text or "None" in text or "alarms." in text] == []
+    assert "Fan: output current is 12.346 A, above 10 A" in texts
 
 
-def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> None:
+def test_a_flapping_alarm_fills_no_memory_and_the_log_has_all() -> None:
     log = FakeAlarmLog()
     alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):
@@ -246,16 +248,16 @@ def test_one_that_flaps_all_night_fills_no_memory_and_the_history_keeps_it() -> 
     assert [alarm.id for alarm in alarms.active()] == [
         f"a{n}" for n in range(100, 100 - MAX_UNACKNOWLEDGED_PER_KEY, -1)
     ]
-    kept = log.alarms
-    assert {alarm.acknowledged_by for alarm in kept if alarm.id == "a1"} == {None, AUTOMATIC_ACKNOWLEDGER}
-    assert len({alarm.id for alarm in kept}) == 100
+    logged = log.alarms
+    assert {alarm.acknowledged_by for alarm in logged if alarm.id == "a1"} == {None, AUTOMATIC_ACKNOWLEDGER}
+    assert len({alarm.id for alarm in logged}) == 100
 
 
-def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() -> None:
-    before = book()
+def test_a_raised_alarm_survives_a_restart_and_is_not_raised_twice() -> None:
+    before = engine()
     run(before, (0, view(fault=OVERCURRENT)))
     before.shelve("a1", 10, 0.0, 0)
-    after = book(known=tuple(before.active()), first_number=2, now=1000.0, now_ms=60_000)
+    after = engine(known=tuple(before.active()), first_number=2, now=1000.0, now_ms=60_000)
     assert run(after, (1001, view(fault=OVERCURRENT))) == []
     assert after.expire_shelves(1539.9, 0) == []
     assert words(after.expire_shelves(1540.0, 0)) == ["unshelved fault"]
@@ -264,15 +266,15 @@ def test_a_restart_goes_on_with_what_was_raised_and_does_not_raise_it_twice() ->
 
 
 def test_after_a_restart_system_alarms_are_cleared_but_unacknowledged() -> None:
-    before = book()
+    before = engine()
     before.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 5)
-    after = book(known=tuple(before.active()), first_number=2, now_ms=70)
+    after = engine(known=tuple(before.active()), first_number=2, now_ms=70)
     assert [(alarm.id, alarm.cleared_ms) for alarm in after.active()] == [("a1", 70)]
     assert words(after.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 80)) == ["raised control_lost"]
 
 
 def test_a_new_configuration_keeps_unchanged_conditions_and_clears_removed_ones() -> None:
-    alarms = book(HIGH, STALE)
+    alarms = engine(HIGH, STALE)
     run(alarms, (0, current(11.0)), (2, view({"output_current": signal(11.0, Quality.BAD)})))
     run(alarms, (3, view({"output_current": signal(11.0, Quality.BAD)})))
     assert words(alarms.configure([HIGH], [FAN], 9)) == ["cleared old"]
@@ -282,22 +284,22 @@ def test_a_new_configuration_keeps_unchanged_conditions_and_clears_removed_ones(
 
 
 def test_an_incident_is_attached_to_its_alarm() -> None:
-    alarms = book()
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     (change,) = alarms.attach_incident("a1", "c-1")
     assert alarms.active() == [change.alarm]
     assert (change.action, change.alarm.incident) == ("incident", "c-1")
 
 
-def test_an_alarm_is_the_same_after_its_json() -> None:
-    alarms = book()
+def test_an_alarm_keeps_its_content_through_json() -> None:
+    alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     assert alarms.as_json() == {"active": [alarm.as_json() for alarm in alarms.active()]}
-    assert [Alarm.from_json(one) for one in alarms.as_json()["active"]] == alarms.active()
+    assert [Alarm.from_json(item) for item in alarms.as_json()["active"]] == alarms.active()
 
 
-def test_the_most_urgent_and_newest_come_first() -> None:
-    alarms = book(replace(HIGH, delay_s=0.0))
+def test_alarms_are_sorted_by_priority_and_age() -> None:
+    alarms = engine(replace(HIGH, delay_s=0.0))
     run(alarms, (0, current(99.0)), (1, replace(current(99.0), presence="offline")))
     run(alarms, (2, replace(current(99.0), presence="offline", fault=OVERCURRENT)))
     alarms.raise_alarm(SystemAlarm.STORAGE_FAILURE, "", 9000)

@@ -1,4 +1,4 @@
-"""The history of alarms: kept over restarts, torn lines, full disks; bounded; given in pages."""
+"""Alarm log: survives restarts, torn lines and full disks; bounded; read in pages."""
 
 from __future__ import annotations
 
@@ -15,65 +15,65 @@ from drivebus.service.alarms import log as logs
 from drivebus.service.alarms.log import AlarmLog
 from fixtures.alarms import FAN, OVERCURRENT, view
 
-EVER = (0, 10**14)
+ALL_TIME = (0, 10**14)
 
 
 def trips(log: AlarmLog, count: int, known: list[Alarm] | None = None) -> AlarmEngine:
-    """So many faults, each cleared but the last."""
-    book = AlarmEngine([], [FAN], log.put, known or (), first_number=log.next_number)
+    """Raise ``count`` faults and clear all but the last."""
+    engine = AlarmEngine([], [FAN], log.put, known or (), first_number=log.next_number)
     for n in range(count):
-        book.observe(view(fault=OVERCURRENT), n, 1000 * n)
+        engine.observe(view(fault=OVERCURRENT), n, 1000 * n)
         if n < count - 1:
-            book.observe(view(), n + 0.5, 1000 * n + 500)
-    return book
+            engine.observe(view(), n + 0.5, 1000 * n + 500)
+    return engine
 
 
-def kept(path: Path, count: int) -> AlarmEngine:
+def write_log(path: Path, count: int) -> AlarmEngine:
     async def go() -> AlarmEngine:
         log = AlarmLog(path)
-        book = trips(log, count, log.load())
+        engine = trips(log, count, log.load())
         await log.close()
-        return book
+        return engine
 
     return asyncio.run(go())
 
 
-def test_what_was_raised_and_not_acknowledged_survives_a_restart_and_numbers_go_on(tmp_path: Path) -> None:
-    before = kept(tmp_path / "alarms.jsonl", 3)
+def test_unacknowledged_alarms_survive_a_restart_and_numbers_continue(tmp_path: Path) -> None:
+    before = write_log(tmp_path / "alarms.jsonl", 3)
     log = AlarmLog(tmp_path / "alarms.jsonl")
-    assert sorted(log.load(), key=lambda one: one.id) == sorted(before.active(), key=lambda one: one.id)
+    assert sorted(log.load(), key=lambda alarm: alarm.id) == sorted(before.active(), key=lambda alarm: alarm.id)
     assert log.next_number == 4
     assert AlarmLog(tmp_path / "nothing").load() == []
 
 
-def test_a_torn_or_spoilt_line_spoils_only_itself_and_is_gone_at_the_next_change(tmp_path: Path) -> None:
+def test_a_damaged_line_affects_only_itself_until_the_file_is_rewritten(tmp_path: Path) -> None:
     path = tmp_path / "alarms.jsonl"
-    kept(path, 3)
+    write_log(path, 3)
     whole = path.read_bytes()
     path.write_bytes(b'{"id": 7}\nnonsense\n["a"]\n' + whole + whole[:70])
     log = AlarmLog(path)
     assert len(log.load()) == 3
-    kept(path, 2)
+    write_log(path, 2)
     assert all(line.startswith(b'{"id":"a') for line in path.read_bytes().splitlines())
     assert AlarmLog(path).load()
 
 
-def test_the_history_comes_in_pages_by_span_and_drive(tmp_path: Path) -> None:
-    kept(tmp_path / "alarms.jsonl", 12)
+def test_the_history_is_read_in_pages_by_time_range_and_drive(tmp_path: Path) -> None:
+    write_log(tmp_path / "alarms.jsonl", 12)
     log = AlarmLog(tmp_path / "alarms.jsonl")
     log.load()
     found, cursor = [], None
     while True:
-        page = log.history(*EVER, "fan-1", cursor, 5)
-        found += [one["id"] for one in page["items"]]
+        page = log.history(*ALL_TIME, "fan-1", cursor, 5)
+        found += [item["id"] for item in page["items"]]
         if (cursor := page["next"]) is None:
             break
     assert found == [f"a{n}" for n in range(12, 0, -1)]
-    assert [one["raised_ms"] for one in log.history(3000, 5000)["items"]] == [4000, 3000]
-    assert log.history(*EVER, "fan-2")["items"] == []
+    assert [item["raised_ms"] for item in log.history(3000, 5000)["items"]] == [4000, 3000]
+    assert log.history(*ALL_TIME, "fan-2")["items"] == []
     for wrong in ("x", "LTE=", "é", "MDE="):
         with pytest.raises(InvalidParameters):
-            log.history(*EVER, cursor=wrong)
+            log.history(*ALL_TIME, cursor=wrong)
 
 
 def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
@@ -83,14 +83,14 @@ def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
     monkeypatch.setattr(logs, "MAX_LOG_LINES", 40)
     path = tmp_path / "alarms.jsonl"
     for _ in range(10):
-        kept(path, 6)
+        write_log(path, 6)
     assert len(path.read_bytes().splitlines()) <= 40
     log = AlarmLog(path)
     log.load()
-    assert len(log.history(*EVER, limit=1000)["items"]) <= 10
+    assert len(log.history(*ALL_TIME, limit=1000)["items"]) <= 10
 
 
-def test_a_full_disk_stops_no_alarm_and_everything_is_written_when_it_works_again(
+def test_alarms_go_on_while_the_disk_is_full_and_are_written_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> int:

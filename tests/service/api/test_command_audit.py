@@ -1,4 +1,4 @@
-"""Every command has an end in the audit trail, also after an unexpected error."""
+"""Audit records of commands: each has an outcome, also after an unexpected error."""
 
 from __future__ import annotations
 
@@ -17,55 +17,56 @@ OPERATIONS: dict[str, dict[str, Any]] = {
 }
 
 
-def breaks(kit: ServiceKit, operation: str, how: type[BaseException]) -> None:
-    """The drive fails at it in a way that is no error of ours."""
+def break_drive(kit: ServiceKit, operation: str, error: type[BaseException]) -> None:
+    """Make an operation of the drive raise an error that is no ``DrivebusError``."""
 
     async def broken(*_: Any, **__: Any) -> None:
         await asyncio.sleep(0.1)
-        raise how
+        raise error
 
     verb = {"drive.reset": "reset_fault"}.get(operation, operation.partition(".")[2])
     setattr(kit.service.plant.drives["fan-1"].drive, verb, broken)
 
 
-def recorded(kit: ServiceKit, operation: str) -> list[tuple[str | None, Any, int | None]]:
-    return [(one.outcome, one.params.get("error"), one.of) for one in kit.trail.entries if one.what == operation]
+def records(kit: ServiceKit, operation: str) -> list[tuple[str | None, Any, int | None]]:
+    entries = [entry for entry in kit.trail.entries if entry.what == operation]
+    return [(entry.outcome, entry.params.get("error"), entry.of) for entry in entries]
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-@pytest.mark.parametrize("how", [ZeroDivisionError, asyncio.CancelledError])
-def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, how: type[BaseException]) -> None:
+@pytest.mark.parametrize("error", [ZeroDivisionError, asyncio.CancelledError])
+def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, error: type[BaseException]) -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
-            breaks(kit, operation, how)
-            with pytest.raises(how):
+            break_drive(kit, operation, error)
+            with pytest.raises(error):
                 await kit.call(operation, drive="fan-1", **OPERATIONS[operation])
-            *asked, ended = recorded(kit, operation)
-            number = len(kit.trail.entries) - 1 if asked else None
-            assert asked == ([] if operation == "drive.stop" else [("requested", None, None)])
-            assert ended == ("unknown", how.__name__, number)
+            *requested, ended = records(kit, operation)
+            number = len(kit.trail.entries) - 1 if requested else None
+            assert requested == ([] if operation == "drive.stop" else [("requested", None, None)])
+            assert ended == ("unknown", error.__name__, number)
 
     run(scenario())
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-def test_a_cancelled_command_is_still_recorded_with_an_end(operation: str) -> None:
-    """A disk that hangs does not keep a cancelled task."""
+def test_a_cancelled_command_is_recorded_as_unknown(operation: str) -> None:
+    """A disk that hangs does not delay the cancelled task."""
 
-    async def story(after_s: float) -> None:
+    async def scenario(after_s: float) -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
             kit.trail.delay_s = 0.05
-            asking = asyncio.create_task(kit.call(operation, drive="fan-1", **OPERATIONS[operation]))
+            command = asyncio.create_task(kit.call(operation, drive="fan-1", **OPERATIONS[operation]))
             await asyncio.sleep(after_s)
             kit.trail.delay_s = 60.0
-            asking.cancel()
-            begun = kit.service.plant.now()
+            command.cancel()
+            cancelled_at = kit.service.plant.now()
             with pytest.raises(asyncio.CancelledError):
-                await asking
-            assert kit.service.plant.now() == begun
-            assert recorded(kit, operation)[-1][:2] == ("unknown", "CancelledError")
+                await command
+            assert kit.service.plant.now() == cancelled_at
+            assert records(kit, operation)[-1][:2] == ("unknown", "CancelledError")
 
-    run(story(0.02))
-    run(story(0.08))
+    run(scenario(0.02))
+    run(scenario(0.08))

@@ -31,12 +31,15 @@ from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from fixtures.service import LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
-NOBODY = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
+NO_RIGHTS = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
 FAN = {"drive": "fan-1"}
 
 
-def at_a_desk(story: Callable[[ServiceKit, Dispatcher], Awaitable[None]], **answers: Any) -> None:
-    """``answers``: what the handler of each operation returns or raises, ``drive_stop`` for ``drive.stop``."""
+def with_dispatcher(scenario: Callable[[ServiceKit, Dispatcher], Awaitable[None]], **answers: Any) -> None:
+    """Run a scenario with a dispatcher of fake handlers.
+
+    ``answers``: result or exception of each operation, ``drive_stop`` for ``drive.stop``.
+    """
 
     async def handler(name: str, *_: Any) -> Json:
         found = answers[name]
@@ -44,26 +47,26 @@ def at_a_desk(story: Callable[[ServiceKit, Dispatcher], Awaitable[None]], **answ
             raise found
         return dict(found)
 
-    def of(names: set[str]) -> dict[str, Any]:
-        return {name.replace("_", ".", 1): lambda *given, name=name: handler(name, *given) for name in names}
+    def handlers(names: set[str]) -> dict[str, Any]:
+        return {name.replace("_", ".", 1): lambda *arguments, name=name: handler(name, *arguments) for name in names}
 
     motions = {name for name in answers if name in ("drive_run", "drive_jog", "drive_set_frequency")}
 
-    async def scenario() -> None:
+    async def in_service() -> None:
         async with running_service() as kit:
-            await story(kit, Dispatcher(kit.service.plant, of(answers.keys() - motions), of(motions)))
+            await scenario(kit, Dispatcher(kit.service.plant, handlers(answers.keys() - motions), handlers(motions)))
 
-    run(scenario())
+    run(in_service())
 
 
 @pytest.mark.parametrize("name", ["nothing.at_all", "drives.list"])
-def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+def test_an_unknown_operation_or_one_without_handler_is_not_found(name: str) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         with pytest.raises(NotFound) as rejected:
-            await desk.call(name, {}, LOCAL)
+            await dispatcher.call(name, {}, LOCAL)
         assert (rejected.value.key, rejected.value.params) == ("plant.no_operation", {"id": name})
 
-    at_a_desk(story)
+    with_dispatcher(scenario)
 
 
 @pytest.mark.parametrize(
@@ -79,28 +82,28 @@ def test_what_is_no_operation_or_is_not_there_is_not_found(name: str) -> None:
     ],
 )
 def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json, target: str) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         right = str(OPERATIONS[name].right)
         with pytest.raises(PermissionDenied) as rejected:
-            await desk.call(name, params, NOBODY)
+            await dispatcher.call(name, params, NO_RIGHTS)
         assert rejected.value.key == "plant.forbidden"
         assert rejected.value.params == {"name": "eve", "operation": name, "right": right}
         assert kit.trail.entries == [
             AuditEntry(name, "eve", "s-eve", "10.0.0.9", target, params, outcome="plant.forbidden"),
         ]
 
-    at_a_desk(story)
+    with_dispatcher(scenario)
 
 
-def test_who_may_not_look_does_not() -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        desk.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))
+def test_live_values_need_the_right_to_view() -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        dispatcher.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))
         with pytest.raises(PermissionDenied) as rejected:
-            desk.check_may_view(Actor("eve", frozenset(Right) - {Right.VIEW}, "s-eve"))
+            dispatcher.check_may_view(Actor("eve", frozenset(Right) - {Right.VIEW}, "s-eve"))
         assert rejected.value.key == "plant.forbidden"
         assert rejected.value.params == {"name": "eve", "operation": "live", "right": "view"}
 
-    at_a_desk(story)
+    with_dispatcher(scenario)
 
 
 @pytest.mark.parametrize("state", ["running", "stopping", "ended"])
@@ -113,46 +116,45 @@ def test_who_may_not_look_does_not() -> None:
         ("drives.list", {}),
     ],
 )
-def test_a_plant_that_ends_takes_stops_and_questions_and_one_that_has_ended_nothing(
+def test_a_stopping_service_accepts_stops_and_queries_and_an_ended_one_nothing(
     state: str, name: str, params: Json
 ) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         kit.service.plant.state = state
         try:
             if state == "running" or (state == "stopping" and name in ("drive.stop", "drives.list")):
-                assert await desk.call(name, params, LOCAL) == {}
+                assert await dispatcher.call(name, params, LOCAL) == {}
                 return
             with pytest.raises(ServiceUnavailable) as rejected:
-                await desk.call(name, params, LOCAL)
+                await dispatcher.call(name, params, LOCAL)
             assert rejected.value.key == "plant.stopping" and kit.trail.entries == []
         finally:
             kit.service.plant.state = "running"
 
-    at_a_desk(story, drive_run={}, waiver_grant={}, drive_stop={}, drives_list={})
+    with_dispatcher(scenario, drive_run={}, waiver_grant={}, drive_stop={}, drives_list={})
 
 
 def test_faults_found_by_a_handler_have_the_same_shape() -> None:
     wrong = [param_fault("names.0", "x", "unknown")]
 
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         with pytest.raises(InvalidParameters) as rejected:
-            await desk.call("parameters.read", FAN | {"names": ["x"]}, LOCAL)
+            await dispatcher.call("parameters.read", FAN | {"names": ["x"]}, LOCAL)
         assert rejected.value.key == "plant.params" and rejected.value.params["operation"] == "parameters.read"
         assert rejected.value.params["faults"] == wrong
 
-    at_a_desk(story, parameters_read=InvalidParameters("plant.params", faults=wrong))
+    with_dispatcher(scenario, parameters_read=InvalidParameters("plant.params", faults=wrong))
 
 
-# --- the record -------------------------------------------------------------------------------------------------------
+# --- audit records ----------------------------------------------------------------------------------------------------
 
 
 def test_the_time_limits_have_not_changed() -> None:
     assert (MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S) == (2.0, 1.0)
 
 
-def test_only_control_goes_on_without_a_record() -> None:
-    """Whatever starts, or allows more than before, does not."""
-    assert {one.name for one in OPERATIONS.values() if one.audit is Audit.REQUIRED} == {
+def test_starts_and_wider_permissions_require_an_audit_record() -> None:
+    assert {operation.name for operation in OPERATIONS.values() if operation.audit is Audit.REQUIRED} == {
         "drive.arm",
         "drive.run",
         "drive.jog",
@@ -168,96 +170,94 @@ def test_only_control_goes_on_without_a_record() -> None:
 
 @pytest.mark.parametrize("name", ["drive.reset", "waiver.grant"])
 def test_a_command_that_cannot_be_recorded_is_not_executed(name: str) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         kit.trail.fails_silently = True
         params = FAN | ({"reason": "because"} if name == "waiver.grant" else {})
         if OPERATIONS[name].audit is Audit.BEST_EFFORT:
-            assert await desk.call(name, params, LOCAL) == {}
+            assert await dispatcher.call(name, params, LOCAL) == {}
             (ended,) = kit.trail.entries
             assert (ended.what, ended.outcome, ended.of) == (name, "done", None)
             return
         with pytest.raises(AuditUnavailable):
-            await desk.call(name, params, LOCAL)
+            await dispatcher.call(name, params, LOCAL)
         what = {"what": "waiver.grant"}
         assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
         (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.subject) == ("storage_failure", "audit.jsonl")
 
-    at_a_desk(story, drive_reset={}, waiver_grant={})
+    with_dispatcher(scenario, drive_reset={}, waiver_grant={})
 
 
-def test_an_alarm_ends_with_the_next_record_that_is_written() -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+def test_the_storage_alarm_is_cleared_by_the_next_written_record() -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         kit.trail.fails_silently = True
-        await desk.call("drive.reset", FAN, LOCAL)
+        await dispatcher.call("drive.reset", FAN, LOCAL)
         kit.trail.fails_silently = False
-        await desk.call("drive.reset", FAN, LOCAL)
+        await dispatcher.call("drive.reset", FAN, LOCAL)
         (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.subject, alarm.cleared_ms is None) == ("storage_failure", "audit.jsonl", False)
 
-    at_a_desk(story, drive_reset={})
+    with_dispatcher(scenario, drive_reset={})
 
 
 def test_an_event_that_is_no_operation_is_recorded_with_its_actor() -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        message = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "somebody else"}
-        await desk.record(message, NOBODY)
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        event = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "another"}
+        await dispatcher.record(event, NO_RIGHTS)
         assert kit.trail.entries == [
             AuditEntry("login", "eve", "s-eve", "10.0.0.9", "ann", {"how": "x"}, outcome="done")
         ]
         kit.trail.fails_silently = True
         with pytest.raises(AuditUnavailable):
-            await desk.record(message, NOBODY)
-        assert [one.what for one in kit.trail.entries] == ["login", "audit.refused"]
+            await dispatcher.record(event, NO_RIGHTS)
+        assert [entry.what for entry in kit.trail.entries] == ["login", "audit.refused"]
 
-    at_a_desk(story)
+    with_dispatcher(scenario)
 
 
 @pytest.mark.parametrize(("takes_s", "done"), [(MAX_RECORDING_S, True), (MAX_RECORDING_S + 0.014, False)])
 def test_a_command_expires_while_its_record_is_written(takes_s: float, done: bool) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         kit.trail.delay_s = takes_s
         if done:
-            await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
+            await dispatcher.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
             return
         with pytest.raises(Expired) as rejected:
-            await desk.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
+            await dispatcher.call("drive.set_frequency", FAN | {"frequency_hz": 20.0}, LOCAL)
         assert rejected.value.key == "plant.record_too_slow"
         assert rejected.value.params == {"age_s": 2.01, "limit_s": 2.0}
         assert kit.trail.outcomes("drive.set_frequency") == ["requested", "plant.record_too_slow"]
 
-    at_a_desk(story, drive_set_frequency={})
+    with_dispatcher(scenario, drive_set_frequency={})
 
 
 @pytest.mark.parametrize(
-    ("name", "concerned"), [("drive.run", ["fan-2"]), ("drive.set_frequency", ["fan-2"]), ("drive.jog", [])]
+    ("name", "followers"), [("drive.run", ["fan-2"]), ("drive.set_frequency", ["fan-2"]), ("drive.jog", [])]
 )
-def test_a_new_frequency_concerns_the_drives_that_follow_and_the_record_names_them(
-    name: str, concerned: list[str]
-) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+def test_the_record_of_a_new_frequency_names_the_followers(name: str, followers: list[str]) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         fans = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1")
         kit.service.plant.config = plant_config(groups=(fans,))
         kit.service.plant.drives["fan-2"].started_by_service = True
-        await desk.call(name, FAN | {"frequency_hz": 20.0}, LOCAL)
+        await dispatcher.call(name, FAN | {"frequency_hz": 20.0}, LOCAL)
         kit.service.plant.drives["fan-2"].started_by_service = False
-        assert kit.trail.entries[0].params.get("drives", []) == concerned
+        assert kit.trail.entries[0].params.get("drives", []) == followers
 
-    at_a_desk(story, drive_run={}, drive_set_frequency={}, drive_jog={})
+    with_dispatcher(scenario, drive_run={}, drive_set_frequency={}, drive_jog={})
 
 
 @pytest.mark.parametrize("takes_s", [0.25, 3.0])
 def test_a_stop_waits_at_most_a_second_for_its_record(takes_s: float) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         kit.trail.delay_s = takes_s
-        begun = asyncio.get_running_loop().time()
-        await desk.call("drive.stop", FAN, LOCAL)
-        waited_s = asyncio.get_running_loop().time() - begun
+        started_at = asyncio.get_running_loop().time()
+        await dispatcher.call("drive.stop", FAN, LOCAL)
+        waited_s = asyncio.get_running_loop().time() - started_at
         assert waited_s == pytest.approx(min(takes_s, STOP_AUDIT_TIMEOUT_S))
         await asyncio.sleep(takes_s)
         assert kit.trail.outcomes("drive.stop") == ["confirmed"]
 
-    at_a_desk(story, drive_stop={"outcome": {"status": "confirmed"}})
+    with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed"}})
 
 
 DONE: list[tuple[Json, str, list[str]]] = [
@@ -278,21 +278,21 @@ DONE: list[tuple[Json, str, list[str]]] = [
 
 @pytest.mark.parametrize(("found", "outcome", "frames"), DONE, ids=range(len(DONE)))
 @pytest.mark.parametrize("name", ["drive.reset", "drive.stop"])
-def test_the_record_tells_every_word_and_every_frame_of_what_was_done(
+def test_the_record_of_a_command_has_every_status_and_every_frame(
     name: str, found: Json, outcome: str, frames: list[str]
 ) -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
-        await desk.call(name, FAN, LOCAL)
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        await dispatcher.call(name, FAN, LOCAL)
         ended = kit.trail.entries[-1]
         assert (ended.what, ended.outcome, list(ended.frames)) == (name, outcome, frames)
         assert ended.of == (1 if name == "drive.reset" else None)
 
-    at_a_desk(story, drive_reset=found, drive_stop=found)
+    with_dispatcher(scenario, drive_reset=found, drive_stop=found)
 
 
 @pytest.mark.parametrize("name", ["drive.reset", "drive.stop"])
 @pytest.mark.parametrize("sent", [True, False])
-def test_the_record_of_a_failure_tells_its_key_and_what_left_on_the_wire(name: str, sent: bool) -> None:
+def test_the_record_of_a_failure_has_its_key_and_the_sent_frames(name: str, sent: bool) -> None:
     state = {"state": "running"}
     error: DrivebusError = (
         StopUnconfirmed("drives.stop_unconfirmed", **state) if sent else StartInhibited("plant.stopping")
@@ -301,17 +301,17 @@ def test_the_record_of_a_failure_tells_its_key_and_what_left_on_the_wire(name: s
         frame = FrameExchange(b"\x01", b"", 1.0, None)
         error.outcome = Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state, (frame,))
 
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         with pytest.raises(DrivebusError):
-            await desk.call(name, FAN, LOCAL)
+            await dispatcher.call(name, FAN, LOCAL)
         ended = kit.trail.entries[-1]
-        assert (ended.outcome, [one["sent"] for one in ended.frames]) == (error.key, ["01"] if sent else [])
+        assert (ended.outcome, [frame["sent"] for frame in ended.frames]) == (error.key, ["01"] if sent else [])
 
-    at_a_desk(story, drive_reset=error, drive_stop=error)
+    with_dispatcher(scenario, drive_reset=error, drive_stop=error)
 
 
-def test_to_save_is_a_right_besides_that_to_write() -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+def test_a_write_to_eeprom_needs_the_right_save_as_well() -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         values = FAN | {"values": {"F0.1": 2.0}}
         for rights, save, may in (
             ({Right.WRITE_PARAMETERS}, False, True),
@@ -321,17 +321,17 @@ def test_to_save_is_a_right_besides_that_to_write() -> None:
         ):
             tuner = Actor("tom", frozenset(rights), "s-tom")
             if may:
-                await desk.call("parameters.write", values | {"save": save}, tuner)
+                await dispatcher.call("parameters.write", values | {"save": save}, tuner)
                 continue
             with pytest.raises(PermissionDenied):
-                await desk.call("parameters.write", values | {"save": save}, tuner)
+                await dispatcher.call("parameters.write", values | {"save": save}, tuner)
 
-    at_a_desk(story, parameters_write={})
+    with_dispatcher(scenario, parameters_write={})
 
 
-def test_an_operator_may_not_what_an_engineer_may() -> None:
-    async def story(kit: ServiceKit, desk: Dispatcher) -> None:
+def test_an_operator_may_not_grant_a_waiver() -> None:
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         with pytest.raises(PermissionDenied):
-            await desk.call("waiver.grant", FAN | {"reason": "because"}, remote_actor())
+            await dispatcher.call("waiver.grant", FAN | {"reason": "because"}, remote_actor())
 
-    at_a_desk(story, waiver_grant={})
+    with_dispatcher(scenario, waiver_grant={})

@@ -1,4 +1,4 @@
-"""Wrong parameters are explained in both languages, each with its path."""
+"""Wrong parameters: each is reported with its path and in both languages."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from fixtures.service import running_service
 
 MODELS: list[type[BaseModel]] = [
     *dict.fromkeys(operation.params for operation in OPERATIONS.values()),
-    *(one for one in vars(schemas).values() if isinstance(one, type) and issubclass(one, schemas.RequestBody)),
+    *(model for model in vars(schemas).values() if isinstance(model, type) and issubclass(model, schemas.RequestBody)),
 ]
-OF_FRAMEWORK = {"model_attributes_type"}
-"""What FastAPI says of JSON that is no object; what is no JSON at all the door refuses."""
+FRAMEWORK_FAULTS = {"model_attributes_type"}
+"""Fault of FastAPI for JSON that is no object."""
 BAD: list[Any] = [
     None,
     True,
@@ -58,7 +58,7 @@ BAD: list[Any] = [
 ]
 
 
-def refused(model: type[BaseModel], value: Any) -> list[Any]:
+def faults_of(model: type[BaseModel], value: Any) -> list[Any]:
     try:
         model.model_validate(value)
     except ValidationError as error:
@@ -66,28 +66,28 @@ def refused(model: type[BaseModel], value: Any) -> list[Any]:
     return []
 
 
-def every() -> Iterator[Any]:
-    """Each fault that each bad value brings, alone and as each field, of each model."""
+def all_faults() -> Iterator[Any]:
+    """Yield the faults of each bad value in the place of each model and of each of its fields."""
     for model in MODELS:
         for bad in BAD:
-            yield from refused(model, bad)
+            yield from faults_of(model, bad)
             for name in [*model.model_fields, "no_such_field"]:
-                yield from refused(model, {name: bad})
+                yield from faults_of(model, {name: bad})
 
 
-FOUND = [*every()]
+FAULTS = [*all_faults()]
 
 
-def test_every_kind_of_fault_that_our_models_raise_has_its_sentence_and_no_other_is_listed() -> None:
-    kinds = {one["type"] for one in FOUND}
+def test_exactly_the_kinds_of_fault_of_the_models_have_a_sentence() -> None:
+    kinds = {fault["type"] for fault in FAULTS}
     assert len(kinds) > 15
-    assert kinds | OF_FRAMEWORK == FAULT_MESSAGES.keys()
+    assert kinds | FRAMEWORK_FAULTS == FAULT_MESSAGES.keys()
     for key in FAULT_MESSAGES.values():
         assert i18n.known(f"params.{key}")
 
 
-def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
-    for message, found in zip(pydantic_faults(FOUND), FOUND, strict=True):
+def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
+    for message, found in zip(pydantic_faults(FAULTS), FAULTS, strict=True):
         assert message["path"] == ".".join(map(str, found["loc"]))
         chinese = message["expected"]["zh"]
         assert any("一" <= letter <= "鿿" for letter in chinese) and "{" not in chinese.replace("{0,63}", "")
@@ -108,29 +108,29 @@ def test_a_fault_keeps_its_path_and_no_english_is_left_in_chinese() -> None:
         ),
     ],
 )
-def test_a_refusal_says_it_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
-    error = params_error("drive.run", pydantic_faults(refused(OPERATIONS["drive.run"].params, params)))
+def test_a_wrong_parameter_is_described_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
+    error = params_error("drive.run", pydantic_faults(faults_of(OPERATIONS["drive.run"].params, params)))
     message = error_to_json(error)
     assert message["text"] == {"en": f"drive.run: {path}: {english}", "zh": f"drive.run：{path}: {chinese}"}
-    assert [one["expected"] for one in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
+    assert [fault["expected"] for fault in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
 
 
-def test_a_fault_names_a_whole_time_and_the_entry_of_a_list() -> None:
-    bounds = pydantic_faults(refused(OPERATIONS["history.trend"].params, {"from_ms": 10**15}))
+def test_a_fault_has_the_exact_bound_and_the_index_in_a_list() -> None:
+    bounds = pydantic_faults(faults_of(OPERATIONS["history.trend"].params, {"from_ms": 10**15}))
     assert {"en": "expected 253402300799999 or less", "zh": "应不大于 253402300799999"} in [
-        one["expected"] for one in bounds
+        fault["expected"] for fault in bounds
     ]
-    entries = pydantic_faults(refused(OPERATIONS["history.trend"].params, {"tags": ["a", 1]}))
+    entries = pydantic_faults(faults_of(OPERATIONS["history.trend"].params, {"tags": ["a", 1]}))
     assert entries[0]["path"] == "tags.1" and entries[0]["found"] == "1"
 
 
-def test_an_unknown_fault_has_a_sentence_too() -> None:
+def test_an_unknown_kind_of_fault_has_a_sentence() -> None:
     message = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
     assert message == [param_fault("x", "1", "other")] and message[0]["expected"]["zh"] != message[0]["expected"]["en"]
 
 
-def test_a_room_that_finds_a_fault_itself_says_it_in_both_languages() -> None:
-    """A span that ends before it begins is refused by the history, not by the model."""
+def test_a_fault_found_by_a_handler_is_described_in_both_languages() -> None:
+    """The history rejects a time range that ends before it begins; no model can."""
     with pytest.raises(InvalidParameters) as caught:
         check_time_order(5, 4)
     message = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]

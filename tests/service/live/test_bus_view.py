@@ -1,4 +1,4 @@
-"""What is seen of a bus."""
+"""View of a bus."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from drivebus.testing.virtual_time import run
 from fixtures.service import plant_config, running_service
 
 
-def test_a_bus_that_opens_with_its_plant_is_no_news() -> None:
+def test_a_bus_that_opens_with_the_service_publishes_no_event() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(10)
             assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
-            message = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert not [text for text in message if text.startswith("bus ")]
+            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            assert not [text for text in texts if text.startswith("bus ")]
 
     run(scenario())
 

@@ -1,4 +1,4 @@
-"""Frames as the page, the cases and the API tell them: words of the catalogues, in both languages."""
+"""Texts of decoded frames: words of the catalogues in both languages."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from fixtures.vectors import all_vectors
 
 NUMBER = re.compile(r"[0-9A-F]+H\b")
 CODING = re.compile(r"[（(](?:hex|decimal)-[\d.]+[）)]")
-"""The name of a setting, beside its words."""
+"""Value of a setting beside its words."""
 LATIN = re.compile(r"(?<![0-9A-Za-z])[A-Za-z][A-Za-z_]+")
 UNITS = {"Hz", "kW", "CRC", "LRC", "EEPROM", "xxH", "MM", "Fu"}
-"""And Fu, which the C320's keypad shows."""
+"""Units, and ``Fu`` as shown by the keypad of a C320."""
 
 
-def commanded() -> list[tuple[str, bytes]]:
-    """What a plant sends to each family, and a write that is saved."""
+def sent_frames() -> list[tuple[str, bytes]]:
+    """Return the frames that commands send to each family, and a write to EEPROM."""
     c320 = sunfar.SunfarCodec("ascii")
     found = [
         ("c320", c320.encode_request(sunfar.SunfarControl(1, each, 500 * each.sets_frequency)))
@@ -40,35 +40,35 @@ def commanded() -> list[tuple[str, bytes]]:
     for model in ("vc660", "df800"):
         dialect = dialect_for(model, **({"direction_calibrated": True} if model == "df800" else {}))
         frames = [*dialect.start(Direction.REVERSE, 500), *dialect.jog(Direction.FORWARD, None), *dialect.reset()]
-        asked = [frame.request for frame in frames]
+        requests = [frame.request for frame in frames]
         for how in StopMode:
             try:
-                asked += dialect.stop(how)
+                requests += dialect.stop(how)
             except CapabilityError:
                 continue
-        found += [(model, rtu.encode_request(request)) for request in asked]
+        found += [(model, rtu.encode_request(request)) for request in requests]
     saved = profiles.load("vc660").write_support.eeprom_address_bit
     found.append(("vc660", rtu.encode_request(modbus.WriteRegister(1, 0x0002 | saved, 3000))))
     words = [(each, 0 if each.is_stop or each is dzb100.Dzb100Command.RESET else 1000) for each in dzb100.Dzb100Command]
     return found + [("dzb100", dzb100.Dzb100Codec().encode_request(dzb100.Dzb100Control(1, *word))) for word in words]
 
 
-TOLD = [(each.model, each.data, each.direction == "request") for each in all_vectors()]
-TOLD += [(model, data, True) for model, data in commanded()]
-TOLD += [(model, data[:-1] + b"?", True) for model, data in commanded()]  # with something wrong
+FRAMES = [(each.model, each.data, each.direction == "request") for each in all_vectors()]
+FRAMES += [(model, data, True) for model, data in sent_frames()]
+FRAMES += [(model, data[:-1] + b"?", True) for model, data in sent_frames()]  # damaged
 
 
-def test_a_frame_is_told_in_words_in_both_languages() -> None:
-    for model, data, asked in TOLD:
-        message = _decode(model, data, asked)
-        assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", message["zh"])))) <= UNITS, message["zh"]
-        assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", message["en"]), message["en"]
+def test_a_frame_is_described_in_words_of_each_language() -> None:
+    for model, data, is_request in FRAMES:
+        text = _decode(model, data, is_request)
+        assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", text["zh"])))) <= UNITS, text["zh"]
+        assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", text["en"]), text["en"]
 
 
-def test_a_saved_write_and_its_commands_are_among_them() -> None:
-    every = " ".join(_decode(*one)["zh"] for one in TOLD)
+def test_the_frames_contain_each_kind_of_command() -> None:
+    texts = " ".join(_decode(*frame)["zh"] for frame in FRAMES)
     wanted = ("decode.field.saves", "decode.word.start", "decode.word.coast", "decode.word.emergency_stop")
-    assert [key for key in wanted if i18n.text(key, "zh") not in every] == []
+    assert [key for key in wanted if i18n.text(key, "zh") not in texts] == []
 
 
 NAMES = {
@@ -81,7 +81,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("field", NAMES)
-def test_every_name_that_a_frame_can_have_has_its_word(field: str) -> None:
+def test_every_name_in_a_frame_has_its_word(field: str) -> None:
     for language in i18n.LANGUAGES:
         assert {name for name in NAMES[field] if labels.value_text(field, name, language) is None} == set()
 
@@ -93,6 +93,6 @@ def test_every_coding_has_its_word() -> None:
         } == set()
 
 
-def test_whatever_became_of_some_bytes_has_its_word() -> None:
+def test_every_kind_of_traced_bytes_has_its_word() -> None:
     keys = {f"{prefix}_{kind.value}" for prefix in ("plant.frame", "page.frame_kind") for kind in TraceKind}
     assert keys - i18n.catalogue("zh").keys() == set()

@@ -1,4 +1,4 @@
-"""The hub: whole objects pushed when they change, with absolute times."""
+"""Hub: whole objects with absolute times, pushed when they change."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from drivebus.values import Quality
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
 
 
-def hub() -> Hub:
+def new_hub() -> Hub:
     loop = asyncio.get_running_loop()
     return Hub(lambda: int(loop.time() * 1000))
 
 
-def test_a_changed_topic_is_pushed_whole_and_the_latest_wins() -> None:
+def test_a_changed_topic_is_pushed_whole_and_only_its_newest_content() -> None:
     async def scenario() -> None:
-        one = hub()
-        one.publish("drives/a", {"state": "stopped", "signals": {"x": 1, "y": 2}})
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        hub.publish("drives/a", {"state": "stopped", "signals": {"x": 1, "y": 2}})
+        live = hub.subscribe(STATE_STREAM)
         first = await anext(live)
         assert first["topics"] == {"drives/a": {"state": "stopped", "signals": {"x": 1, "y": 2}}}
-        one.publish("drives/a", {"state": "stopped", "signals": {"x": 5, "y": 2}})
-        one.publish("drives/a", {"state": "stopped", "signals": {"x": 6, "y": 2}})
+        hub.publish("drives/a", {"state": "stopped", "signals": {"x": 5, "y": 2}})
+        hub.publish("drives/a", {"state": "stopped", "signals": {"x": 6, "y": 2}})
         found = await anext(live)
         assert found["type"] == "update"
         assert found["topics"] == {"drives/a": {"state": "stopped", "signals": {"x": 6, "y": 2}}}
@@ -41,10 +41,10 @@ def test_a_changed_topic_is_pushed_whole_and_the_latest_wins() -> None:
 
 def test_a_change_is_pushed_at_once() -> None:
     async def scenario() -> None:
-        one, loop = hub(), asyncio.get_running_loop()
-        live = one.subscribe(STATE_STREAM)
+        hub, loop = new_hub(), asyncio.get_running_loop()
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        loop.call_later(0.1, one.publish, "drives/a", {"state": "running"})
+        loop.call_later(0.1, hub.publish, "drives/a", {"state": "running"})
         assert (await anext(live))["topics"] == {"drives/a": {"state": "running"}} and loop.time() == 0.1
 
     run(scenario())
@@ -52,11 +52,11 @@ def test_a_change_is_pushed_at_once() -> None:
 
 def test_an_equal_object_is_no_change() -> None:
     async def scenario() -> None:
-        one = hub()
-        one.publish("drives/a", {"state": "stopped"})
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        hub.publish("drives/a", {"state": "stopped"})
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        one.publish("drives/a", {"state": "stopped"})
+        hub.publish("drives/a", {"state": "stopped"})
         assert (await anext(live))["topics"] == {}
 
     run(scenario())
@@ -64,25 +64,25 @@ def test_an_equal_object_is_no_change() -> None:
 
 def test_a_quiet_hub_sends_a_heartbeat_every_second() -> None:
     async def scenario() -> None:
-        one, loop = hub(), asyncio.get_running_loop()
-        live = one.subscribe(STATE_STREAM)
+        hub, loop = new_hub(), asyncio.get_running_loop()
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        begun = loop.time()
+        started_at = loop.time()
         for _ in range(3):
             assert (await anext(live))["topics"] == {}
-        assert loop.time() - begun == 3.0
+        assert loop.time() - started_at == 3.0
 
     run(scenario())
 
 
 def test_a_removed_topic_is_reported() -> None:
     async def scenario() -> None:
-        one = hub()
-        one.publish("drives/a", {"state": "stopped"})
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        hub.publish("drives/a", {"state": "stopped"})
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        one.publish("drives/a", {"state": "running"})
-        one.remove("drives/a")
+        hub.publish("drives/a", {"state": "running"})
+        hub.remove("drives/a")
         found = await anext(live)
         assert found["removed"] == ["drives/a"] and found["topics"] == {}
 
@@ -91,12 +91,12 @@ def test_a_removed_topic_is_reported() -> None:
 
 def test_a_topic_that_was_removed_and_published_again_is_not_reported_as_removed() -> None:
     async def scenario() -> None:
-        one = hub()
-        one.publish("drives/a", {"state": "running"})
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        hub.publish("drives/a", {"state": "running"})
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        one.remove("drives/a")
-        one.publish("drives/a", {"state": "stopped"})
+        hub.remove("drives/a")
+        hub.publish("drives/a", {"state": "stopped"})
         found = await anext(live)
         assert "removed" not in found and found["topics"] == {"drives/a": {"state": "stopped"}}
 
@@ -105,12 +105,12 @@ def test_a_topic_that_was_removed_and_published_again_is_not_reported_as_removed
 
 def test_of_a_list_only_new_items_are_sent() -> None:
     async def scenario() -> None:
-        one = hub()
-        assert [one.append("events", name) for name in "abc"] == [1, 2, 3]
-        assert one.items("events", 1) == [(2, "b"), (3, "c")] and one.items("events", 3) == []
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        assert [hub.append("events", name) for name in "abc"] == [1, 2, 3]
+        assert hub.items("events", 1) == [(2, "b"), (3, "c")] and hub.items("events", 3) == []
+        live = hub.subscribe(STATE_STREAM)
         assert (await anext(live))["topics"] == {"events": ["a", "b", "c"]}
-        one.append("events", "d")
+        hub.append("events", "d")
         found = await anext(live)
         assert found["topics"] == {"events": ["d"]} and "missed" not in found
 
@@ -119,12 +119,12 @@ def test_of_a_list_only_new_items_are_sent() -> None:
 
 def test_lists_are_bounded_and_the_items_that_were_dropped_are_counted() -> None:
     async def scenario() -> None:
-        one = hub()
-        one.append("events", {"n": -1})
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        hub.append("events", {"n": -1})
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
         for number in range(MAX_LIST_ITEMS + 7):
-            one.append("events", {"n": number})
+            hub.append("events", {"n": number})
         found = await anext(live)
         assert [item["n"] for item in found["topics"]["events"]] == [*range(7, MAX_LIST_ITEMS + 7)]
         assert found["missed"] == {"events": 7}
@@ -132,13 +132,13 @@ def test_lists_are_bounded_and_the_items_that_were_dropped_are_counted() -> None
     run(scenario())
 
 
-def test_a_reader_that_does_not_read_holds_no_more_than_the_newest_of_each_topic() -> None:
+def test_a_slow_reader_gets_only_the_newest_content_of_each_topic() -> None:
     async def scenario() -> None:
-        one = hub()
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
         for number in range(1000):
-            one.publish("drives/a", {"n": number})
+            hub.publish("drives/a", {"n": number})
             await asyncio.sleep(0.1)
         assert (await anext(live))["topics"] == {"drives/a": {"n": 999}}
         assert (await anext(live))["topics"] == {}
@@ -146,24 +146,24 @@ def test_a_reader_that_does_not_read_holds_no_more_than_the_newest_of_each_topic
     run(scenario())
 
 
-def test_a_subscriber_that_goes_away_is_forgotten() -> None:
+def test_a_closed_stream_removes_its_subscriber() -> None:
     async def scenario() -> None:
-        one = hub()
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        assert one.subscriber_count == 1
+        assert hub.subscriber_count == 1
         await live.aclose()  # type: ignore[attr-defined]
-        assert one.subscriber_count == 0
+        assert hub.subscriber_count == 0
 
     run(scenario())
 
 
-def test_an_ending_service_ends_every_stream_with_the_reason() -> None:
+def test_a_closed_hub_ends_every_stream_with_the_reason() -> None:
     async def scenario() -> None:
-        one = hub()
-        live = one.subscribe(STATE_STREAM)
+        hub = new_hub()
+        live = hub.subscribe(STATE_STREAM)
         await anext(live)
-        one.close()
+        hub.close()
         messages = [message async for message in live]
         assert [message["reason"] for message in messages] == ["shutdown"] and messages[0]["text"]["zh"]
 
@@ -175,11 +175,11 @@ def test_a_drive_is_published_with_each_reply_and_not_only_with_each_cycle() -> 
         async with running_service() as kit:
             await asyncio.sleep(5)
             live, times = kit.service.live(STATE_STREAM, LOCAL), set()
-            begun = kit.service.plant.now()
-            while kit.service.plant.now() - begun < 4.0:
-                topics = (await anext(live))["topics"]
-                if "drives/fan-1" in topics:
-                    times.add(topics["drives/fan-1"]["signals"]["output_frequency"]["source_time_ms"])
+            started_at = kit.service.plant.now()
+            while kit.service.plant.now() - started_at < 4.0:
+                changed = (await anext(live))["topics"]
+                if "drives/fan-1" in changed:
+                    times.add(changed["drives/fan-1"]["signals"]["output_frequency"]["source_time_ms"])
             period_s = kit.service.plant.drives["fan-1"].profile.signals["output_frequency"].period_s
             assert len(times) >= 4.0 / period_s - 1
 
@@ -223,8 +223,8 @@ def test_a_lease_is_published_with_its_end_and_not_again_until_it_is_renewed() -
     run(scenario())
 
 
-def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
-    """Hub, request and history; within max(3 periods, 1 s) and the timeout."""
+def test_an_offline_drive_has_bad_quality_in_live_values_queries_and_history_in_time() -> None:
+    """Within max(3 periods, 1 s) and the timeout."""
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -232,24 +232,24 @@ def test_a_silent_drive_is_bad_everywhere_in_time() -> None:
             live, known = kit.service.live(STATE_STREAM, LOCAL), {}
             known |= (await anext(live))["topics"]
             assert known["drives/fan-1"]["signals"]["output_frequency"]["quality"] == "good"
-            silence(kit)
-            fed = len(kit.history.samples)
-            begun = kit.service.plant.now()
+            disconnect(kit)
+            before = len(kit.history.samples)
+            started_at = kit.service.plant.now()
             while known["drives/fan-1"]["signals"]["output_frequency"]["quality"] != "bad":
                 known |= (await anext(live))["topics"]
             period = kit.service.plant.drives["fan-1"].profile.signals["output_frequency"].period_s
-            assert kit.service.plant.now() - begun <= max(3 * period, 1.0) + 0.5 + 0.25 + 0.25
+            assert kit.service.plant.now() - started_at <= max(3 * period, 1.0) + 0.5 + 0.25 + 0.25
             view = await kit.call("drives.get", drive="fan-1")
             assert view["signals"]["output_frequency"]["quality"] == "bad"
             await asyncio.sleep(20)
-            gaps = [s for s in kit.history.samples[fed:] if s.tag == "fan-1.output_frequency" and s.value is None]
+            gaps = [s for s in kit.history.samples[before:] if s.tag == "fan-1.output_frequency" and s.value is None]
             assert len(gaps) == 1
 
     run(scenario())
 
 
 def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
-    """What was never read has no gap: nothing went."""
+    """A signal that was never read has no gap."""
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -259,21 +259,21 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
             good = {"output_frequency": readings["output_frequency"]}
             bad = {"output_frequency": replace(good["output_frequency"], quality=Quality.BAD)}
             fan_2 = kit.service.plant.drives["fan-2"]
-            samples = [one for readings in (bad, good, good, bad, bad) for one in fan_2.new_samples(readings, 0)]
-            assert [one.value for one in samples if one.tag == "fan-2.output_frequency"] == [0.0, None]
+            samples = [sample for readings in (bad, good, good, bad, bad) for sample in fan_2.new_samples(readings, 0)]
+            assert [sample.value for sample in samples if sample.tag == "fan-2.output_frequency"] == [0.0, None]
 
     run(scenario())
 
 
-def silence(kit: ServiceKit) -> None:
-    """The drive's plug is pulled."""
+def disconnect(kit: ServiceKit) -> None:
+    """Remove the drive from its bus."""
     bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
     bench.stations.remove(bench.station(1))
     bench._group_stations()
 
 
-def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(caplog: pytest.LogCaptureFixture) -> None:
-    """On the hub, and as one line of the log each."""
+def test_a_lost_drive_its_return_and_its_fault_are_each_one_event(caplog: pytest.LogCaptureFixture) -> None:
+    """And each is one line of the log."""
     caplog.set_level("INFO", "drivebus.service")
 
     async def scenario() -> None:
@@ -283,7 +283,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
             station = bench.station(1)
             station.trip(Trip.OVERHEAT)
             await asyncio.sleep(5)
-            silence(kit)
+            disconnect(kit)
             await asyncio.sleep(120)
             bench.stations.append(station)
             bench._group_stations()
@@ -300,7 +300,7 @@ def test_a_drive_that_falls_silent_is_told_once_as_are_its_return_and_fault(capl
     run(scenario())
 
 
-def test_frames_are_decoded_for_whoever_looks() -> None:
+def test_frames_are_decoded_for_a_subscriber() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
@@ -311,9 +311,9 @@ def test_frames_are_decoded_for_whoever_looks() -> None:
             assert {frame["kind"] for frame in frames} <= {"sent", "reply"}
             assert all(frame["text"]["en"] and frame["text"]["zh"] and frame["hex"] for frame in frames)
             assert ", " in frames[-1]["text"]["en"] and "，" in frames[-1]["text"]["zh"]
-            kept = await kit.call("buses.frames", bus="a", station=2, limit=5)
-            assert [frame["station"] for frame in kept["frames"]] == [2] * 5
-            later = await kit.call("buses.frames", bus="a", after=kept["last"])
+            listed = await kit.call("buses.frames", bus="a", station=2, limit=5)
+            assert [frame["station"] for frame in listed["frames"]] == [2] * 5
+            later = await kit.call("buses.frames", bus="a", after=listed["last"])
             assert later["frames"] == []
 
     run(scenario())
@@ -335,10 +335,10 @@ def test_many_requests_do_not_delay_live_values() -> None:
     """A message of 160 topics is encoded in some 20 pieces, while 200 requests wait for their turns."""
 
     async def scenario() -> None:
-        one, loop = hub(), asyncio.get_running_loop()
+        hub, loop = new_hub(), asyncio.get_running_loop()
         for topic in range(160):
-            one.publish(f"drives/{topic}", {"state": "x" * 4000})
-        message = await anext(one.subscribe(STATE_STREAM))
+            hub.publish(f"drives/{topic}", {"state": "x" * 4000})
+        message = await anext(hub.subscribe(STATE_STREAM))
         requests = [loop.create_task(yield_to_loop()) for _ in range(200)]
         await encode_json_cooperatively(message, internal=True)
         assert 15 <= sum(request.done() for request in requests) <= 30

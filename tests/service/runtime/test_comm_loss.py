@@ -1,4 +1,4 @@
-"""What a drive does when its host dies, as its badge says: believed until something is written to it."""
+"""Behaviour of a drive at communication loss, as read from it: unknown again after each write."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ BUS = BusConfig("s", "sim://e300@1?ramp=1")
 SMALL = DriveConfig("small", "s", 1, "e300", Text("Small", "小风机"))
 
 
-async def trips(kit: ServiceKit) -> None:
-    """The drive is set to trip, and has been read to be; its manual does not publish how, so that is told here."""
+async def configure_trip(kit: ServiceKit) -> None:
+    """Set the drive to trip and wait until that was read; the values of F9.3 are invented, the manual has none."""
     await asyncio.sleep(2)
     dialect = kit.service.plant.drives["fan-1"].drive.dialect
     rule = replace(dialect.profile.comm_loss, trips_values=(0,))
@@ -30,7 +30,7 @@ async def trips(kit: ServiceKit) -> None:
     await kit.call("lease.take", ENGINEER, drive="fan-1")
     await write(kit, **{"F9.3": 0.0, "F9.4": 5.0})
     await asyncio.sleep(5)
-    assert await badge(kit) == "trips"
+    assert await comm_loss_kind(kit) == "trips"
 
 
 async def write(kit: ServiceKit, **values: float) -> None:
@@ -38,56 +38,56 @@ async def write(kit: ServiceKit, **values: float) -> None:
     await kit.call("parameters.write", ENGINEER, drive="fan-1", values=values)
 
 
-async def badge(kit: ServiceKit) -> str:
+async def comm_loss_kind(kit: ServiceKit) -> str:
     found: str = (await kit.call("drives.get", drive="fan-1"))["comm_loss"]["kind"]
     return found
 
 
-def test_after_a_write_the_badge_is_doubted_and_forbids_a_start_until_it_is_read_again() -> None:
+def test_after_a_write_the_behaviour_is_unknown_and_blocks_starts_until_it_is_read() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
-            await trips(kit)
+            await configure_trip(kit)
             await write(kit, **{"F9.4": 0.0})
-            assert await badge(kit) == "unknown"
+            assert await comm_loss_kind(kit) == "unknown"
             assert kit.service.plant.drives["fan-1"].comm_loss.text == COMM_LOSS_NOT_READ
             await kit.call("lease.release", ENGINEER, drive="fan-1")
             with pytest.raises(WaiverRequired):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert kit.station("fan-1").motor.starts == 0
             await asyncio.sleep(5)
-            assert await badge(kit) == "runs_on"
+            assert await comm_loss_kind(kit) == "runs_on"
 
     run(scenario())
 
 
 @pytest.mark.parametrize("during", [True, False])
-def test_what_was_read_before_or_while_something_was_written_is_not_believed(during: bool) -> None:
-    """The read began before the write ended: it may have seen the old value, and the next one is an hour away."""
+def test_a_read_that_began_before_a_write_ended_is_discarded(during: bool) -> None:
+    """It may have returned the old value, and the next read is an hour away."""
 
     async def scenario() -> None:
         async with running_service() as kit:
-            await trips(kit)
-            unit = kit.service.plant.drives["fan-1"]
-            doubts, report = unit.comm_loss_writes, await unit.drive.comm_loss_behaviour()
+            await configure_trip(kit)
+            drive = kit.service.plant.drives["fan-1"]
+            writes, report = drive.comm_loss_writes, await drive.drive.comm_loss_behaviour()
             change = asyncio.create_task(write(kit, **{"F9.4": 0.0}))
             await asyncio.sleep(0.01)
             if not during:
                 await change
-            unit.set_comm_loss(report, kit.service.plant.now(), doubts)
-            assert await badge(kit) == "unknown"
-            during_write = unit.comm_loss_writes
+            drive.set_comm_loss(report, kit.service.plant.now(), writes)
+            assert await comm_loss_kind(kit) == "unknown"
+            during_write = drive.comm_loss_writes
             await change
-            unit.set_comm_loss(report, kit.service.plant.now(), during_write)
-            assert await badge(kit) == ("unknown" if during else "trips")
+            drive.set_comm_loss(report, kit.service.plant.now(), during_write)
+            assert await comm_loss_kind(kit) == ("unknown" if during else "trips")
 
     run(scenario())
 
 
 @pytest.mark.parametrize(("action", "time", "kind"), [(0x00, 50, "trips"), (0x10, 50, "runs_on"), (0x00, 0, "runs_on")])
-def test_a_drive_whose_manual_says_it_is_read_and_starts_without_a_waiver_where_it_stops_itself(
+def test_a_drive_with_a_published_behaviour_starts_without_a_waiver_where_it_trips(
     action: int, time: int, kind: str
 ) -> None:
-    """The E300's F4.3 and F4.4: no test's own word here. And it does what its badge says."""
+    """The E300 manual publishes F4.3 and F4.4; the simulated drive then behaves as read."""
 
     async def scenario() -> None:
         async with running_service(plant_config(buses=(BUS,), drives=(SMALL,), groups=())) as kit:

@@ -1,4 +1,4 @@
-"""What can wait is done in turns, long answers in pieces, so that nothing stands in front of a stop."""
+"""Fairness of the event loop: work without urgency runs in turns, and long replies are encoded in pieces."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ DOCUMENTS = st.recursive(
 )
 
 
-def _done(work: Coroutine[Any, Any, bytes]) -> bytes:
+def _encoded(work: Coroutine[Any, Any, bytes]) -> bytes:
     return virtual_time.run(work)
 
 
 @given(DOCUMENTS)
-def test_what_is_encoded_in_pieces_is_what_is_encoded_at_once(document: Any) -> None:
+def test_json_encoded_in_pieces_equals_json_encoded_at_once(document: Any) -> None:
     whole = json.dumps(document, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    assert _done(encode_json_cooperatively(document)) == whole.encode()
+    assert _encoded(encode_json_cooperatively(document)) == whole.encode()
 
 
-def test_a_number_that_is_none_in_json_is_no_answer() -> None:
+def test_nan_is_rejected() -> None:
     with pytest.raises(ValueError):
-        _done(encode_json_cooperatively({"result": {"value": float("nan")}}))
+        _encoded(encode_json_cooperatively({"result": {"value": float("nan")}}))
 
 
 async def _turns_during(work: Any) -> int:
-    """How often somebody else has a turn while it is done."""
+    """Return how many loop iterations other tasks get while ``work`` runs."""
     counted, done = 0, asyncio.ensure_future(work)
     while not done.done():
         await asyncio.sleep(0)
@@ -53,7 +53,7 @@ async def _turns_during(work: Any) -> int:
 
 
 @pytest.mark.parametrize("kind", ["list", "topics"])
-def test_others_have_their_turn_within_a_long_message(kind: str) -> None:
+def test_other_tasks_run_while_a_long_message_is_encoded(kind: str) -> None:
     drive = {"id": "x" * 1000}
     many: Any = [drive] * 300 if kind == "list" else {f"drives/{n}": drive for n in range(300)}
     message = {"id": 7, "result": {"drives": many}}
@@ -63,9 +63,9 @@ def test_others_have_their_turn_within_a_long_message(kind: str) -> None:
     assert virtual_time.run(_turns_during(encode_json_cooperatively({"id": 7, "result": drive}))) <= 2
 
 
-def test_so_many_at_once_as_was_said() -> None:
+def test_an_iteration_yields_after_the_given_number_of_items() -> None:
     async def all_of(many: list[int], at_once: int) -> list[int]:
-        return [one async for one in iter_cooperatively(many, at_once)]
+        return [item async for item in iter_cooperatively(many, at_once)]
 
     many = list(range(40))
     assert virtual_time.run(all_of(many, 1)) == many
@@ -73,7 +73,7 @@ def test_so_many_at_once_as_was_said() -> None:
     assert 5 <= virtual_time.run(_turns_during(all_of(many, fairness.ITEMS_PER_TURN))) < 15
 
 
-def test_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
+def test_one_task_continues_per_iteration_in_the_order_of_waiting() -> None:
     async def scenario() -> list[list[int]]:
         rounds: list[list[int]] = [[]]
 
@@ -84,35 +84,35 @@ def test_one_goes_on_each_time_round_the_longest_waiting_first() -> None:
         waiting = [asyncio.ensure_future(wait(number)) for number in range(4)]
         await asyncio.sleep(0)
         waiting[1].cancel()
-        while not all(one.done() for one in waiting):
+        while not all(task.done() for task in waiting):
             rounds.append([])
             await asyncio.sleep(0)
         rounds.append([])
-        await wait(4)  # after everybody has gone
+        await wait(4)  # after all others have continued
         return [numbers for numbers in rounds if numbers]
 
     assert virtual_time.run(scenario()) == [[0], [2], [3], [4]]
 
 
-def test_live_values_wait_for_one_question_and_not_for_all_of_them() -> None:
-    """A hundred questions wait, and more come all the time; none of both kinds starves."""
+def test_live_values_alternate_with_waiting_queries() -> None:
+    """A hundred queries wait, and more arrive; neither kind starves."""
 
     async def scenario() -> tuple[int, int]:
-        asked, message = 0, 0
+        queries, live_items = 0, 0
 
-        async def ask() -> None:
-            nonlocal asked
-            while asked < 1000:
+        async def query() -> None:
+            nonlocal queries
+            while queries < 1000:
                 await yield_to_loop()
-                asked += 1
+                queries += 1
 
-        questions = [asyncio.ensure_future(ask()) for _ in range(100)]
+        tasks = [asyncio.ensure_future(query()) for _ in range(100)]
         await asyncio.sleep(0)
         async for _ in iter_cooperatively(range(20), 1, internal=True):
-            message += 1
-        for question in questions:
-            question.cancel()
-        return asked, message
+            live_items += 1
+        for task in tasks:
+            task.cancel()
+        return queries, live_items
 
-    asked, message = virtual_time.run(scenario())
-    assert message == 20 and 15 <= asked <= 25
+    queries, live_items = virtual_time.run(scenario())
+    assert live_items == 20 and 15 <= queries <= 25

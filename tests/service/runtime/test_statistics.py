@@ -1,4 +1,4 @@
-"""What the plant counts while it runs."""
+"""Counters of ``plant.statistics``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from fixtures.running_service import real_service
 from fixtures.service import DRIVES, plant_config, running_service
 
 
-def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
-    """A stop of everything is one of each drive; a DF800 can only acknowledge; who is not there confirms nothing."""
+def test_stops_are_counted_by_request_and_by_outcome() -> None:
+    """A stop of everything counts for each drive; a DF800 can only acknowledge, and a missing drive does neither."""
 
     async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1,2"), BusConfig("b", "sim://df800@1"))
@@ -29,7 +29,7 @@ def test_stops_are_counted_as_asked_and_as_they_ended() -> None:
     run(scenario())
 
 
-async def test_what_the_history_took_in_and_each_drive_did_is_told_at_once(tmp_path: Path) -> None:
+async def test_the_statistics_contain_those_of_the_history_and_of_each_drive(tmp_path: Path) -> None:
     async with real_service(tmp_path) as kit:
         for _ in range(100):
             found = await kit.call("plant.statistics")

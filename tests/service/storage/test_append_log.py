@@ -1,4 +1,4 @@
-"""An append-only file on a disk that does as disks do; and what many tasks hand to one thread."""
+"""Append-only file and batch writer on a disk that fails."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
 
 
-def failing_after(octets: int) -> object:
-    """``os.write`` that takes so many octets and then has no room."""
+def failing_after(size: int) -> object:
+    """Return an ``os.write`` that writes this many bytes and then reports a full disk."""
     real = os.write
 
     def write(fd: int, data: bytes) -> int:
-        nonlocal octets
-        if octets <= 0:
+        nonlocal size
+        if size <= 0:
             raise OSError(28, "No space left on device")
-        taken = real(fd, data[:octets])
-        octets -= taken
+        taken = real(fd, data[:size])
+        size -= taken
         return taken
 
     return write
@@ -32,11 +32,11 @@ def failing_after(octets: int) -> object:
 def test_a_disk_that_takes_a_little_at_a_time_gets_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = os.write
     monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[:3]))
-    journal = AppendLog(tmp_path / "x")
-    journal.append(b"0123456789\n")
+    log = AppendLog(tmp_path / "x")
+    log.append(b"0123456789\n")
     atomic_write_private(tmp_path / "y", b"0123456789\n")
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == b"0123456789\n"
-    assert journal.size == 11
+    assert log.size == 11
 
 
 def test_a_disk_that_takes_nothing_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,34 +45,34 @@ def test_a_disk_that_takes_nothing_is_full(tmp_path: Path, monkeypatch: pytest.M
         AppendLog(tmp_path / "x").append(b"a\n")
 
 
-def test_what_was_refused_is_gone_before_the_next_is_written_and_when_the_file_is_closed(
+def test_the_bytes_of_a_failed_write_are_cut_off_before_the_next_one_and_at_close(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    journal = AppendLog(tmp_path / "x")
-    journal.append(b"one\n")
+    log = AppendLog(tmp_path / "x")
+    log.append(b"one\n")
     with monkeypatch.context() as context:
         context.setattr(os, "write", failing_after(2))
         with pytest.raises(OSError):
-            journal.append(b"two\n")
+            log.append(b"two\n")
     assert (tmp_path / "x").read_bytes() == b"one\ntw"
-    journal.append(b"three\n")
+    log.append(b"three\n")
     assert (tmp_path / "x").read_bytes() == b"one\nthree\n"
     with monkeypatch.context() as context:
         context.setattr(os, "write", failing_after(2))
         with pytest.raises(OSError):
-            journal.append(b"four\n")
-    journal.close()
-    journal.close()
+            log.append(b"four\n")
+    log.close()
+    log.close()
     assert (tmp_path / "x").read_bytes() == b"one\nthree\n"
 
 
-def test_it_is_synced_before_it_is_kept_and_a_sync_that_fails_keeps_nothing(
+def test_a_record_is_synced_and_a_failed_sync_leaves_none_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda fd: synced.append(os.fstat(fd).st_size))
-    journal = AppendLog(tmp_path / "x")
-    journal.append(b"one\n")
+    log = AppendLog(tmp_path / "x")
+    log.append(b"one\n")
     assert synced[-1] == 4
 
     def broken(fd: int) -> None:
@@ -81,36 +81,36 @@ def test_it_is_synced_before_it_is_kept_and_a_sync_that_fails_keeps_nothing(
     with monkeypatch.context() as context:
         context.setattr(os, "fsync", broken)
         with pytest.raises(OSError):
-            journal.append(b"two\n")
-    journal.append(b"three\n")
+            log.append(b"two\n")
+    log.append(b"three\n")
     assert (tmp_path / "x").read_bytes() == b"one\nthree\n"
     assert synced[-1] == 10
 
 
-async def test_who_comes_while_a_batch_fails_has_a_try_of_his_own() -> None:
-    """A disk that works again by then serves him; nobody waits for a timer."""
-    tries: list[list[str]] = []
-    begun, go_on = asyncio.Event(), asyncio.Event()
+async def test_an_item_queued_while_a_batch_fails_is_tried_at_once() -> None:
+    """The disk may work again by then."""
+    batches: list[list[str]] = []
+    started, go_on = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
 
-    def keep(batch: Sequence[str]) -> Sequence[str]:
-        tries.append(list(batch))
-        if len(tries) == 1:
-            loop.call_soon_threadsafe(begun.set)
+    def write_batch(batch: Sequence[str]) -> Sequence[str]:
+        batches.append(list(batch))
+        if len(batches) == 1:
+            loop.call_soon_threadsafe(started.set)
             asyncio.run_coroutine_threadsafe(go_on.wait(), loop).result()
             raise OSError(28, "No space left on device")
         return [item.upper() for item in batch]
 
-    grouped: BatchWriter[str, str] = BatchWriter("test", keep)
-    first = asyncio.ensure_future(grouped.write("a"))
-    grouped.write_nowait("b")
-    await begun.wait()
-    second = asyncio.ensure_future(grouped.write("c"))
+    writer: BatchWriter[str, str] = BatchWriter("test", write_batch)
+    first = asyncio.ensure_future(writer.write("a"))
+    writer.write_nowait("b")
+    await started.wait()
+    second = asyncio.ensure_future(writer.write("c"))
     await asyncio.sleep(0)
     go_on.set()
     with pytest.raises(OSError):
         await first
     assert await second == "C"
-    assert tries == [["b", "a"], ["b", "c"]]
-    assert grouped.error is None
-    await grouped.close()
+    assert batches == [["b", "a"], ["b", "c"]]
+    assert writer.error is None
+    await writer.close()
