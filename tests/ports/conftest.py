@@ -45,9 +45,9 @@ def new_pty() -> Pty:
 
 @pytest.fixture
 def pty() -> Iterator[Pty]:
-    one = new_pty()
-    yield one
-    one.hang_up()
+    pty = new_pty()
+    yield pty
+    pty.hang_up()
 
 
 @pytest.fixture(autouse=True)

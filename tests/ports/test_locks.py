@@ -1,4 +1,4 @@
-"""One owner for a port; a second one gets the pid of the first."""
+"""Exclusive ownership of a port: a second instance gets the pid of the first."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ HOLD = (
 
 @pytest.fixture
 def first(pty: Pty) -> Iterator[subprocess.Popen[bytes]]:
-    """Another drivebus that holds the pty."""
+    """Start another drivebus that has opened the pty."""
     with subprocess.Popen([sys.executable, "-c", HOLD, pty.path], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == b"open\n"
@@ -67,48 +67,48 @@ async def test_the_stale_lock_of_a_killed_instance_is_replaced(pty: Pty, first: 
 
 
 async def test_this_program_can_not_open_a_port_twice(pty: Pty) -> None:
-    one, two = open_port(pty.path), open_port(pty.path)
-    await one.open(FakeReceiver())
+    first, second = open_port(pty.path), open_port(pty.path)
+    await first.open(FakeReceiver())
     with pytest.raises(PortUnavailable) as caught:
-        await one.open(FakeReceiver())
+        await first.open(FakeReceiver())
     assert caught.value.key == "ports.already-open"
     with pytest.raises(PortUnavailable) as caught:
-        await two.open(FakeReceiver())
+        await second.open(FakeReceiver())
     assert caught.value.key == "ports.already-open"
-    await one.close()
-    await two.open(FakeReceiver())
-    await two.close()
+    await first.close()
+    await second.open(FakeReceiver())
+    await second.close()
 
 
 async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_path: Path) -> None:
     (tmp_path / "alias").symlink_to(pty.path)
-    one, two = open_port(pty.path), open_port(str(tmp_path / "alias"))
-    await one.open(FakeReceiver())
+    first, second = open_port(pty.path), open_port(str(tmp_path / "alias"))
+    await first.open(FakeReceiver())
     with pytest.raises(PortUnavailable):
-        await two.open(FakeReceiver())
-    await one.close()
+        await second.open(FakeReceiver())
+    await first.close()
 
 
 def test_a_program_that_uses_only_flock_is_locked_out_and_locks_out_drivebus(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without our lock file (another user's state directory) the device's own lock still stands."""
+    """Without a common lock file (another user's state directory) the lock on the device still excludes."""
     import fcntl
 
-    stranger = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    other_fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     ours = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
-    fcntl.flock(stranger, fcntl.LOCK_EX)
+    fcntl.flock(other_fd, fcntl.LOCK_EX)
     with pytest.raises(DeviceBusy) as caught:
         DeviceLock(ours, pty.path)
     assert caught.value.pid is None
-    fcntl.flock(stranger, fcntl.LOCK_UN)
+    fcntl.flock(other_fd, fcntl.LOCK_UN)
     lock = DeviceLock(ours, pty.path, exclusive=False)
     with pytest.raises(BlockingIOError):
-        fcntl.flock(stranger, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(other_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     lock.release()
     lock.release()
     os.close(ours)
-    os.close(stranger)
+    os.close(other_fd)
 
 
 def test_an_exclusive_lock_sets_the_terminal_flag_and_clears_it(pty: Pty) -> None:
@@ -128,11 +128,11 @@ def test_a_state_directory_that_can_not_be_written_leaves_the_lock_on_the_device
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    one = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+    fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     two = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
-    lock = DeviceLock(one, pty.path, exclusive=False)
+    lock = DeviceLock(fd, pty.path, exclusive=False)
     with pytest.raises(DeviceBusy):
         DeviceLock(two, pty.path, exclusive=False)
     lock.release()
-    os.close(one)
+    os.close(fd)
     os.close(two)

@@ -1,4 +1,4 @@
-"""A port that can't be opened says why and what to do."""
+"""Messages for a port that cannot be opened: the reason and the remedy."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ async def test_a_machine_without_ports_is_reported(monkeypatch: pytest.MonkeyPat
     assert "usbipd attach" in error.text("zh")
 
 
-@pytest.mark.parametrize("what", ["file", "folder", "device"])
-async def test_a_file_that_is_no_serial_port_is_rejected_by_name(tmp_path: Path, what: str) -> None:
-    path = {"file": tmp_path / "file", "folder": tmp_path, "device": Path("/dev/null")}[what]
+@pytest.mark.parametrize("kind", ["file", "folder", "device"])
+async def test_a_file_that_is_no_serial_port_is_rejected_by_name(tmp_path: Path, kind: str) -> None:
+    path = {"file": tmp_path / "file", "folder": tmp_path, "device": Path("/dev/null")}[kind]
     (tmp_path / "file").write_text("")
     assert (await refused(str(path))).key == "ports.not-serial"
 
@@ -107,7 +107,7 @@ def test_a_busy_port_names_the_program_that_uses_it(pty: Pty) -> None:
 
 
 def test_a_user_that_proc_hides_is_identified_by_its_lock(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another user's drivebus; its open files are hidden from us, the kernel's list of locks is not."""
+    """The open files of another user's drivebus are hidden, the kernel's list of locks is not."""
     monkeypatch.setattr(open_errors, "device_users", lambda paths: {path: [] for path in paths})
     program = (
         "import fcntl, os, sys, time; fcntl.flock(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), fcntl.LOCK_EX); "
@@ -162,7 +162,7 @@ def test_a_hidden_user_is_guessed_by_name_or_found_with_a_command(pty: Pty, monk
 async def test_a_real_port_that_another_program_has_open_without_a_lock_is_rejected(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two masters. Ptys are not checked (their peer is no master), so this one is declared a real port."""
+    """The other program is a second master. Ptys are not checked, so the pty is declared a real port."""
     from drivebus.ports import tty
     from drivebus.ports.tty import SerialDescriptor, open_device
     from drivebus.types import Capabilities
@@ -190,8 +190,8 @@ def test_processes_are_found_by_name() -> None:
 def test_every_message_has_its_parameters_in_both_languages() -> None:
     import re
 
-    for room in ("ports.", "capture."):
-        keys = [key for key in i18n.catalogue("en") if key.startswith(room)]
+    for prefix in ("ports.", "capture."):
+        keys = [key for key in i18n.catalogue("en") if key.startswith(prefix)]
         assert keys
         for key in keys:
             places = [set(re.findall(r"\{(\w+)\}", i18n.catalogue(language)[key])) for language in ("en", "zh")]

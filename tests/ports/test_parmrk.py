@@ -1,4 +1,4 @@
-"""Every byte with a line error is counted, a good FF stays, wherever the chunks end."""
+"""Decoding of parity line_errors: each line error is counted and a good FF stays, wherever the chunks end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivebus.ports.parmrk import ParityMarkDecoder
 
 
 def encoded(line: list[tuple[int, bool]]) -> bytes:
-    """What a kernel writes for bytes with their 'bad' flags."""
+    """Return the bytes that a kernel writes for (byte, bad) pairs."""
     out = bytearray()
     for byte, bad in line:
         out += bytes((0xFF, 0, byte)) if bad else b"\xff\xff" if byte == 0xFF else bytes((byte,))
@@ -17,11 +17,11 @@ def encoded(line: list[tuple[int, bool]]) -> bytes:
 
 
 def decoded(chunks: list[bytes]) -> tuple[bytes, int]:
-    decoder, data, marks = ParityMarkDecoder(), b"", 0
+    decoder, data, line_errors = ParityMarkDecoder(), b"", 0
     for chunk in chunks:
         more, bad = decoder.decode(chunk)
-        data, marks = data + more, marks + bad
-    return data, marks
+        data, line_errors = data + more, line_errors + bad
+    return data, line_errors
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, 1, 0x41, 0xFE, 0xFF]), st.booleans())), st.data())

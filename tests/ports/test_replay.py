@@ -1,4 +1,4 @@
-"""A captured conversation is written, read and played back, in virtual time."""
+"""Recording and replay of the traffic of a bus in virtual time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from fixtures.receiver import FakeReceiver
 
 
 def recorded(path: Path) -> str:
-    """Two requests with their replies, then the adapter is pulled and put back, then one more byte."""
+    """Record two requests with their replies, an unplugged and replugged adapter, and one more byte."""
     writer = CaptureWriter(path, CaptureHeader(SerialSettings(19200, 8, "E", 1)), now=0.0)
     writer.write_event(0.0, "opened")
     writer.write_bytes(1.0, "tx", b"ask1")
@@ -92,7 +92,9 @@ def test_with_request_timing_each_reply_follows_its_request_at_any_time(tmp_path
         port.write(b"ask2")
         await asyncio.sleep(0.5)
         assert sink.chunks[-1] == (101.5, b"reply2")
-        assert [(one.expected, one.found) for one in port.report.differences] == [(b"ask1", b"other")]
+        assert [(difference.expected, difference.found) for difference in port.report.differences] == [
+            (b"ask1", b"other")
+        ]
         assert port.report.matched == 2
         await port.close()
         await asyncio.sleep(9)
@@ -122,34 +124,34 @@ def test_a_request_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -
 @pytest.mark.parametrize("timing", ["clock", "request"])
 @pytest.mark.parametrize(("model", "hz"), [("c320", 5.0), ("vc660", 5.0), ("dzb100", 0.5), ("df800", 5.0)])
 def test_a_bus_on_a_capture_receives_the_recorded_replies(tmp_path: Path, model: str, hz: float, timing: str) -> None:
-    """To the last reply, and the same story sends the same bytes."""
+    """It receives all replies, and the same requests send the same bytes."""
     path = tmp_path / "a.dbcap"
 
     async def work(bus: Bus) -> list[str]:
         async with bus:
             drive = Drive(bus, model, 1)
-            message = [shown(await drive.status()), (await drive.run(hz)).text()]
+            outcomes = [shown(await drive.status()), (await drive.run(hz)).text()]
             await asyncio.sleep(2)
-            return [*message, shown(await drive.status()), (await drive.stop()).text()]
+            return [*outcomes, shown(await drive.status()), (await drive.stop()).text()]
 
     def shown(status: DriveStatus) -> str:
-        return f"{status.state} {[(name, one.value) for name, one in status.readings.items()]}"
+        return f"{status.state} {[(name, reading.value) for name, reading in status.readings.items()]}"
 
     async def record() -> list[str]:
         port = RecordingPort(open_port(f"sim://{model}@1"), path)
-        message = await work(Bus(port))
+        outcomes = await work(Bus(port))
         port.end_capture()
-        return message
+        return outcomes
 
     async def play() -> tuple[list[str], object]:
         bus = open_bus(f"replay://{path}?timing={timing}")
-        message = await work(bus)
-        return message, bus.port.report  # type: ignore[attr-defined]
+        outcomes = await work(bus)
+        return outcomes, bus.port.report  # type: ignore[attr-defined]
 
-    message = run(record())
+    outcomes = run(record())
     again, report = run(play())
-    sent = sum(isinstance(one, BytesRecord) and one.direction == "tx" for one in read_capture(path).records)
-    assert again == message
+    sent = sum(isinstance(record, BytesRecord) and record.direction == "tx" for record in read_capture(path).records)
+    assert again == outcomes
     assert report == ReplayReport(sent, (), 0)
 
 

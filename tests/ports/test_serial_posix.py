@@ -1,4 +1,4 @@
-"""The serial port on real ptys."""
+"""Serial port of a POSIX system, on real ptys."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ async def test_a_pty_reports_neither_line_timing_nor_parity(pty: Pty) -> None:
 
 
 async def test_a_pty_is_opened_again_with_the_same_parity(pty: Pty) -> None:
-    """The C library returns EINVAL to parity on a pty as soon as nothing else changes: a second program."""
+    """The C library returns EINVAL for parity on a pty when nothing else changes, as for a second program."""
     for _ in range(3):
         port = await opened(pty.path, FakeReceiver(), baud=9600, format="8E1")
         assert port.settings.format == "8E1"
@@ -90,7 +90,7 @@ async def test_a_good_ff_survives_the_parity_marks_of_the_kernel(pty: Pty) -> No
 
 
 async def test_bad_bytes_are_counted(pty: Pty) -> None:
-    """What a kernel writes for bad bytes, through the port (a pty can't make parity errors itself)."""
+    """The parity marks are written by the test, because a pty has no parity errors."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     port._mark_decoder = ParityMarkDecoder()
@@ -103,7 +103,7 @@ async def test_bad_bytes_are_counted(pty: Pty) -> None:
 
 
 def test_settings_that_the_driver_did_not_take_are_rejected_with_both(pty: Pty) -> None:
-    """The kernel drops parity on a pty, which is what a driver that can't do it looks like."""
+    """The kernel drops parity on a pty, like a driver without parity."""
     from drivebus.ports import serialx_adapter
     from drivebus.serial_settings import SerialSettings
 
@@ -222,7 +222,7 @@ async def test_a_paused_reader_leaves_bytes_in_the_kernel_until_its_time(pty: Pt
     assert [data for _, data in sink.chunks] == [b"reply"]
     assert sink.chunks[0][0] >= when - 0.001
     pty.send(b"x")
-    await wait_until(lambda: len(sink.chunks) == 2)  # watched again
+    await wait_until(lambda: len(sink.chunks) == 2)  # registered again
     await port.close()
 
 
@@ -236,10 +236,10 @@ async def test_a_pause_without_end_is_ended_by_its_caller(pty: Pty) -> None:
     port.pause_until(0)
     assert bytes(sink.data) == b"abc"
     pty.send(b"d")
-    await wait_until(lambda: bytes(sink.data) == b"abcd")  # watched again
+    await wait_until(lambda: bytes(sink.data) == b"abcd")  # registered again
     port.pause_until(math.inf)
     port.pause_until(0)
-    port.pause_until(math.inf)  # the same turn: nothing is watched between
+    port.pause_until(math.inf)  # in the same loop iteration: not registered in between
     pty.send(b"e")
     await asyncio.sleep(0.01)
     assert (bytes(sink.data), port._reading) == (b"abcd", False)
@@ -247,7 +247,7 @@ async def test_a_pause_without_end_is_ended_by_its_caller(pty: Pty) -> None:
 
 
 async def test_bytes_waiting_in_the_kernel_are_delivered_on_request(pty: Pty) -> None:
-    """Before a bus goes on it hears what is there, without a turn of the loop between."""
+    """The bus reads waiting bytes before it continues, within the same loop iteration."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     port.pause_until(0)
@@ -256,7 +256,7 @@ async def test_bytes_waiting_in_the_kernel_are_delivered_on_request(pty: Pty) ->
     port.pause_until(0)
     assert bytes(sink.data) == b"abc"
     port.pause_until(math.inf)
-    port.pause_until(0)  # the quiet is over although nothing is there
+    port.pause_until(0)  # ends the pause without any byte
     pty.send(b"d")
     await wait_until(lambda: bytes(sink.data) == b"abcd")
     await port.close()
@@ -303,14 +303,14 @@ async def test_a_moved_link_is_followed_a_thousand_times_with_no_descriptor_lost
     sink, before = FakeReceiver(), 0
     port: Port | None = None
     for cycle in range(1000):
-        one = new_pty()
+        pty = new_pty()
         link.unlink(missing_ok=True)
-        link.symlink_to(one.path)
+        link.symlink_to(pty.path)
         port = port or open_port(str(link))
         await port.open(sink)
         port.write(b"%d" % cycle)
-        assert one.read() == b"%d" % cycle
-        one.hang_up()
+        assert pty.read() == b"%d" % cycle
+        pty.hang_up()
         await wait_until(lambda: len(sink.lost) > cycle)  # noqa: B023  # awaited here
         if cycle == 10:
             await port.close()
@@ -403,7 +403,7 @@ def test_an_adapter_is_identified_by_its_serial_number_or_else_by_its_usb_socket
 
 
 def test_adapters_with_the_same_serial_number_are_distinguished_by_their_usb_sockets() -> None:
-    """Clones share a serial number: by that name the wrong bus would be opened."""
+    """Cloned adapters have the same serial number, by which the wrong bus would be opened."""
     twins = [device(f"/dev/ttyUSB{n}", vid=1, pid=2, serial_number="XYZ123", interface_num=0) for n in (0, 1)]
     found = discovery.describe(twins, {}, {"/dev/ttyUSB0": "/by-path/a", "/dev/ttyUSB1": "/by-path/b"})
     assert [port.identity for port in found] == ["path:a", "path:b"]

@@ -1,4 +1,4 @@
-"""The COM port of Windows, with a transport of ours in the place of serialx's (which only runs there)."""
+"""COM port of Windows with a fake transport, because that of serialx runs on Windows only."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Transport(asyncio.Transport):
 
 @pytest.fixture
 def transport(monkeypatch: pytest.MonkeyPatch) -> Transport:
-    one = Transport()
+    transport = Transport()
 
     async def connect(path: str, settings: SerialSettings, protocol: asyncio.Protocol) -> Transport:
-        return one
+        return transport
 
     monkeypatch.setattr(serialx_adapter, "connect_windows", connect)
-    return one
+    return transport
 
 
 async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) -> None:

@@ -12,7 +12,7 @@ import pytest
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports import Port, open_port, rfc2217
 from drivebus.ports.base import port_notes
-from drivebus.ports.telnet import COM_PORT, DO, DONT, IAC, SB, SE, WILL, subnegotiation
+from drivebus.ports.rfc2217 import COM_PORT, DO, DONT, IAC, SB, SE, WILL, subnegotiation
 from fixtures.receiver import FakeReceiver, wait_until
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
@@ -149,7 +149,7 @@ async def test_an_unreachable_network_reports_the_reason(monkeypatch: pytest.Mon
 
 
 def negotiating(*answers: bytes, then: bytes = b"") -> Handler:
-    """A server that sends ``answers`` one after each chunk that it reads, and ``then`` at the end."""
+    """Run a server that sends one of ``answers`` after each chunk that it reads, and ``then`` at the end."""
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         for answer in answers:
@@ -200,7 +200,7 @@ async def test_a_telnet_server_without_the_option_is_rejected_with_the_raw_link(
 async def test_a_raw_server_is_distinguished_from_a_telnet_server_before_any_setting_is_sent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What we send to a raw server goes to the bus as bytes: no more than the first request must."""
+    """Bytes for a raw server are sent to the bus, so nothing after the first request may be sent."""
     monkeypatch.setattr(rfc2217, "NEGOTIATION_TIMEOUT_S", 0.05)
     got = bytearray()
 

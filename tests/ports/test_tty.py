@@ -1,4 +1,4 @@
-"""The path of a real port, walked on a pty that is taken for one; and failures that only real devices have."""
+"""Opening of a real port, on a pty that is taken for one, and failures that only real devices have."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ports.conftest import Pty, open_descriptors
 
 @pytest.fixture
 def real(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let ptys pass for real ports, without the check for other users."""
+    """Declare ptys real ports, without the check for other users."""
     monkeypatch.setattr(tty, "is_pty", lambda _: False)
     monkeypatch.setattr("drivebus.ports.tty.device_users", lambda paths: {path: [] for path in paths})
 
@@ -52,7 +52,7 @@ async def test_a_real_port_has_line_timing_parity_marks_and_an_exclusive_lock(pt
 
 @pytest.mark.usefixtures("real")
 async def test_a_driver_that_ignores_parity_is_rejected_and_nothing_stays_open(pty: Pty) -> None:
-    """DZB100 has no other check; a pty's driver drops PARENB silently."""
+    """Parity is the only check of a DZB100; the driver of a pty ignores PARENB."""
     await (await opened(pty, FakeReceiver())).close()
     before = open_descriptors()
     with pytest.raises(PortUnavailable) as caught:
@@ -105,20 +105,20 @@ async def test_an_adapter_with_high_latency_is_set_to_low_latency_or_noted(
 
 
 async def test_kernel_rs485_is_set_and_read_back(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+    requests = []
 
     class Kernel:
         """An fcntl of a driver that can switch the direction."""
 
         @staticmethod
         def ioctl(fd: int, request: int, data: bytes) -> bytes:
-            asked.append((request, data))
-            return data if request != tty._TIOCGRS485 else asked[0][1]
+            requests.append((request, data))
+            return data if request != tty._TIOCGRS485 else requests[0][1]
 
     fd = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
     monkeypatch.setattr(tty, "fcntl", Kernel)
     tty._enable_rs485(fd, pty.path)
-    assert asked[0] == (0x542F, (3).to_bytes(4, sys.byteorder) + bytes(28))
+    assert requests[0] == (0x542F, (3).to_bytes(4, sys.byteorder) + bytes(28))
     monkeypatch.setattr(Kernel, "ioctl", staticmethod(lambda fd, request, data: bytes(32)))
     with pytest.raises(PortUnavailable) as caught:
         tty._enable_rs485(fd, pty.path)
@@ -211,7 +211,7 @@ def test_nothing_that_windows_lacks_is_imported_before_a_port_of_its_kind_is_ope
         "import sys\n"
         "for name in ('termios', 'fcntl', 'tty', 'pty', 'grp', 'pwd', 'serialx'): sys.modules[name] = None\n"
         "import drivebus.ports, drivebus.capture.dbcap\n"
-        "from drivebus.ports import serial, tcp, rfc2217, memory, replay, recording, open_port\n"
-        "for link in ('tcp://h:1', 'rfc2217://h:1', 'memory://m'): open_port(link)\n"
+        "from drivebus.ports import tcp, rfc2217, memory, replay, recording, open_port\n"
+        "for url in ('tcp://h:1', 'rfc2217://h:1', 'memory://m'): open_port(url)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

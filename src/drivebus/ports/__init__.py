@@ -1,11 +1,12 @@
-"""Bytes in and out: serial ports, TCP serial servers, RFC 2217, memory, replay. Chosen by the scheme of a LINK.
+"""Ports, which send and receive bytes: serial ports, TCP serial servers, RFC 2217, memory, replay.
 
-Nothing here knows a frame. Modules of a scheme are imported when it is used, through the entry-point group
-``drivebus.ports``: a factory ``open_port(link: drivebus.ports.url.Link) -> Port``.
+The scheme of a port URL selects the port. The module of a scheme is imported when it is used, through the entry-point
+group ``drivebus.ports``: a function ``(url: drivebus.ports.url.PortUrl) -> Port``.
 """
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +43,21 @@ def open_port(
     return port
 
 
+def open_serial_port(url: PortUrl) -> Port:
+    """Return the port of ``serial://DEVICE?baud=…&format=…&rs485=on&echo=…``, a device path or a COM name.
+
+    Entry point of scheme ``serial``. Raises PortUrlError.
+    """
+    if sys.platform == "win32":
+        from drivebus.ports.serial_windows import WindowsPort as LocalPort
+    else:
+        from drivebus.ports.serial_posix import SerialPort as LocalPort
+
+    return LocalPort(url)
+
+
 def list_ports() -> list[PortInfo]:
-    """The serial ports of this machine: device, what it is, its stable name, who holds it."""
+    """Return the serial ports of this machine with their stable names and the processes that use them."""
     from drivebus.ports.discovery import list_ports as listed
 
     return listed()

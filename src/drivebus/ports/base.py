@@ -1,4 +1,4 @@
-"""Interface of a port: bytes in, bytes out, and what it can guarantee.
+"""Interface of a port, which sends and receives bytes, and its capabilities.
 
 A port belongs to one event loop. Its life: ``open(receiver)`` → ``write`` and ``receiver.data_received`` → either
 ``close()`` (silent) or one ``receiver.port_lost``. After both it may be opened again, and then finds its device by the
@@ -38,12 +38,12 @@ class Port(Protocol):
 
     @property
     def capabilities(self) -> Capabilities:
-        """Final once ``open`` has returned."""
+        """Properties of the port, final once ``open`` has returned."""
         ...
 
     @property
     def identity(self) -> str:
-        """A name that survives replugging and renumbering where the port has one; key of stored calibrations."""
+        """Name of the device that survives replugging where it has one; the key of stored calibrations."""
         ...
 
     @property

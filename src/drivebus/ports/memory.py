@@ -129,7 +129,7 @@ def create_pair(
 
 
 def open_port(url: PortUrl) -> MemoryPort:
-    """``memory://name``: the first caller gets one end, the second the other. Raises PortUrlError for a third."""
+    """Return an end of ``memory://NAME``: two callers get one each. Raises PortUrlError for a third."""
     url.reject_unknown_options("line_timing", "echo")
     wire = _named.get(url.path)
     if wire is None:

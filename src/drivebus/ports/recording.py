@@ -1,4 +1,4 @@
-"""A port that records its traffic, wrapped around any other port. The file format is ``drivebus.capture``."""
+"""Recording of the bytes of any port into a capture file (format: ``drivebus.capture``)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
 class RecordingPort:
-    """Passes everything on and writes it to a new capture file, from the first opening on.
+    """Port around another port that writes all its bytes to a new capture file, from the first opening on.
 
     Bytes get the loop's monotonic time at which they were written or delivered. A disk failure ends the capture, not
     the bus: it is in ``error``.
@@ -61,7 +61,7 @@ class RecordingPort:
 
     @property
     def error(self) -> OSError | None:
-        """Why the capture ended early, None while it is complete."""
+        """Error that ended the capture early, None while it is complete."""
         return None if self._writer is None else self._writer.error
 
     async def open(self, receiver: Receiver) -> None:

@@ -1,7 +1,7 @@
 """Replay of a capture as a port: received bytes are delivered again, written bytes are compared with the sent ones.
 
 ``replay://FILE.dbcap`` keeps the capture's own times from the opening on. With ``timing=request`` it waits at each
-recorded frame until the same frame is written, and continues with the capture's delays: a host that is faster or
+recorded frame until the same frame is written, and continues with the capture's delays: a master that is faster or
 slower than the recorded one still gets each reply after its request.
 """
 
@@ -22,12 +22,12 @@ REPLAY_END_DELAY_S = 1.0  # after the last record, then the port is lost: a last
 
 @dataclass(frozen=True, slots=True)
 class ReplayDifference:
-    """A frame that was written otherwise than it was recorded."""
+    """Difference between a written frame and the recorded one."""
 
     time_s: float
-    """On the capture's clock."""
+    """Time on the clock of the capture."""
     expected: bytes | None
-    """None where the capture had nothing more to send."""
+    """Recorded frame, None after the last one."""
     found: bytes
     line_number: int = 0
     """Line of the capture that holds the expected frame."""
@@ -44,7 +44,7 @@ class ReplayReport:
 
 
 class ReplayPort:
-    """Plays a capture. The port is lost where the capture lost it, and a second after the end."""
+    """Port that replays a capture; it is lost where the recorded port was lost, and a second after the end."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class ReplayPort:
         self._handle = self._loop.call_soon(self._play)
 
     def write(self, data: bytes, /) -> None:
-        """Compare with what was sent. Raises PortLost where the port is not open."""
+        """Compare bytes with the recorded frame. Raises PortLost where the port is not open."""
         if self._receiver is None:
             raise PortLost("ports.not-open", port=self.url)
         if self._wait_for_request and self._unsent:
@@ -105,7 +105,7 @@ class ReplayPort:
         self._set_handle(None)
 
     def _play(self) -> None:
-        """Deliver all that is due, then sleep until the next record, a written frame, or the end."""
+        """Deliver all due records, then wait for the time of the next one, a written frame, or the end."""
         self._set_handle(None)
         while self._receiver is not None:
             if self._position == len(self._records):
@@ -169,7 +169,10 @@ class ReplayPort:
 
 
 def open_port(url: PortUrl) -> ReplayPort:
-    """``replay://FILE.dbcap?timing=clock|request``. Raises PortUrlError, or CaptureError with file and line."""
+    """Return the port of ``replay://FILE.dbcap?timing=clock|request``.
+
+    Raises PortUrlError, or CaptureError with file and line.
+    """
     url.reject_unknown_options("echo", "timing")
     capture = read_capture(url.path)
     recorded = capture.header.settings

@@ -1,26 +1,170 @@
-"""Serial servers with RFC 2217: the serial settings travel with the connection. The protocol itself is in ``telnet``.
+"""Serial servers with RFC 2217 (telnet COM-PORT option): the serial settings travel with the connection.
 
-A server that never acknowledges a setting does not block the opening: after ``NEGOTIATION_TIMEOUT_S`` the port opens
-and ``notes`` names what was not acknowledged. A server that acknowledges another value is refused.
+``TelnetClient`` is the codec without socket and clock (RFC 854, 855: negotiation; RFC 856: binary; RFC 2217: serial
+settings and line state), ``Rfc2217Port`` the port. A server that never acknowledges a setting does not block the
+opening: after ``NEGOTIATION_TIMEOUT_S`` the port opens and ``notes`` names what was not acknowledged. A server that
+acknowledges another value is rejected.
 """
 
 from __future__ import annotations
 
 import asyncio
+import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports import telnet
 from drivebus.ports.base import PortNote
 from drivebus.ports.tcp import CONNECT_TIMEOUT_S, TcpConnection
 from drivebus.ports.url import PortUrl
+from drivebus.serial_settings import SerialSettings
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
 NEGOTIATION_TIMEOUT_S = 1.5  # for each of two steps, option and settings; servers reply within a round trip
+SE, SB, WILL, WONT, DO, DONT, IAC = 240, 250, 251, 252, 253, 254, 255
+BINARY, SUPPRESS_GO_AHEAD, COM_PORT = 0, 3, 44
+SET_BAUDRATE, SET_DATASIZE, SET_PARITY, SET_STOPSIZE, SET_CONTROL = 1, 2, 3, 4, 5
+NOTIFY_LINESTATE, SET_LINESTATE_MASK, SET_MODEMSTATE_MASK, PURGE_DATA = 6, 10, 11, 12
+SERVER_REPLY_OFFSET = 100  # a reply or notice has the command's number plus 100 (RFC 2217 section 3)
+PARITY = {"N": 1, "O": 2, "E": 3}
+NO_FLOW_CONTROL = 1
+PURGE_BOTH = 3
+BAD_BYTE_MASK = 0x1E  # line state: overrun 2, parity error 4, framing error 8, break 16; each damages a byte
+MAX_SUBNEGOTIATION_BYTES = 256  # a server's signature is the longest known; the rest is dropped
+SUPPORTED_OPTIONS = frozenset({BINARY, SUPPRESS_GO_AHEAD, COM_PORT})  # in both directions; all others are declined
+
+SETTING_NAMES = {SET_BAUDRATE: "baud", SET_DATASIZE: "data bits", SET_PARITY: "parity", SET_STOPSIZE: "stop bits"}
+
+
+@dataclass(frozen=True, slots=True)
+class TelnetInput:
+    """Content of a chunk from the server."""
+
+    data: bytes = b""
+    line_errors: int = 0
+    """Bad bytes that the server reports; it does not report which."""
+    reply: bytes = b""
+    """To be sent back at once."""
+
+
+def subnegotiation(command: int, value: bytes) -> bytes:
+    """Return the bytes of one COM-PORT command."""
+    return bytes((IAC, SB, COM_PORT, command)) + escape(value) + bytes((IAC, SE))
+
+
+def escape(data: bytes) -> bytes:
+    """Return data as telnet transmits it: FF doubled."""
+    return data.replace(b"\xff", b"\xff\xff")
+
+
+def serial_commands(settings: SerialSettings) -> dict[int, bytes]:
+    """Return the COM-PORT commands that set the serial format, with their values."""
+    return {
+        SET_BAUDRATE: struct.pack(">I", settings.baud),
+        SET_DATASIZE: bytes((settings.data_bits,)),
+        SET_PARITY: bytes((PARITY[settings.parity],)),
+        SET_STOPSIZE: bytes((settings.stop_bits,)),
+    }
+
+
+class TelnetClient:
+    """One session. ``accepted``: None until the server has replied to the COM-PORT option."""
+
+    def __init__(self) -> None:
+        self.is_telnet = False
+        """The server has sent a telnet command: it is no raw TCP server."""
+        self.accepted: bool | None = None
+        self.acknowledged: dict[int, bytes] = {}
+        """Command → the value that the server reports as in force."""
+        self._local_options: dict[int, str] = {}
+        self._remote_options: dict[int, str] = {}
+        self._escape: list[int] = []
+        self._sub: bytearray | None = None
+
+    def start(self) -> bytes:
+        """Return our requests: both directions binary, no go-ahead, COM-PORT."""
+        self._local_options = dict.fromkeys(SUPPORTED_OPTIONS, "requested")
+        self._remote_options = dict.fromkeys((BINARY, SUPPRESS_GO_AHEAD), "requested")
+        requests = [(WILL, COM_PORT), (WILL, BINARY), (DO, BINARY), (WILL, SUPPRESS_GO_AHEAD), (DO, SUPPRESS_GO_AHEAD)]
+        return b"".join(bytes((IAC, verb, option)) for verb, option in requests)
+
+    def configure(self, settings: SerialSettings) -> bytes:
+        """Return the commands: serial format, notices of bad bytes on, modem notices off, both server buffers emptied.
+
+        RTS and DTR stay as they are.
+        """
+        commands = serial_commands(settings) | {
+            SET_CONTROL: bytes((NO_FLOW_CONTROL,)),
+            SET_LINESTATE_MASK: bytes((BAD_BYTE_MASK,)),
+            SET_MODEMSTATE_MASK: b"\x00",
+            PURGE_DATA: bytes((PURGE_BOTH,)),
+        }
+        return b"".join(subnegotiation(command, value) for command, value in commands.items())
+
+    def receive(self, chunk: bytes) -> TelnetInput:
+        """Decode bytes of the server, in any portions."""
+        if IAC not in chunk and not self._escape and self._sub is None:
+            return TelnetInput(chunk)
+        data, reply, line_errors = bytearray(), bytearray(), 0
+        for byte in chunk:
+            if self._escape:
+                line_errors += self._command(byte, data, reply)
+            elif byte == IAC:
+                self._escape.append(byte)
+            else:
+                self._plain(byte, data)
+        return TelnetInput(data=bytes(data), line_errors=line_errors, reply=bytes(reply))
+
+    def _plain(self, byte: int, data: bytearray) -> None:
+        if self._sub is None:
+            data.append(byte)
+        elif len(self._sub) < MAX_SUBNEGOTIATION_BYTES:
+            self._sub.append(byte)
+
+    def _command(self, byte: int, data: bytearray, reply: bytearray) -> int:
+        """Handle the byte after IAC, or the option after a verb; return the bad bytes that it reports."""
+        escape, self._escape = self._escape, []
+        if len(escape) == 2:
+            reply += self._negotiate(escape[1], byte)
+        elif byte == IAC:
+            self._plain(byte, data)
+        elif WILL <= byte <= DONT:
+            self._escape = [IAC, byte]
+        else:
+            self.is_telnet = True
+            sub, self._sub = self._sub, bytearray() if byte == SB else None
+            if byte == SE and sub is not None:
+                return self._handle_subnegotiation(bytes(sub))
+        return 0
+
+    def _negotiate(self, verb: int, option: int) -> bytes:
+        """Return the reply to a change of state, empty for anything else: both ends would reply for ever (RFC 855)."""
+        self.is_telnet = True
+        states, yes, no = (self._local_options, WILL, WONT) if verb in (DO, DONT) else (self._remote_options, DO, DONT)
+        state = states.get(option, "no")
+        agreed = verb in (DO, WILL) and option in SUPPORTED_OPTIONS
+        states[option] = "yes" if agreed else "no"
+        if option == COM_PORT and verb != WONT:
+            self.accepted = agreed
+        if verb in (DO, WILL):
+            answer = None if state != "no" else yes if agreed else no
+        else:
+            answer = no if state == "yes" else None
+        return b"" if answer is None else bytes((IAC, answer, option))
+
+    def _handle_subnegotiation(self, sub: bytes) -> int:
+        """Handle a reply or notice of the COM-PORT option; return the bad bytes that it reports."""
+        if len(sub) < 3 or sub[0] != COM_PORT or sub[1] < SERVER_REPLY_OFFSET:
+            return 0
+        command, value = sub[1] - SERVER_REPLY_OFFSET, sub[2:]
+        if command == NOTIFY_LINESTATE:
+            return int(value[0] & BAD_BYTE_MASK != 0)
+        self.acknowledged[command] = value
+        return 0
 
 
 class Rfc2217Port:
-    """``rfc2217://HOST:PORT?baud=…&format=…&timeout=3``."""
+    """Port of a serial server with RFC 2217: ``rfc2217://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""
@@ -31,11 +175,11 @@ class Rfc2217Port:
         self.url = url.text
         self.identity = f"rfc2217:{url.host}:{url.port}"
         self.notes: tuple[PortNote, ...] = ()
-        """What the server did not acknowledge."""
+        """Settings that the server did not acknowledge."""
         self._host, self._port = url.host, url.port or 0
         self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
         self._connection: TcpConnection | None = None
-        self._telnet = telnet.TelnetClient()
+        self._telnet = TelnetClient()
         self._receiver: Receiver | None = None
         self._server_replied = asyncio.Event()
         self._failure: PortLost | None = None
@@ -44,7 +188,7 @@ class Rfc2217Port:
         """Connect, negotiate, set the serial format. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
             raise PortUnavailable("ports.already-open", port=self.identity)
-        self._telnet, self._failure = telnet.TelnetClient(), None
+        self._telnet, self._failure = TelnetClient(), None
         connection = TcpConnection(self.identity, self._received, self._lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
@@ -62,7 +206,7 @@ class Rfc2217Port:
         """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None or self._receiver is None:
             raise PortLost("ports.not-open", port=self.identity)
-        self._connection.write(telnet.escape(data))
+        self._connection.write(escape(data))
 
     async def close(self) -> None:
         connection, self._connection = self._connection, None
@@ -77,16 +221,16 @@ class Rfc2217Port:
             raise PortUnavailable("ports.rfc2217-refused", port=self.identity, host=self._host, number=self._port)
         if not self._telnet.is_telnet:
             raise PortUnavailable("ports.rfc2217-silent", port=self.identity, host=self._host, number=self._port)
-        commands = telnet.serial_commands(self.settings)
+        commands = serial_commands(self.settings)
         connection.write(self._telnet.configure(self.settings))
-        await self._wait_until(lambda: {*commands, telnet.PURGE_DATA} <= self._telnet.acknowledged.keys())
+        await self._wait_until(lambda: {*commands, PURGE_DATA} <= self._telnet.acknowledged.keys())
         self.notes = self._compare(commands)
 
     def _compare(self, commands: dict[int, bytes]) -> tuple[PortNote, ...]:
         """Note the settings not acknowledged. Raises PortUnavailable for one acknowledged with another value."""
         missing = []
         for command, value in commands.items():
-            name, found = telnet.SETTINGS[command], self._telnet.acknowledged.get(command)
+            name, found = SETTING_NAMES[command], self._telnet.acknowledged.get(command)
             if found is None:
                 missing.append(name)
             elif found != value:

@@ -38,19 +38,19 @@ class SerialPort:
         self.url = url.text
         self.capabilities = Capabilities()
         self.notes: tuple[PortNote, ...] = ()
-        """Whether the adapter delays bytes, and whether parity is checked."""
+        """Notes about an adapter that delays bytes and about parity that is not checked."""
         self._path = url.path
         self._rs485 = url.flag("rs485")
         self._identity = ""
         self._descriptor: SerialDescriptor | None = None
         self._fd = -1
         self._poller = select.poll()
-        """Tells whether there is anything to read, at a third of the cost of an ``os.read`` that finds nothing."""
+        """Check for bytes to read, at a third of the cost of an ``os.read`` without any."""
         self._receiver: Receiver | None = None
         self._deliver: Callable[[bytes], None] = _discard
         self._mark_decoder: ParityMarkDecoder | None = None
         self._reading = False
-        """The loop watches the descriptor."""
+        """Whether the descriptor is registered with the loop."""
         self._paused = False
         self._timer: asyncio.TimerHandle | None = None
         self._unsent = bytearray()
@@ -59,7 +59,7 @@ class SerialPort:
 
     @property
     def identity(self) -> str:
-        """As ``discovery.PortInfo.identity``; final once opened, and used to find the device again."""
+        """Identity as in ``discovery.PortInfo``, final once opened, with which the device is found again."""
         return self._identity or f"device:{self._path}"
 
     async def open(self, receiver: Receiver) -> None:
@@ -121,7 +121,7 @@ class SerialPort:
             self._timer = self._loop.call_at(when, self._resume)
 
     async def close(self) -> None:
-        """Release the device; what the kernel holds is still sent, what it did not accept is dropped."""
+        """Release the device; bytes that the kernel has accepted are still sent, all others dropped."""
         self._release()
         if self._closed is not None:
             await asyncio.shield(self._closed)
@@ -228,11 +228,11 @@ class SerialPort:
 
 
 def _discard(_: bytes) -> None:
-    """Receive for a port that is not open."""
+    """Discard the bytes of a port that is not open."""
 
 
 def _close_when_opened(opening: asyncio.Future[tuple[SerialDescriptor, str]]) -> asyncio.Future[None]:
-    """Close what a cancelled opening still opens; the future is done when that is done."""
+    """Close the descriptor that a cancelled opening still opens; return the future of its end."""
     closed = opening.get_loop().create_future()
 
     def close(opened: asyncio.Future[tuple[SerialDescriptor, str]]) -> None:

@@ -19,7 +19,7 @@ from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports.url import PortUrl
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
-TCP_STALL_TIMEOUT_S = 2.0  # as long as a start command lives
+TCP_STALL_TIMEOUT_S = 2.0  # the expiry of a start command
 CONNECT_TIMEOUT_S = 3.0  # default of the option ``timeout``: a serial server on the same site answers in milliseconds
 SEND_BUFFER_BYTES = 4096  # small, so that a peer that accepts nothing is noticed at once
 _KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux within 2 s of a frame not acknowledged
@@ -86,38 +86,38 @@ def _reason(exc: Exception | None) -> str:
 
 
 async def _connect(host: str, port: int) -> socket.socket:
-    """Try each address of the host in turn. Raises the error of the last one."""
+    """Try each address of the host in turn. Raises the error of the last address."""
     loop = asyncio.get_running_loop()
     failure: OSError | None = None
     for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-        one = socket.socket(family, kind, protocol)
+        sock = socket.socket(family, kind, protocol)
         try:
-            one.setblocking(False)
-            _set_socket_options(one)
-            await loop.sock_connect(one, address)
-            return one
+            sock.setblocking(False)
+            _set_socket_options(sock)
+            await loop.sock_connect(sock, address)
+            return sock
         except OSError as error:
-            one.close()
+            sock.close()
             failure = error
         except BaseException:
-            one.close()
+            sock.close()
             raise
     raise failure or OSError("no address")
 
 
-def _set_socket_options(one: socket.socket) -> None:
+def _set_socket_options(sock: socket.socket) -> None:
     """Send frames at once and notice a dead peer."""
-    one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     for name, value in _KEEPALIVE.items():
         if hasattr(socket, name):  # each system has some of them
             with suppress(OSError):
-                one.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 class TcpPort:
-    """``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
+    """Port of a raw TCP serial server: ``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""

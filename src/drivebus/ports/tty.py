@@ -1,10 +1,10 @@
-"""Opening of a serial device on a POSIX system: found by identity, locked, configured, read back. Blocking calls only.
+"""Opening of a serial device on a POSIX system by blocking calls: find by identity, lock, configure, read back.
 
 The usual way to open a port from Python clears INPCK, so that the kernel passes a byte with bad parity as good; for
 DZB100 parity is the only check there is. Here INPCK | PARMRK is set on every real port and verified by reading back.
 
 A port keeps its device: an adapter that was ttyUSB0 and came back as ttyUSB1 is found, and another adapter that took
-the name ttyUSB0 is refused, because a frame on the wrong bus can start the wrong motor.
+the name ttyUSB0 is rejected, because a frame on the wrong bus can start the wrong motor.
 """
 
 # ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
@@ -54,14 +54,14 @@ class SerialDescriptor:
     """INPCK | PARMRK is in force: received bytes must be decoded."""
 
     def close(self) -> None:
-        """Release and close. A real port still sends what the kernel holds. Idempotent."""
+        """Release and close; the kernel still sends the bytes that it has accepted. Idempotent."""
         fd, self.fd = self.fd, -1
         if fd >= 0:
             self.lock.release()
             os.close(fd)
 
 
-# --- which device ----------------------------------------------------------------------------------------------------
+# --- identity --------------------------------------------------------------------------------------------------------
 
 
 def open_by_identity(
@@ -88,13 +88,13 @@ def open_by_identity(
 
 
 def identify(path: str) -> str:
-    """Return the identity of the device at ``path`` now; a link that udev does not know is taken as the user's own."""
+    """Return the identity of the device at ``path``; a link unknown to udev is taken as the user's own name."""
     real = os.path.realpath(path)
     return next((port.identity for port in discover_ports() if port.device == real), f"device:{path}")
 
 
 def find_device(path: str, identity: str) -> str:
-    """Return where the device with that identity is now. Raises PortUnavailable where it is not plugged in."""
+    """Return the path of the device with that identity. Raises PortUnavailable where it is not plugged in."""
     if not identity or identity.startswith("device:"):
         return path
     found = next((port.device for port in discover_ports() if port.identity == identity), None)

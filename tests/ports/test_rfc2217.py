@@ -1,11 +1,11 @@
-"""The RFC 2217 codec: any chunking, any server."""
+"""Client side of RFC 2217 without a socket: any chunks, any server."""
 
 from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivebus.ports.telnet import (
+from drivebus.ports.rfc2217 import (
     BINARY,
     COM_PORT,
     DO,
@@ -31,26 +31,26 @@ STREAM = (
 )
 
 
-def heard(chunks: list[bytes]) -> tuple[bytes, int, bytes, dict[int, bytes]]:
-    client, data, marks, answer = TelnetClient(), b"", 0, b""
+def receive(chunks: list[bytes]) -> tuple[bytes, int, bytes, dict[int, bytes]]:
+    client, data, line_errors, reply = TelnetClient(), b"", 0, b""
     client.start()
     for chunk in chunks:
-        got = client.receive(chunk)
-        data, marks, answer = data + got.data, marks + got.line_errors, answer + got.reply
-    return data, marks, answer, client.acknowledged
+        decoded = client.receive(chunk)
+        data, line_errors, reply = data + decoded.data, line_errors + decoded.line_errors, reply + decoded.reply
+    return data, line_errors, reply, client.acknowledged
 
 
 def test_a_stream_is_decoded_at_every_split() -> None:
     expected = (b"a\xffbc\xff", 1, bytes((IAC, DONT, 1)), {1: b"\xff\x00\xff\x00"})
-    assert heard([STREAM]) == expected
-    assert heard([STREAM[i : i + 1] for i in range(len(STREAM))]) == expected
+    assert receive([STREAM]) == expected
+    assert receive([STREAM[i : i + 1] for i in range(len(STREAM))]) == expected
     for cut in range(len(STREAM)):
-        assert heard([STREAM[:cut], STREAM[cut:]]) == expected
+        assert receive([STREAM[:cut], STREAM[cut:]]) == expected
 
 
 @given(st.binary())
 def test_data_survives_escaping(data: bytes) -> None:
-    assert heard([escape(data)])[:2] == (data, 0)
+    assert receive([escape(data)])[:2] == (data, 0)
 
 
 @given(st.lists(st.binary(max_size=40), max_size=20))
