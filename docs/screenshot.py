@@ -1,4 +1,4 @@
-"""Draws docs/images/demo.svg and demo.zh.svg: the demo's own screen, taken in the middle of a real run on real ptys.
+"""Draw docs/images/demo.svg and demo.zh.svg: the screen of ``drivebus demo --terminal`` when one drive has tripped.
 
 python docs/screenshot.py
 """
@@ -20,27 +20,27 @@ from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.threaded import ThreadedRowSource
 
 IMAGES = Path(__file__).parent / "images"
-AT_S = 16.0
-"""Second of the story: several drives run, one has tripped."""
-SIZE = (110, 32)
-CELL = 12.2
-"""Width of a terminal cell in the exported picture."""
+TRIP_TIMEOUT_S = 60.0  # the script trips a drive after 20 s
+SIZE = (110, 32)  # columns and rows of the terminal
+CELL = 12.2  # width of a terminal cell in the exported picture
 
 
 async def draw(language: str) -> str:
-    """One picture, as SVG."""
+    """Run the demo until a drive has tripped; return the screen as SVG."""
     output.parse_global_options(["--lang", language])
     client = DemoClient()
     source = ThreadedRowSource(client, client)
     screen = MonitorApp(source, source)
     async with screen.run_test(size=SIZE) as pilot:
-        await asyncio.sleep(AT_S)
-        await pilot.pause()
+        async with asyncio.timeout(TRIP_TIMEOUT_S):
+            while not any(row.state == "fault" for row in source.drives()):  # noqa: ASYNC110
+                await asyncio.sleep(0.1)
+        await pilot.pause(0.5)
         return _in_cells(_self_contained(screen.export_screenshot(title="drivebus demo")))
 
 
 def _in_cells(svg: str) -> str:
-    """Every character at its own cell: fonts differ in width, and the export counts a Chinese one as one cell."""
+    """Place every character at its cell: fonts differ in width, and a Chinese character has two cells."""
 
     def placed(found: re.Match[str]) -> str:
         left, between, characters = float(found[1]), found[2], html.unescape(found[3])
@@ -55,7 +55,7 @@ def _in_cells(svg: str) -> str:
 
 
 def _self_contained(svg: str) -> str:
-    """No fonts from elsewhere: a picture must not fetch anything when a page shows it."""
+    """Replace the web fonts: a picture must not fetch anything when a page shows it."""
     svg = re.sub(r"@font-face \{.*?\}\n?", "", svg, flags=re.DOTALL)
     return svg.replace(
         "Fira Code, monospace", "Menlo, Consolas, 'DejaVu Sans Mono', 'Noto Sans Mono CJK SC', monospace"

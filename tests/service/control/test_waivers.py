@@ -52,7 +52,7 @@ def test_a_waiver_of_another_drive_with_this_id_is_ignored_and_reported(changed:
             await start(kit)
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
         (text,) = waiver_events(kit)
-        assert "does not apply" in text["en"] and BUSES[0].link in text["en"] and "不予采用" in text["zh"]
+        assert "does not apply" in text["en"] and BUSES[0].link in text["en"] and "不适用" in text["zh"]
         assert kit.station("fan-1").motor.starts == 0
 
     async def granted_again(kit: ServiceKit) -> None:
