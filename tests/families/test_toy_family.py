@@ -19,6 +19,10 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
+from drivebus.bus import Bus
+from drivebus.drives import Drive, MemoryStore
+from drivebus.errors import CapabilityError, LimitError
+from drivebus.ports import open_port
 from drivebus.protocols.family import (
     clear_registry,
     default_scan_models,
@@ -30,6 +34,8 @@ from drivebus.protocols.family import (
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.ipc.client import SocketClient
+from drivebus.simulator.port import simulated_bus_of
+from drivebus.testing import virtual_time
 from drivebus.values import Text
 from fixtures.child_process import COMMAND
 from fixtures.service import plant_config, running_service
@@ -215,6 +221,28 @@ async def _wait_for_state(client: SocketClient, state: str) -> None:
         if found.get("toy-1", {}).get("state") == state:
             return
         await asyncio.sleep(0.1)
+
+
+def test_a_drive_with_an_unknown_step_is_capped_until_it_is_calibrated(installed: None) -> None:
+    async def scenario() -> None:
+        port = open_port("sim://toy1@1?ramp=0.5")
+        async with Bus(port) as bus:
+            station = simulated_bus_of(port).station(1)
+            drive = Drive(bus, "toy1", 1, options={"frequency_step": "unknown"}, store=MemoryStore())
+            assert [step.name for step in drive.open_calibrations()] == ["frequency_step"]
+            with pytest.raises(LimitError):
+                await drive.run(20.0)
+            assert not station.running
+            station.setpoint_hz = 12.3
+            found = await drive.calibrate("frequency_step")
+            assert found.options == {"frequency_step": "0.01"}
+            assert drive.open_calibrations() == ()
+            assert (await drive.run(20.0)).status == "confirmed"
+            await drive.stop()
+            with pytest.raises(CapabilityError):
+                await drive.calibrate("direction")
+
+    virtual_time.run(scenario())
 
 
 def test_the_page_gets_the_drive_and_its_profile(installed: None, tmp_path: Path) -> None:
