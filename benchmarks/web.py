@@ -88,7 +88,7 @@ def constant_fields(name: str) -> Json:
         "maximum_hz": 50.0,
         "comm_loss": {"kind": "trips", "after_s": 2.0, "text": None, "waiver": None},
         "lease": None,
-        "latched": False,
+        "start_inhibited": False,
         "stop_pending": False,
         "start_blockers": [],
         "alarms": {},

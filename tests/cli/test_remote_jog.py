@@ -87,7 +87,7 @@ def test_a_jog_is_not_renewed_by_itself() -> None:
 
 def test_a_jog_that_the_service_has_ended_is_an_error_and_the_drive_is_stopped() -> None:
     async def scenario() -> None:
-        lost, gone = StartInhibited("drives.lease_lost", lease_s=0.5), NotFound("plant.no_jog", id="fan-1")
+        lost, gone = StartInhibited("drives.jog_lease_expired", lease_s=0.5), NotFound("plant.no_jog", id="fan-1")
         client = FakeClient(is_local=True, jog_renew=lost, jog_end=gone)
         with pytest.raises(StartInhibited):
             async with drive(client).jog(None, Direction.FORWARD, 0.5) as jog:

@@ -216,7 +216,7 @@ def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
     reply = sunfar.SunfarReply(1, sunfar.SunfarResponse.RESERVED, sunfar.SunfarState.STOPPED, 0, 37, 0)
     facts = dialect.decode_readings(sunfar.ReadMonitor(1, 37), reply, 1.0)
     assert facts["last_fault_temperature"].value is None
-    assert facts["last_fault_temperature"].reason == "drives.refused_read"
+    assert facts["last_fault_temperature"].reason == "drives.read_refused"
     assert "state" in facts
 
 
@@ -236,7 +236,7 @@ def test_dzb100_readings_are_uncertain_until_the_coding_is_settled() -> None:
     reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
         "output_frequency"
     ]
-    assert (reading.value, reading.quality, reading.reason) == (12.3, Quality.UNCERTAIN, "drives.coding_unsettled")
+    assert (reading.value, reading.quality, reading.reason) == (12.3, Quality.UNCERTAIN, "drives.coding_undetermined")
 
 
 def test_a_decimal_word_with_a_hexadecimal_digit_is_bad() -> None:

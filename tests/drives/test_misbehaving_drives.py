@@ -331,6 +331,6 @@ def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: st
                 await asyncio.sleep(CHECKS_TIMEOUT_S + 0.01)
             with pytest.raises(Expired) as caught:
                 await waiting
-            assert caught.value.key == "drives.turn_too_late"
+            assert caught.value.key == "drives.queue_timeout"
 
     run_virtual(scenario())

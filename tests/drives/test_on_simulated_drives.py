@@ -478,7 +478,7 @@ def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
             assert not any(bench.station(address).running for address in (1, 2, 3))
             with pytest.raises(StartInhibited) as caught:
                 await drives[0].run(SAFE_HZ[model])
-            assert caught.value.key == "drives.latched" and not bench.station(1).running
+            assert caught.value.key == "drives.start_inhibited" and not bench.station(1).running
             bench.bus.release_start()
             await drives[0].run(SAFE_HZ[model])
             assert bench.station(1).running

@@ -334,7 +334,7 @@ def test_silence_proves_nothing() -> None:
     desk = Desk("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
         desk.bus.run(read_preflight(OperationContext(desk.memory)))
-    assert caught.value.key == "drives.preflight_silent"
+    assert caught.value.key == "drives.preflight_unread"
 
 
 # --- the store ----------------------------------------------------------------------------------------------------

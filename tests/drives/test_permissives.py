@@ -82,9 +82,11 @@ def test_a_newer_stop_voids_the_command() -> None:
     refused(Superseded, "drives.superseded", around=replace(AROUND, stop_epoch=4))
 
 
-def test_a_latched_drive_is_given_nothing() -> None:
-    refused(StartInhibited, "drives.latched", around=replace(AROUND, start_inhibited=True))
-    refused(StartInhibited, "drives.latched", effect=Effect.SETTING, around=replace(AROUND, start_inhibited=True))
+def test_a_start_inhibited_drive_gets_no_permit() -> None:
+    refused(StartInhibited, "drives.start_inhibited", around=replace(AROUND, start_inhibited=True))
+    refused(
+        StartInhibited, "drives.start_inhibited", effect=Effect.SETTING, around=replace(AROUND, start_inhibited=True)
+    )
 
 
 def test_a_foreign_master_blocks_everything_that_acts() -> None:

@@ -184,7 +184,7 @@ def test_the_synchronous_twin_runs_reads_writes_and_stops() -> None:
         assert blocking.stop_bus(bus, [drive]).confirmed
         with pytest.raises(StartInhibited) as caught:
             drive.run(5.0)
-        assert caught.value.key == "drives.latched"
+        assert caught.value.key == "drives.start_inhibited"
         assert bus.statistics().transactions > 10
 
 

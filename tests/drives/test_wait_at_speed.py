@@ -58,7 +58,7 @@ def test_a_silent_drive_is_not_said_to_have_failed() -> None:
     bus, op = waiting(FakeC320(silent=True))
     with pytest.raises(TargetNotReached) as caught:
         wait_for(bus, op)
-    assert caught.value.key == "drives.not_reached_silent"
+    assert caught.value.key == "drives.not_reached_no_reply"
     assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
 
 

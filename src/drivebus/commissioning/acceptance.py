@@ -136,7 +136,7 @@ async def check_port(session: AcceptanceSession) -> StepOutcome:
         able = bus.port.capabilities
         return True, {
             "identity": bus.port.identity,
-            "line": str(bus.settings),
+            "serial": str(bus.settings),
             "line_timing": able.has_line_timing,
             "parity": able.parity,
             "direction_control": able.direction_control,

@@ -60,7 +60,7 @@ class JogSession:
         if self._timer is not None and self._runner.bus.now() > self._expires_at:
             self._expire()  # the event loop or the machine was held up and the timer has not run yet
         if self.expired or self._timer is None:
-            raise StartInhibited("drives.lease_lost", lease_s=self.lease_s)
+            raise StartInhibited("drives.jog_lease_expired", lease_s=self.lease_s)
         self._arm(self.lease_s)
 
     async def stop(self) -> Outcome:

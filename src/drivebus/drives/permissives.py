@@ -125,7 +125,7 @@ def _raise_first(errors: Iterator[StartInhibited]) -> None:
 def unmet_bus_permissives(station: int, conditions: BusConditions) -> Iterator[StartInhibited]:
     """Yield the bus permissives that no acting frame of this station meets now."""
     if conditions.start_inhibited:
-        yield StartInhibited("drives.latched", station=station)
+        yield StartInhibited("drives.start_inhibited", station=station)
     if conditions.foreign_master:
         yield StartInhibited("drives.foreign_master", station=station)
     if conditions.duplicate:

@@ -87,7 +87,7 @@ class OperationRunner:
             waited_s = self.bus.now() - queued_at
             if waited_s > CHECKS_TIMEOUT_S:
                 operation.close()
-                raise Expired("drives.turn_too_late", age_s=round(waited_s, 2), limit_s=CHECKS_TIMEOUT_S)
+                raise Expired("drives.queue_timeout", age_s=round(waited_s, 2), limit_s=CHECKS_TIMEOUT_S)
             return await self.run(operation)
 
 

@@ -28,7 +28,7 @@ class LocalizedEnum(StrEnum):
         return f"drives.{_KEY_PREFIXES[type(self).__name__]}_{self.value}"
 
 
-_KEY_PREFIXES = {"DriveState": "state", "Direction": "way", "CommandKind": "kind"}
+_KEY_PREFIXES = {"DriveState": "state", "Direction": "direction", "CommandKind": "kind"}
 
 
 class DriveState(LocalizedEnum):

@@ -120,7 +120,7 @@ DRIVE_METRICS = (
     Metric("drive_signal_age_seconds", ("drive", "signal")),
     Metric("drive_commanded_frequency_hertz", ("drive",)),
     Metric("drive_controlled", ("drive",)),
-    Metric("drive_latched", ("drive",)),
+    Metric("drive_start_inhibited", ("drive",)),
     Metric("drive_stop_pending", ("drive",)),
     Metric("drive_start_blocked", ("drive",)),
     Metric("drive_alarms_active", ("drive", "priority")),
@@ -250,7 +250,7 @@ def _drive_points(drive: Json) -> Iterator[OptionalPoint]:
     yield "drive_fault_code", labels, _fault_code(drive)
     yield "drive_commanded_frequency_hertz", labels, drive["commanded_hz"]
     yield "drive_controlled", labels, drive["lease"] is not None
-    yield "drive_latched", labels, drive["latched"]
+    yield "drive_start_inhibited", labels, drive["start_inhibited"]
     yield "drive_stop_pending", labels, drive["stop_pending"]
     yield "drive_start_blocked", labels, bool(drive["start_blockers"])
     for priority in AlarmPriority:

@@ -22,7 +22,7 @@ def stopping(kit: ServiceKit) -> None:
     kit.service.plant.state = "stopping"
 
 
-def latched(kit: ServiceKit) -> None:
+def start_inhibited(kit: ServiceKit) -> None:
     drive = kit.service.plant.drives["fan-1"]
     drive.bus.start_inhibited = lambda address: address == drive.config.address  # type: ignore[method-assign]
 
@@ -50,7 +50,7 @@ def interlocked(kit: ServiceKit) -> None:
 
 BLOCKERS = {
     "plant.stopping": stopping,
-    "drives.latched": latched,
+    "drives.start_inhibited": start_inhibited,
     "drives.foreign_master": unhealthy(foreign_master=True),
     "drives.duplicate": unhealthy(duplicate_address=True),
     "drives.high_error_rate": unhealthy(damage_rate=0.5, damaged=100),

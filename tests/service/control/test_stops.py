@@ -225,7 +225,7 @@ def test_after_a_stop_of_everything_starts_stay_inhibited_until_released() -> No
             assert found["outcomes"]["pump-1"]["status"] == "confirmed"
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert "drives.latched" in [blocker["key"] for blocker in await blocked(kit, "fan-1")]
+            assert "drives.start_inhibited" in [blocker["key"] for blocker in await blocked(kit, "fan-1")]
             await kit.call("start_inhibit.release", drive="fan-1")
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 

@@ -76,7 +76,7 @@ def test_a_stop_of_everything_holds_whatever_release_came_before_it() -> None:
             await asyncio.sleep(5)
             release = "start_inhibit.release", {"drive": "fan-1"}
             await asked(kit, *QUESTIONS, release, ("plant.stop", {}))
-            assert (await kit.call("drives.get", drive="fan-1"))["latched"]
+            assert (await kit.call("drives.get", drive="fan-1"))["start_inhibited"]
 
     run(story())
 

@@ -326,7 +326,7 @@ def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
             found = await kit.call("buses.get", bus="a")
             assert [station["drive"] for station in found["stations"]] == ["fan-1", "fan-2"]
             assert found["is_open"] and 0 < found["load_percent"] < 100 and found["stop_bound_s"] < 0.5
-            assert found["line"] == "9600 8E1"
+            assert found["serial"] == "9600 8E1"
 
     run(scenario())
 

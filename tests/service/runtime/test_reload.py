@@ -150,7 +150,7 @@ def test_a_start_inhibit_survives_a_change_of_the_bus(tmp_path: Path) -> None:
             await asyncio.sleep(5)
             with pytest.raises(StartInhibited) as rejected:
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert rejected.value.key == "drives.latched"
+            assert rejected.value.key == "drives.start_inhibited"
 
     run(scenario())
 

@@ -52,12 +52,14 @@ def test_a_client_gets_a_snapshot_and_then_what_changed() -> None:
     async def story(plant: FakeService, feed: UpstreamFeed) -> None:
         ear = FakeSubscriber()
         feed.join(ear, DRIVES, 0.25)
-        plant.messages.put_nowait(snapshot(alarms={"active": []}, drives__a={"state": "running", "latched": False}))
+        plant.messages.put_nowait(
+            snapshot(alarms={"active": []}, drives__a={"state": "running", "start_inhibited": False})
+        )
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
         assert [one["type"] for one in ear.messages] == ["snapshot", "delta"]
         assert ear.topics() == [
-            {"drives/a": {"state": "running", "latched": False}},
+            {"drives/a": {"state": "running", "start_inhibited": False}},
             {"drives/a": {"state": "stopped"}},
         ]
         assert [one["seq"] for one in ear.messages] == [0, 1] and ear.messages[0]["time_ms"] == 1

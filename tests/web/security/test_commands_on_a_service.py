@@ -229,6 +229,6 @@ def test_a_stop_of_everything_outlasts_a_release_requested_before_it(tmp_path: P
         await asyncio.gather(
             *questions, client.post("/api/v1/drives/fan-1/start-inhibit/release"), client.post("/api/v1/stop")
         )
-        assert (await client.get("/api/v1/drives/fan-1")).json()["latched"]
+        assert (await client.get("/api/v1/drives/fan-1")).json()["start_inhibited"]
 
     on_a_plant(tmp_path, story)

@@ -159,7 +159,7 @@ class DemoClient:
                 await self._client.call("lease.take", {"drive": key})
             result = await self._client.call(operation, {"drive": key, **params})
         except DrivebusError as error:
-            is_inhibited = error.key in ("drives.latched", "bus.start_inhibited")
+            is_inhibited = error.key in ("drives.start_inhibited", "bus.start_inhibited")
             self._report(
                 "demo.inhibited" if is_inhibited else "demo.failed", name=name, text=error.text(output.language())
             )
@@ -170,7 +170,7 @@ class DemoClient:
         """Reset the fault, after releasing a start inhibit."""
         assert self._client is not None
         with contextlib.suppress(DrivebusError):
-            if (await self._client.call("drives.get", {"drive": key}))["latched"]:
+            if (await self._client.call("drives.get", {"drive": key}))["start_inhibited"]:
                 await self._client.call("lease.take", {"drive": key})
                 await self._client.call("start_inhibit.release", {"drive": key})
                 self._report("demo.released", name=drive_name(key))

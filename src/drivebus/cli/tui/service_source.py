@@ -114,5 +114,5 @@ def remote_bus_row(view: Json) -> BusRow:
     counters = {kind: count for kind, count in view["counters"].items() if kind in ERROR_COUNTERS}
     errors = {**view["errors"], **counters}
     return BusRow(
-        view["id"], view["line"], view["is_open"], view["load_percent"] / 100.0, view["transactions_per_s"], errors
+        view["id"], view["serial"], view["is_open"], view["load_percent"] / 100.0, view["transactions_per_s"], errors
     )

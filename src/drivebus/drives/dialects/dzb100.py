@@ -151,7 +151,7 @@ class Dzb100Dialect:
             return {}
         signals = self._signals.get(request.item, [])
         if reply.accepted is not True:
-            return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in signals}
+            return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
         if request.item == STATE_ITEM:
             return self._state_readings(reply.data, at)
         return {signal.name: self._reading(signal, request.item, reply.data, at) for signal in signals}
@@ -177,7 +177,7 @@ class Dzb100Dialect:
         except ValueError:
             return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", data)
         reading = with_plausibility(signal, Reading(value, signal.unit, Quality.GOOD, at, None, data))
-        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
+        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Running where Q01 is above 0 twice; stopped or in fault where it is 0 twice."""
@@ -307,7 +307,7 @@ class Dzb100Dialect:
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         reading = parameter_reading(self._scaled_parameter(parameter), raw, at)
         settled = self.options.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
-        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_unsettled")
+        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
         return self._scaled_parameter(parameter).scale.raw(value)

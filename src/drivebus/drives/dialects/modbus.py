@@ -382,7 +382,7 @@ class ModbusDialect:
 
     def _rejected_readings(self, registers: range) -> Readings:
         found = [signal for register in registers for signal in self._signals.get(register, [])]
-        return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in found}
+        return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in found}
 
     def _register_readings(self, register: int, raw: int, at: float | None) -> Readings:
         found = {s.name: signal_reading(s, raw, at) for s in self._signals.get(register, [])}

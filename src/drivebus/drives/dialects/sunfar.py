@@ -222,7 +222,7 @@ class SunfarDialect:
     def _monitor_readings(self, item: int | None, reply: SunfarReply, at: float | None) -> dict[str, Reading]:
         signals = self._signals.get(self._monitor_index(item or 0), [])
         if reply.response != 0 or reply.data is None:
-            return {signal.name: missing_reading("drives.refused_read", signal.unit) for signal in signals}
+            return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
         found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if reply.item is not None:
             return found

@@ -46,7 +46,7 @@ class CommandAge:
         limit_s = max(CHECKS_TIMEOUT_S, transactions_s if isfinite(transactions_s) else 0.0)
         age_s = 0.0 if self.checks_started_at is None else now - self.checks_started_at
         if age_s > limit_s:
-            raise Expired("drives.prepare_too_long", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
+            raise Expired("drives.checks_timeout", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
 
     def created_at(self, kind: CommandKind, now: float) -> float:
         """Return the creation time of a command: now, but no command outlives its request by more than 5 s."""

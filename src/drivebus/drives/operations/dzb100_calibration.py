@@ -37,7 +37,7 @@ def calibrate_query_coding(
     step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
     fits = tuple(coding for coding in CODINGS if step[coding] <= _half_resolution_hz(coding))
     if not fits:
-        raise TargetNotReached("drives.coding_not_named", word=f"{word:04X}H", keypad_hz=keypad_hz)
+        raise TargetNotReached("drives.coding_no_match", word=f"{word:04X}H", keypad_hz=keypad_hz)
     return _scaling_result("query_coding", (word,), fits)
 
 
@@ -61,7 +61,7 @@ def calibrate_setpoint_coding(
             coding for coding in left if abs(_decode_hz(word, coding) - seen_hz) <= _query_resolution_hz(dialect)
         )
         if not fits:
-            raise TargetNotReached("drives.setpoint_not_named", word=f"{word:04X}H", found_hz=seen_hz)
+            raise TargetNotReached("drives.setpoint_coding_no_match", word=f"{word:04X}H", found_hz=seen_hz)
         if fits == left:
             break
         left = fits

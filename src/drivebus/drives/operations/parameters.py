@@ -68,7 +68,7 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
         return missing_reading("drives.no_answer", parameter.unit)
     raw = op.dialect.parameter_raw(answer.reply)
     if raw is None:
-        return missing_reading("drives.refused_read", parameter.unit)
+        return missing_reading("drives.read_refused", parameter.unit)
     return op.dialect.parameter_reading(parameter, raw, answer.received_at)
 
 

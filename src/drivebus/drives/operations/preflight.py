@@ -66,7 +66,7 @@ def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOpera
         error = answer.error if isinstance(answer.error, DrivebusError) else None
     problem = error.text() if error is not None else ""
     raise PreflightError(
-        "drives.preflight_silent", station=op.dialect.address, notation=parameter.notation, problem=problem
+        "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error
 
 

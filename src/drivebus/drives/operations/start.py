@@ -275,7 +275,7 @@ def _not_reached_error(
     op: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
 ) -> TargetNotReached:
     state = op.derived.state
-    key = "drives.not_reached" if error is None else "drives.not_reached_silent"
+    key = "drives.not_reached" if error is None else "drives.not_reached_no_reply"
     failure = TargetNotReached(
         key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
     )

@@ -80,7 +80,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         maximum_hz=maximum,
         comm_loss=runtime.comm_loss,
         lease=None if lease is None else lease.view(plant.clock),
-        latched=runtime.bus.start_inhibited(config.address),
+        start_inhibited=runtime.bus.start_inhibited(config.address),
         stop_pending=runtime.drive.stop_pending,
         start_blockers=tuple(start_blockers_json(plant, runtime)),
         alarms=dict(plant.alarms.counts(runtime.id)),
@@ -107,7 +107,7 @@ def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
         "id": config.id,
         "title": text_json(config.title),
         "link": config.link,
-        "line": str(bus.settings),
+        "serial": str(bus.settings),
         "is_open": bus.is_open and not bus.is_closed,
         "problem": None
         if bus_runtime.problem is None

@@ -111,7 +111,7 @@ class DriveView:
     maximum_hz: float
     comm_loss: CommLossView
     lease: LeaseView | None = None
-    latched: bool = False
+    start_inhibited: bool = False
     """A bus stop forbids every start until it is released."""
     stop_pending: bool = False
     """A stop is not confirmed yet and is being repeated."""
@@ -144,7 +144,7 @@ class DriveView:
             "commanded_hz",
             "minimum_hz",
             "maximum_hz",
-            "latched",
+            "start_inhibited",
             "stop_pending",
             "jog_frequency",
             "time_ms",

@@ -99,11 +99,11 @@ class ConfigReload:
 
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
-        latched = {id for id, runtime in plant.drives.items() if runtime.bus.start_inhibited(runtime.config.address)}
+        inhibited = {id for id, runtime in plant.drives.items() if runtime.bus.start_inhibited(runtime.config.address)}
         closing = self._remove_drives(change)
         plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
         self._add_new(new)
-        for id in latched & set(_leaving_drives(change)) & plant.drives.keys():
+        for id in inhibited & set(_leaving_drives(change)) & plant.drives.keys():
             runtime = plant.drives[id]
             runtime.bus.inhibit_start([runtime.config.address])
         self._update_kept(change)

@@ -186,7 +186,7 @@ class DriveObject(ApiObject):
     maximum_hz: float
     comm_loss: CommLossObject
     lease: LeaseObject | None
-    latched: bool
+    start_inhibited: bool
     stop_pending: bool
     start_blockers: list[dict[str, Any]]
     alarms: dict[str, int]

@@ -124,7 +124,7 @@ export function ControlPanel({ view }) {
     ${may("operate") && (view.fault || view.state === "fault") && html`<${SingleAction} path=${drivePath(view.id, "/reset")}
       name="reset"
       note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
-    ${may("operate") && view.latched && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
+    ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}

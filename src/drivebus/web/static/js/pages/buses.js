@@ -32,7 +32,7 @@ function BusCard({ id, chosen }) {
       size=${18} />
       <span>${t(view.is_open ? "page.bus_open" : "page.bus_closed")}</span></span>
     <${Meter} label=${t("page.load")} value=${view.occupied_percent ?? view.load_percent} />
-    <span class="small">${t("page.bus_line", { line: view.line ?? "", n: view.stations.length })}</span>
+    <span class="small">${t("page.bus_serial", { serial: view.serial ?? "", n: view.stations.length })}</span>
     ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
       ${t("page.errors_are", { share: percent(view.error_rate) })}</span>`}
     ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault"
@@ -68,7 +68,7 @@ function BusDetails({ id }) {
 
 function Facts({ view }) {
   const facts = [
-    ["link", html`<code>${view.link}</code> ${view.line ?? ""}`],
+    ["link", html`<code>${view.link}</code> ${view.serial ?? ""}`],
     ["load", t("page.load_is", { load: percentOf(view.load_percent),
       occupied: percentOf(view.occupied_percent) })],
     ["transactions", view.transactions_per_s === null ? NO_VALUE : t("page.per_second",

@@ -36,7 +36,7 @@ function Head({ view }) {
       size=${40} />
     ${view.state === "unknown" && view.state_reason && html`<p class="soft">${t(view.state_reason)}</p>`}
     ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
-    ${view.latched && html`<p class="alarmtext">${t("page.latched_short")}</p>`}</div></header>`;
+    ${view.start_inhibited && html`<p class="alarmtext">${t("page.start_inhibited")}</p>`}</div></header>`;
 }
 
 async function profileOf(id) {

@@ -64,7 +64,7 @@ function Controls({ id, views }) {
       <span>${t("page.group_not_in_hand", { n: others })}</span>
       <${DriveOutcome} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
         </div>`}
-    <${DriveOutcome} views=${views.filter((view) => view.latched && hasControl(view))} act=${release} text="page.release_all" />
+    <${DriveOutcome} views=${views.filter((view) => view.start_inhibited && hasControl(view))} act=${release} text="page.release_all" />
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits}
