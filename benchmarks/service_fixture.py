@@ -26,7 +26,7 @@ def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, ba
     """Return ``plant.toml``: VC660s at 1 to ``drives`` of each line, polled at the interval that the plant chooses."""
     parts = [
         f'format = 1\n[plant]\nid = "bench"\ntitle = "Benchmark"\ndirectory = {json.dumps(str(directory))}',
-        f"[web]\nport = {port}",
+        f"[gateway.web]\nport = {port}",
     ]
     for line, link in enumerate(links):
         parts.append(f'[bus.line-{line}]\nlink = {json.dumps(link)}\nbaud = {baud}\nformat = "8N1"')

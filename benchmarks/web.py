@@ -110,9 +110,9 @@ async def start_web(directory: Path) -> None:
     from drivebus.service.auth.service import AuthService
     from drivebus.service.auth.sessions import secret_digest
     from drivebus.service.auth.users import Token, User, UserDatabase
-    from drivebus.service.config.model import WebConfig
     from drivebus.service.ipc.client import SocketClient
     from drivebus.web.app import make_app
+    from drivebus.web.gateway import WebConfig
     from drivebus.web.server import EmbeddedServer, bind_listener, server_config
 
     access = AuthService(directory)

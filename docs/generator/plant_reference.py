@@ -8,13 +8,13 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.service import config
-from drivebus.service.config.schema import PlantFile
+from drivebus.service.config.gateways import plant_file_schema
 from drivebus.service.interlocks.evaluation import UNIT_MEASURES
 from drivebus.service.interlocks.expression import STATE_WORDS
 from drivebus.values import Text
 from generator.terms import colon, localized, table, term
 
-_SCHEMA = PlantFile.model_json_schema()
+_SCHEMA = plant_file_schema().model_json_schema()
 _KINDS = {
     "integer": Text("whole number", "整数"),
     "number": Text("number", "数值"),

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from drivebus.cli import output
 from drivebus.cli.demo import host
+from drivebus.service.config.model import GatewayConfig
+from drivebus.web.gateway import WebConfig
+from fixtures.service import plant_config
 
 
 async def _do_nothing(*_: Any) -> None:
@@ -22,7 +24,8 @@ def test_the_address_is_printed_even_if_the_page_answers_late(
 ) -> None:
     output.parse_global_options(["--lang", "en"])
     port = host.free_port(0)
-    config: Any = SimpleNamespace(web=SimpleNamespace(port=port), directory=tmp_path)
+    web = GatewayConfig(id="web", module="drivebus.web", settings=WebConfig(port=port))
+    config = plant_config(directory=tmp_path, gateways=(web,))
     monkeypatch.setattr(host, "PAGE_TIMEOUT_S", 0.01)
     monkeypatch.setattr(host, "_play", _do_nothing)
 

@@ -52,7 +52,7 @@ format = 1
 id = "toys"
 title = "Toys"
 directory = "{directory}"
-[web]
+[gateway.web]
 port = 0
 [bus.a]
 link = "sim://toy1@1?ramp=0.5"

@@ -45,7 +45,7 @@ format = 1
 id = "killed"
 title = "Killed"
 directory = {directory}
-[web]
+[gateway.web]
 enabled = false
 [bus.a]
 link = {link}
@@ -89,7 +89,7 @@ class KilledServiceStory:
         """Start, watch, command, kill, judge."""
         began = time.monotonic()
         process = subprocess.Popen(
-            [*COMMAND, "serve", str(self.file), "--no-web"],
+            [*COMMAND, "serve", str(self.file), "--without", "web"],
             stdout=subprocess.DEVNULL,
             stderr=self.log.open("wb"),
             env=os.environ | ENVIRONMENT,

@@ -36,6 +36,7 @@ from fixtures.web_app import WebAppHarness
 Series = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 VIEWER = Actor("scraper", ROLE_RIGHTS[Role.VIEWER], "token-1", remote=True)
 LABELS = {
+    "gateway",
     "plant",
     "version",
     "priority",
@@ -255,6 +256,10 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
         fan["commanded_hz"] = 5.0
         for one in SIGNAL_METRICS:
             fan["signals"][one.signal] = {"value": 1.5, "unit": one.unit, "quality": "good", "source_time_ms": 1}
+        message.plant["gateways"] = [
+            {"id": "web", "running": True, "pid": 9, "starts": 2, "exit_code": -9},
+            {"id": "toy", "running": False, "pid": None, "starts": 1, "exit_code": 1},
+        ]
         message.statistics["drives"]["fan-1"] = TRIPPED
         message.buses[0]["errors"]["NoReply"] = message.buses[0]["stations"][0]["errors"]["NoReply"] = 1
         message.alarms[:] = [ALARM, ALARM | {"acknowledged_ms": 1}, ALARM | {"shelved_until_ms": 9}]
@@ -267,6 +272,8 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
     assert of(found, "drive_output_power_watts", drive="fan-1") == 1500.0
     assert (of(found, "alarms_active", priority="low"), of(found, "alarms_shelved")) == (2, 1)
     assert of(found, "alarms_unacknowledged", priority="low") == 1
+    assert (of(found, "gateway_up", gateway="web"), of(found, "gateway_up", gateway="toy")) == (1, 0)
+    assert of(found, "gateway_starts_total", gateway="web") == 2
     assert of(found, "disk_size_bytes") == message.plant["disk"]["total_mb"] * 2**20
 
 

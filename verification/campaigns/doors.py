@@ -56,8 +56,8 @@ class UnauthorizedClients:
 
     def __init__(self, session: CampaignRun, folder: Path) -> None:
         from drivebus.service.auth.service import AuthService
-        from drivebus.service.config.model import WebConfig
         from drivebus.web.app import make_app
+        from drivebus.web.gateway import WebConfig
 
         self.session = session
         self.now = 0.0

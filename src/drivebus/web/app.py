@@ -11,13 +11,13 @@ from starlette.types import ASGIApp
 
 from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.auth.service import AuthService
-from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.web import metrics
 from drivebus.web.api.openapi import install_openapi
 from drivebus.web.api.routes import api_router
 from drivebus.web.context import WebContext
 from drivebus.web.errors import install_error_handlers
+from drivebus.web.gateway import WebConfig
 from drivebus.web.live import endpoint as live
 from drivebus.web.live.endpoint import LiveEndpoint
 from drivebus.web.middleware.auth import AuthMiddleware

@@ -82,6 +82,8 @@ PLANT_METRICS = (
     Metric("plant_info", ("plant", "version")),
     Metric("plant_start_time_seconds"),
     Metric("audit_writable"),
+    Metric("gateway_up", ("gateway",)),
+    Metric("gateway_starts_total", ("gateway",)),
     Metric("disk_free_bytes"),
     Metric("disk_size_bytes"),
     Metric("stop_requests_total"),
@@ -186,6 +188,9 @@ def _plant_points(plant: Json) -> Iterator[OptionalPoint]:
     yield "plant_start_time_seconds", (), plant["started_ms"] / 1000
     yield "audit_writable", (), plant["audit_ok"]
     yield "history_writable", (), plant["history_ok"]
+    for gateway in plant["gateways"]:
+        yield "gateway_up", (gateway["id"],), gateway["running"]
+        yield "gateway_starts_total", (gateway["id"],), gateway["starts"]
     if disk:
         yield "disk_free_bytes", (), disk["free_mb"] * BYTES_PER_MIB
         yield "disk_size_bytes", (), disk["total_mb"] * BYTES_PER_MIB

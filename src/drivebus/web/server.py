@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
 import socket
 import ssl
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from fastapi import FastAPI
 from drivebus.errors import ConfigurationError
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.loopback import is_loopback
-from drivebus.service.config.model import WebConfig
+from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.connection_limits import LimitedHttpProtocol, LimitedWebSocketProtocol
 
 LOOPBACK = "127.0.0.1"
@@ -42,25 +41,21 @@ class EmbeddedServer(uvicorn.Server):
 
 
 class HttpServer:
-    """Serves until ``stop``; moves to the configured address once it may listen there."""
+    """Serves until ``ending`` is set; moves to the configured address once it may listen there."""
 
-    def __init__(self, app: FastAPI, auth: AuthService, web: WebConfig, on_address: Callable[[str], None]) -> None:
+    def __init__(
+        self, app: FastAPI, auth: AuthService, web: WebConfig, on_address: Callable[[str], None], ending: asyncio.Event
+    ) -> None:
         """``on_address`` gets each new address as a URL."""
         self.app = app
         self.auth = auth
         self.web = web
         self.on_address = on_address
-        self._stop_requested = asyncio.Event()
-
-    def stop(self) -> None:
-        self._stop_requested.set()
+        self._ending = ending
 
     async def run(self) -> None:
         """Raises ConfigurationError for an address or certificate that cannot be used."""
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, self.stop)
-        while not self._stop_requested.is_set():
+        while not self._ending.is_set():
             await self._serve(listen_host(self.web, self.auth))
 
     async def _serve(self, host: str) -> None:
@@ -70,9 +65,9 @@ class HttpServer:
         self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
         serving = asyncio.create_task(server.serve([listener]))
         try:
-            while not self._stop_requested.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
+            while not self._ending.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._stop_requested.wait(), _HOST_CHECK_INTERVAL_S)
+                    await asyncio.wait_for(self._ending.wait(), _HOST_CHECK_INTERVAL_S)
         finally:
             server.should_exit = True
             await serving

@@ -10,7 +10,7 @@ import pytest
 
 from drivebus.service.auth.actor import Actor, local_actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
-from drivebus.service.process.tuning import NICE_BATCH, NICE_WEB, relax_gc, set_nice
+from drivebus.service.process.tuning import NICE_BATCH, NICE_GATEWAY, relax_gc, set_nice
 
 TOLD = {"name": "ann", "rights": ["stop", "view"], "session": "s-1", "remote": True, "address": "10.0.0.9"}
 
@@ -39,10 +39,10 @@ def test_a_local_actor_has_all_rights_and_starts_in_one_step() -> None:
 def test_web_and_batch_work_leave_the_processor_to_the_buses(monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[int] = []
     monkeypatch.setattr(os, "nice", steps.append)
-    set_nice(NICE_WEB), set_nice(NICE_BATCH)
+    set_nice(NICE_GATEWAY), set_nice(NICE_BATCH)
     assert steps == [5, 10]
     monkeypatch.delattr(os, "nice")
-    set_nice(NICE_WEB)
+    set_nice(NICE_GATEWAY)
 
 
 def test_a_system_that_refuses_it_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,7 +50,7 @@ def test_a_system_that_refuses_it_goes_on_without(monkeypatch: pytest.MonkeyPatc
         raise PermissionError
 
     monkeypatch.setattr(os, "nice", refused)
-    set_nice(NICE_WEB)
+    set_nice(NICE_GATEWAY)
 
 
 class Thing:

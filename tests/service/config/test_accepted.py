@@ -229,8 +229,8 @@ def test_a_group_with_everything() -> None:
 def test_a_page_for_the_network_with_its_certificate(tmp_path: Path) -> None:
     for name in ("plant.crt", "plant.key"):
         (tmp_path / name).touch()
-    more = '[web]\nhost = "0.0.0.0"\nport = 0\ncertificate = "plant.crt"\nkey = "plant.key"\norigins = ["https://a.b:8443"]\n'
-    web = config.loads(HEAD + more, base=tmp_path).web
+    more = '[gateway.web]\nhost = "0.0.0.0"\nport = 0\ncertificate = "plant.crt"\nkey = "plant.key"\norigins = ["https://a.b:8443"]\n'
+    web = config.loads(HEAD + more, base=tmp_path).gateway("web").settings
     assert (web.host, web.port, web.origins) == ("0.0.0.0", 0, ("https://a.b:8443",))
     assert (web.certificate, web.key) == (tmp_path / "plant.crt", tmp_path / "plant.key")
 

@@ -68,7 +68,9 @@ def spoiled(draw: st.DrawFn) -> str:
         elif what == "double":
             lines.insert(number, lines[number])
         elif what == "header":
-            lines[number] = draw(st.sampled_from(["[drive]", "[bus.fans]", "[alarm.x.y]", "[[group]]", "[web]", "x"]))
+            lines[number] = draw(
+                st.sampled_from(["[drive]", "[bus.fans]", "[alarm.x.y]", "[[group]]", "[gateway.web]", "x"])
+            )
         else:
             other = draw(st.sampled_from(KEYS))
             lines[number], lines[other] = lines[other], lines[number]

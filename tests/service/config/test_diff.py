@@ -18,12 +18,12 @@ from drivebus.service.config.model import (
     AlarmKind,
     BusConfig,
     DriveConfig,
+    GatewayConfig,
     GroupConfig,
     HistoryConfig,
     InterlockConfig,
     OnRestart,
     PlantConfig,
-    WebConfig,
 )
 from drivebus.values import Text
 
@@ -70,7 +70,9 @@ plants = st.builds(
     named(lambda id: st.builds(InterlockConfig, st.just(id), st.just(("u",)), st.sampled_from(["a", "b"])), "ij"),
     named(lambda id: st.builds(AlarmConfig, st.just(id), st.sampled_from(AlarmKind), st.just(())), "kl"),
     st.sampled_from([HistoryConfig(), HistoryConfig(max_size_mb=50.0)]),
-    st.sampled_from([WebConfig(), WebConfig(port=9000)]),
+    gateways=named(
+        lambda id: st.builds(GatewayConfig, id=st.just(id), module=st.just(id), settings=st.sampled_from([1, 2])), "mn"
+    ),
     source=st.sampled_from(["plant.toml", "other.toml"]),
 )
 
@@ -80,12 +82,12 @@ plants = st.builds(
 def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantConfig, new: PlantConfig) -> None:
     change = config_diff(old, new)
     assert apply_diff(change, old) == new
-    same = replace(new, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+    same = replace(new, drives=(), buses=(), groups=(), interlocks=(), alarms=(), gateways=())
     assert bool(change) is (
-        same != replace(old, drives=(), buses=(), groups=(), interlocks=(), alarms=())
+        same != replace(old, drives=(), buses=(), groups=(), interlocks=(), alarms=(), gateways=())
         or any(
             {one.id: one for one in getattr(old, part)} != {one.id: one for one in getattr(new, part)}
-            for part in ("buses", "drives", "groups", "interlocks", "alarms")
+            for part in ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
         )
     )
 

@@ -11,6 +11,7 @@ from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import toml_file
 from drivebus.service import config
+from drivebus.web import gateway
 from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
 
 REFUSED = Path(__file__).parents[1] / "refused"
@@ -60,9 +61,9 @@ def test_no_page_for_the_network_without_a_certificate() -> None:
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
         text = (REFUSED / "web-for-everybody.toml").read_text().replace("0.0.0.0", host)
-        assert config.loads(text).web.host == host
+        assert config.loads(text).gateway("web").settings.host == host
     closed = (REFUSED / "web-for-everybody.toml").read_text() + "enabled = false\n"
-    assert config.loads(closed).web.enabled is False
+    assert config.loads(closed).gateway("web").enabled is False
 
 
 def test_no_issue_carries_a_control_character_into_a_log() -> None:
@@ -103,7 +104,7 @@ def test_brackets_without_end_are_refused_like_any_other_nonsense() -> None:
 
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
-    files = [*Path(config.__file__).parent.glob("*.py"), Path(toml_file.__file__)]
+    files = [*Path(config.__file__).parent.glob("*.py"), Path(toml_file.__file__), Path(gateway.__file__)]
     source = "".join(path.read_text() for path in files)
     kinds = set(re.findall(r'issue\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
     known = i18n.catalogue("en").keys()

@@ -30,7 +30,7 @@ format = 1
 id = "hall"
 title = "Hall"
 directory = "{directory}"
-[web]
+[gateway.web]
 port = 0
 [bus.a]
 link = "sim://c320@1,2?ramp=0.5"
@@ -89,10 +89,10 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
     manager.bind(str(tmp_path / "notify"))
     manager.settimeout(20)
     asked = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
-    with served(file, "--no-web", "--log", "json", **asked) as process:
+    with served(file, "--without", "web", "--log", "json", **asked) as process:
         text = [manager.recv(100).decode() for _ in range(3)]
         assert "READY=1" in text and "WATCHDOG=1" in text
-        second = verb("serve", str(file), "--no-web")
+        second = verb("serve", str(file), "--without", "web")
         assert second.returncode == 2 and "already uses" in second.stderr
 
         async def story() -> None:
@@ -133,7 +133,7 @@ def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(
     """A closed window left it running, with its port, and nobody to end it."""
     file, (master, slave) = write(tmp_path), os.openpty()
     process = subprocess.Popen(
-        ["setsid", "--ctty", *COMMAND, "serve", str(file), "--no-web"],
+        ["setsid", "--ctty", *COMMAND, "serve", str(file), "--without", "web"],
         stdin=slave,
         stdout=slave,
         stderr=slave,

@@ -24,9 +24,8 @@ import pytest
 from drivebus.cli.commands import serve
 from drivebus.cli.errors import ExitCode
 from drivebus.errors import ConfigurationError
-from drivebus.service.process import child as supervisor
-from drivebus.service.process import logging_setup
-from drivebus.service.process.child import ChildProcess
+from drivebus.service.process import gateways, logging_setup
+from drivebus.service.process.gateways import ChildProcess
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.systemd import MAX_BUS_LATENESS_S, SystemdNotifier, is_bus_alive
 from drivebus.testing.virtual_time import run
@@ -52,7 +51,7 @@ def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> No
 def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the form that was asked for, like every other line."""
 
-    async def ended(setting: Any, *, web: bool, announce: str, on_ready: Any) -> dict[str, Any]:
+    async def ended(setting: Any, *, without: Any, announce: str, on_ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"status": "confirmed"}}
 
     lines: list[str] = []
@@ -60,7 +59,7 @@ def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.M
     monkeypatch.setattr(
         logging_setup.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}")
     )
-    assert asyncio.run(serve._run(plant_config(), web=False)) is ExitCode.UNKNOWN
+    assert asyncio.run(serve._run(plant_config(), without=())) is ExitCode.UNKNOWN
     assert len(lines) == 1 and lines[0].startswith("fan-1 ")
 
 
@@ -130,15 +129,20 @@ def test_a_bus_that_does_not_do_what_is_due_is_not_alive() -> None:
     run(story())
 
 
-def test_a_web_part_that_ends_is_started_again_with_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gateway_that_ends_is_started_again_with_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     async def story() -> None:
         loop = asyncio.get_running_loop()
         begun: list[float] = []
-        codes: list[int] = []
-        runs_s = iter([0.0, 0.0, 0.0, supervisor.STEADY_RUN_S, 0.0, 1000.0])
+        exits: list[tuple[int, bool]] = []
+        stdin = SimpleNamespace(write=lambda line: None)
+        runs_s = iter([0.0, 0.0, 0.0, gateways.STEADY_RUN_S, 0.0, 1000.0])
 
         class Child:
             returncode: int | None = 3
+            pid = 1
+
+            def __init__(self) -> None:
+                self.stdin = stdin
 
             async def wait(self) -> int:
                 await asyncio.sleep(next(runs_s))
@@ -149,12 +153,12 @@ def test_a_web_part_that_ends_is_started_again_with_growing_pauses(monkeypatch: 
             return Child()
 
         monkeypatch.setattr(asyncio, "create_subprocess_exec", started)
-        child = ChildProcess(["web"], loop.time, codes.append)
+        child = ChildProcess(["web"], b"", loop.time, on_exit=lambda *exit: exits.append(exit))
         child.start()
         await asyncio.sleep(100)
         pauses = [round(later - earlier, 3) for earlier, later in itertools.pairwise(begun)]
-        assert pauses == [0.5, 1.0, 2.0, supervisor.STEADY_RUN_S + 0.5, 1.0]
-        assert codes == [3] * 5
+        assert pauses == [0.5, 1.0, 2.0, gateways.STEADY_RUN_S + 0.5, 1.0]
+        assert exits == [(3, False), (3, True), (3, True), (3, False), (3, True)]
         await child.close()
 
     run(story())
@@ -166,20 +170,19 @@ def ignores(pid: int, number: signal.Signals) -> bool:
     return found is not None and bool(int(found[1], 16) >> number - 1 & 1)
 
 
-def test_a_web_part_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervisor, "TERMINATE_TIMEOUT_S", 0.1)
+def test_a_gateway_that_ignores_sigterm_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gateways, "TERMINATE_TIMEOUT_S", 0.1)
     stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        child = ChildProcess([sys.executable, "-c", stubborn], loop.time, lambda code: None)
+        child = ChildProcess([sys.executable, "-c", stubborn], b"", loop.time)
         child.start()
-        while child.starts == 0:  # noqa: ASYNC110
+        while child.process is None:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
-        assert child.process is not None
         while not ignores(child.process.pid, signal.SIGTERM):  # noqa: ASYNC110
             await asyncio.sleep(0.01)
-        assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the plant's terminal reaches it"
+        assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the service's terminal reaches it"
         assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares (G06)"
         await child.close()
         assert child.process.returncode == -signal.SIGKILL
@@ -207,9 +210,13 @@ def test_a_state_directory_serves_one_plant_and_is_its_users_own(
         raise AssertionError
 
 
-def test_the_plant_process_imports_nothing_of_web_or_gateways() -> None:
-    """A small process without web code."""
-    code = "import sys, drivebus.service.process.main; print(*sys.modules)"
+def test_the_service_imports_of_a_gateway_only_its_declaration() -> None:
+    """A small process without HTTP, also after it has read a plant file."""
+    code = (
+        "import sys, drivebus.service.process.main; from drivebus.service import config;"
+        "config.loads('format = 1\\n[plant]\\nid = \"p\"'); print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name.split(".")[0] for name in done.stdout.split()} | {*done.stdout.split()}
-    assert not loaded & {"fastapi", "uvicorn", "starlette", "drivebus.web", "drivebus.gateways"}
+    assert not loaded & {"fastapi", "uvicorn", "starlette", "drivebus.gateways"}
+    assert {name for name in loaded if name.startswith("drivebus.web")} == {"drivebus.web", "drivebus.web.gateway"}

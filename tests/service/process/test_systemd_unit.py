@@ -11,7 +11,7 @@ from pathlib import Path
 import drivebus.service
 from drivebus.service.control.stops import SERVICE_STOP_TIMEOUT_S
 from drivebus.service.process.systemd import MAX_BUS_LATENESS_S
-from drivebus.service.process.tuning import NICE_WEB
+from drivebus.service.process.tuning import NICE_GATEWAY
 
 UNIT = Path(drivebus.service.__file__).parent / "systemd" / "drivebus.service"
 
@@ -27,16 +27,16 @@ def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_m
     unit = service()
     assert (unit["Type"], unit["NotifyAccess"]) == ("notify", "main")
     assert float(unit["WatchdogSec"]) >= 2 * MAX_BUS_LATENESS_S
-    assert unit["KillMode"] == "mixed"  # SIGTERM to the plant only: it ends its web process itself
+    assert unit["KillMode"] == "mixed"  # SIGTERM to the service only: it ends its gateways itself
     assert float(unit["TimeoutStopSec"]) > 2 * SERVICE_STOP_TIMEOUT_S
     assert unit["ExecReload"].endswith("-HUP $MAINPID")
     assert unit["StateDirectoryMode"] == "0700"
 
 
-def test_the_plant_comes_before_other_work_of_the_machine_and_of_its_web_process() -> None:
-    """A stop does not wait for somebody's compiler."""
+def test_the_service_comes_before_other_work_of_the_machine_and_its_gateways() -> None:
+    """A stop does not wait for a compiler, nor does the page, which stops drives."""
     precedence = int(service()["Nice"])
-    assert precedence < precedence + NICE_WEB < 0  # the page, too, before a compiler: it stops drives
+    assert precedence < precedence + NICE_GATEWAY < 0
 
 
 def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import socket
 import pytest
 from starlette.datastructures import Headers
 
-from drivebus.service.config.model import WebConfig
+from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.host_check import HostCheck
 
 WEB = WebConfig(host="Plant-PC", origins=("https://Plant.example/", "http://other.example:8080", "https://linux"))

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from drivebus.service.config.model import WebConfig
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
+from drivebus.web.gateway import WebConfig
 from drivebus.web.route import WEBSOCKET
 from fixtures.web_app import BASE, AppWebSocket, WebAppHarness
 

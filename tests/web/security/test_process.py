@@ -14,14 +14,13 @@ from typing import Any
 
 import httpx
 import pytest
-from pydantic import TypeAdapter
 
 from drivebus.service.app import Service
 from drivebus.service.auth.service import SETUP_SECRET_FILE
-from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.server import SocketServer
-from drivebus.service.process.web_args import WebArguments
+from drivebus.service.process.gateway_arguments import GatewayArguments, encode_arguments
 from drivebus.simulator.port import clear_simulated_buses
+from drivebus.web.gateway import WebConfig
 from fixtures.service import fake_storage, plant_config
 from fixtures.web_app import PASSWORD
 
@@ -29,24 +28,31 @@ PATIENCE_S = 30.0
 
 
 @contextmanager
-def web(directory: Path, shell: bool = False) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """The process and its address. ``shell``: somebody stands between, who can be killed."""
-    child = (
-        TypeAdapter(WebArguments)
-        .dump_json(WebArguments(directory, directory / "users.json", WebConfig(port=0)))
-        .decode()
+def web(directory: Path, parent: bool = False) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The web process and its address; ``parent``: the process of a parent that can be killed, and the address."""
+    settings = WebConfig(port=0)
+    arguments = GatewayArguments(
+        socket=directory / "plant.sock", directory=directory, user_file=directory / "users.json", settings=settings
     )
-    command = [sys.executable, "-m", "drivebus.web", str(directory / "plant.sock"), child]
-    if shell:
-        between = (
-            "import json, os, subprocess, sys; *words, child = sys.argv[1:];"
-            "subprocess.run([*words, json.dumps(json.loads(child) | {'parent_pid': os.getpid()})])"
+    line = encode_arguments(arguments).decode()
+    command = [sys.executable, "-m", "drivebus.web"]
+    if parent:
+        code = (
+            "import subprocess, sys; child = subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, text=True);"
+            "child.stdin.write(sys.stdin.readline()); child.stdin.flush(); child.wait()"
         )
-        command = [sys.executable, "-c", between, *command]
+        command = [sys.executable, "-c", code, *command]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "DRIVEBUS_LANG": "en"}
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "DRIVEBUS_LANG": "en"},
     )
-    assert process.stdout is not None
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(line)
+    process.stdin.flush()
     try:
         yield process, process.stdout.readline().strip()
     finally:
@@ -108,7 +114,7 @@ async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_pat
 
 async def test_the_web_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     """A plant that starts again starts one of its own, at the same address."""
-    with web(tmp_path, shell=True) as (process, at):
+    with web(tmp_path, parent=True) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
             assert (await client.get("/api/v1/health")).json() == {"ok": True}
             process.kill()
@@ -119,9 +125,9 @@ async def test_the_web_process_ends_when_its_parent_is_killed(tmp_path: Path) ->
                         await asyncio.sleep(0.1)
 
 
-def test_wrong_arguments_end_with_exit_code_2(tmp_path: Path) -> None:
-    for words in ([], ["a", "b"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "drivebus.web", *words], capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 2 and "Traceback" not in done.stderr
+@pytest.mark.parametrize("line", ["", "a b\n"])
+def test_wrong_arguments_end_with_exit_code_2(line: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "drivebus.web"], input=line, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and "Traceback" not in done.stderr

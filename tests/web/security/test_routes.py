@@ -11,9 +11,9 @@ from httpx import AsyncClient
 
 from drivebus.service.api.operations import API_PREFIX, OPERATIONS
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
-from drivebus.service.config.model import WebConfig
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
+from drivebus.web.gateway import WebConfig
 from drivebus.web.route import WEBSOCKET, AccessLevel, AccessRouter, Route, RouteTable
 from fixtures.web_app import PASSWORD, WebAppHarness
 

@@ -18,10 +18,10 @@ from fastapi import FastAPI
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivebus.errors import ConfigurationError
-from drivebus.service.config.model import WebConfig
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.process.web_args import WebArguments
+from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.web import __main__ as web_process
+from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware import connection_limits
 from drivebus.web.server import EmbeddedServer, HttpServer, bind_listener, is_loopback, listen_host, server_config
 from fixtures.web_app import PASSWORD, WebAppHarness
@@ -37,13 +37,14 @@ async def serving(harness: WebAppHarness, web: WebConfig) -> AsyncIterator[list[
         text.append(at)
         message.set()
 
-    listening = HttpServer(harness.app, harness.auth, web, say)
+    ending = asyncio.Event()
+    listening = HttpServer(harness.app, harness.auth, web, say, ending)
     task = asyncio.create_task(listening.run())
     await asyncio.wait({asyncio.create_task(message.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
     try:
         yield text
     finally:
-        listening.stop()
+        ending.set()
         await task
 
 
@@ -273,8 +274,11 @@ async def test_a_collection_of_garbage_does_not_look_through_the_whole_app(
     monkeypatch.setattr(HttpServer, "run", run)
     before = gc.get_freeze_count()
     try:
-        child = WebArguments(tmp_path, tmp_path / "users.json", WebConfig(port=0))
-        await web_process._run(SocketClient(tmp_path / "plant.sock"), child)
+        socket = tmp_path / "plant.sock"
+        arguments = GatewayArguments(
+            socket=socket, directory=tmp_path, user_file=tmp_path / "users.json", settings=WebConfig(port=0)
+        )
+        await web_process.serve(SocketClient(socket), arguments, asyncio.Event())
     finally:
         gc.unfreeze()
     assert frozen[0] > before

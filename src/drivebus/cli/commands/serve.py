@@ -9,23 +9,30 @@ from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.extras import require_extra
+from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.service.config.model import PlantConfig
+    from drivebus.service.process.gateway_arguments import AddressOutput
 
 
-def _serve(plant: str, web: bool, log: str) -> ExitCode:
+def _serve(plant: str, without: tuple[str, ...], log: str) -> ExitCode:
+    from drivebus.service.config.gateways import installed_gateways
     from drivebus.service.config.load import load
     from drivebus.service.process.logging_setup import configure_logging
 
     config = load(plant)
-    if web and config.web.enabled:
-        require_extra("server")
+    for name in without:
+        if name not in installed_gateways():
+            raise ConfigurationError("gateways.unknown", found=name, expected=", ".join(installed_gateways()))
+    for gateway in config.gateways:
+        if gateway.extra is not None and gateway.enabled and gateway.id not in without:
+            require_extra(gateway.extra)
     configure_logging(log)
-    return asyncio.run(_run(config, web))
+    return asyncio.run(_run(config, without))
 
 
-async def _run(config: PlantConfig, web: bool) -> ExitCode:
+async def _run(config: PlantConfig, without: tuple[str, ...]) -> ExitCode:
     from drivebus.service.process.logging_setup import LOG
     from drivebus.service.process.main import run_service
 
@@ -33,7 +40,8 @@ async def _run(config: PlantConfig, web: bool) -> ExitCode:
         output.print_json({"plant": config.id, "directory": str(config.directory)}, stream=True)
         output.print_message("serve.ready", plant=config.id, directory=config.directory)
 
-    outcomes = await run_service(config, web=web, announce="json" if output.as_json() else "plain", on_ready=ready)
+    announce: AddressOutput = "json" if output.as_json() else "plain"
+    outcomes = await run_service(config, without=without, announce=announce, on_ready=ready)
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
@@ -45,8 +53,8 @@ command = CliCommand(
     callback=_serve,
     params=[
         Argument(["plant"], metavar="PLANT.toml", key="help.argument.plant"),
-        Option(["--web/--no-web"], default=True, key="help.option.web"),
+        Option(["--without"], multiple=True, metavar="GATEWAY", example="--without web"),
         Option(["--log"], type=Choice(["text", "json"]), default="text", example="--log json"),
     ],
-    examples=("drivebus serve plant.toml", "drivebus serve plant.toml --no-web --log json"),
+    examples=("drivebus serve plant.toml", "drivebus serve plant.toml --without web --log json"),
 )

@@ -109,7 +109,7 @@ def free_port(wanted: int) -> int:
 
 async def _announce_and_play(config: PlantConfig, code: str, password: str, plant: DemoPlant) -> None:
     """Print the address when the page answers; play the script then, or after a timeout."""
-    address = asyncio.create_task(_print_address(config.web.port, code, password))
+    address = asyncio.create_task(_print_address(config.gateway("web").settings.port, code, password))
     try:
         await asyncio.wait({address}, timeout=PAGE_TIMEOUT_S)
         if not address.done():
@@ -229,7 +229,7 @@ async def serve_terminal(memory: bool) -> None:
             def on_ready() -> None:
                 tasks.append(asyncio.create_task(_serve_parent(config, plant)))
 
-            await run_service(config, web=False, announce="not", on_ready=on_ready)
+            await run_service(config, without=("web",), announce="not", on_ready=on_ready)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)

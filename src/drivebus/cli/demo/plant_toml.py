@@ -18,7 +18,7 @@ def plant_toml(urls: Sequence[str], directory: Path, port: int) -> str:
     parts = [
         f'format = 1\n\n[plant]\nid = "demo"\ntitle = {_title("demo.plant")}\ndirectory = {json.dumps(str(directory))}'
     ]
-    parts.append(f'[web]\nhost = "127.0.0.1"\nport = {port}')
+    parts.append(f'[gateway.web]\nhost = "127.0.0.1"\nport = {port}')
     for bus, url in zip(BUSES, urls, strict=True):
         parts.append(_bus(bus, url))
         parts += [_drive(bus, drive) for drive in bus.drives]

@@ -15,6 +15,7 @@ from drivebus.errors import ProfileError
 from drivebus.ports.url import PortUrl
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of, with_sufficient_interval
+from drivebus.service.config.gateways import installed_gateways
 from drivebus.service.config.model import (
     AlarmConfig,
     AlarmKind,
@@ -22,6 +23,7 @@ from drivebus.service.config.model import (
     AuditConfig,
     BusConfig,
     DriveConfig,
+    GatewayConfig,
     GroupConfig,
     HistoryConfig,
     InterlockAction,
@@ -31,7 +33,6 @@ from drivebus.service.config.model import (
     OnServiceStop,
     PlantConfig,
     RetentionConfig,
-    WebConfig,
 )
 from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, TitleIn
 from drivebus.values import Text
@@ -107,7 +108,7 @@ def plant_config(parsed: ParsedPlant, source: str) -> PlantConfig:
         alarms=tuple(_alarm(parsed, id, one) for id, one in file.alarm.items()),
         history=_history(file.history),
         audit=_audit(parsed),
-        web=_web(parsed),
+        gateways=tuple(_gateways(parsed)),
         users=parsed.resolve_path(file.plant.users) if file.plant.users else None,
         source=source,
     )
@@ -230,16 +231,16 @@ def _audit(parsed: ParsedPlant) -> AuditConfig:
     )
 
 
-def _web(parsed: ParsedPlant) -> WebConfig:
-    web = parsed.file.web
-    return WebConfig(
-        host=web.host,
-        port=web.port,
-        certificate=parsed.resolve_path(web.certificate) if web.certificate else None,
-        key=parsed.resolve_path(web.key) if web.key else None,
-        origins=tuple(web.origins),
-        enabled=web.enabled,
-    )
+def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
+    for name, table in parsed.file.gateway.configured():
+        gateway = installed_gateways()[name]
+        yield GatewayConfig(
+            id=name,
+            module=gateway.module,
+            settings=gateway.settings(table, parsed.resolve_path),
+            enabled=table.enabled,
+            extra=gateway.extra,
+        )
 
 
 def _text(title: TitleIn | None, id: str) -> Text:

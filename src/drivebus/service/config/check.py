@@ -1,4 +1,4 @@
-"""Checks of a well-formed ``plant.toml``: all of them together, and those of texts, paths, web and history."""
+"""Checks of a well-formed ``plant.toml``: all of them together, and those of texts, paths and history."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, Diagnostic, Issue, KeyPath, issue
 from drivebus.service.config import check_buses, check_rules
 from drivebus.service.config.build import ParsedPlant, state_directory
-from drivebus.service.config.loopback import is_loopback
+from drivebus.service.config.gateways import gateway_problems
 
 
 def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
@@ -19,6 +19,7 @@ def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     parsed.read_profiles()
     yield from text_problems(parsed.raw)
     yield from path_problems(parsed)
+    yield from gateway_problems(parsed.file.gateway, parsed.resolve_path)
     yield from check_buses.bus_problems(parsed)
     yield from check_buses.drive_problems(parsed)
     yield from check_buses.bus_load_problems(parsed)
@@ -48,14 +49,10 @@ def _check_value(value: Any, path: KeyPath) -> Iterator[Issue]:
             yield issue("control", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
 
 
-_ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
-
-
 def path_problems(parsed: ParsedPlant) -> Iterator[Issue]:
     yield from _check_directory(parsed)
     yield from _check_users(parsed)
     yield from _check_audit(parsed)
-    yield from _check_web(parsed)
     yield from _check_history(parsed)
 
 
@@ -80,23 +77,6 @@ def _check_audit(parsed: ParsedPlant) -> Iterator[Issue]:
         where = None if text is None else parsed.resolve_path(text)
         if where is not None and (where.is_dir() or not where.parent.is_dir()):
             yield issue("audit_file", ("audit", name), str(where))
-
-
-def _check_web(parsed: ParsedPlant) -> Iterator[Issue]:
-    web = parsed.file.web
-    for name, other in (("certificate", "key"), ("key", "certificate")):
-        text = getattr(web, name)
-        if text is None:
-            continue
-        if not parsed.resolve_path(text).is_file():
-            yield issue("web_file", ("web", name), str(parsed.resolve_path(text)))
-        if getattr(web, other) is None:
-            yield issue("needs_other", ("web", name), text, other=other)
-    if web.enabled and web.certificate is None and not is_loopback(web.host):
-        yield issue("tls", ("web", "host"), web.host)
-    for origin in web.origins:
-        if not _ORIGIN.fullmatch(origin):
-            yield issue("origin", ("web", "origins"), origin)
 
 
 def _check_history(parsed: ParsedPlant) -> Iterator[Issue]:

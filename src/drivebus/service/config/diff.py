@@ -7,7 +7,15 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, Generic, Protocol, TypeVar
 
-from drivebus.service.config.model import AlarmConfig, BusConfig, DriveConfig, GroupConfig, InterlockConfig, PlantConfig
+from drivebus.service.config.model import (
+    AlarmConfig,
+    BusConfig,
+    DriveConfig,
+    GatewayConfig,
+    GroupConfig,
+    InterlockConfig,
+    PlantConfig,
+)
 
 
 class ReloadAction(StrEnum):
@@ -27,7 +35,7 @@ UPDATE_FIELDS = frozenset({"title", "limits", "on_client_lost", "on_service_stop
 REPOLL_FIELDS = frozenset({"signals", "min_poll_interval_s"})
 UPDATE_BUS_FIELDS = frozenset({"title"})
 """A change of any other field of a bus closes its port and opens another one."""
-_CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms")
+_CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
 
 
 class _HasId(Protocol):
@@ -65,12 +73,13 @@ class ConfigDiff:
     groups: PartDiff[GroupConfig]
     interlocks: PartDiff[InterlockConfig]
     alarms: PartDiff[AlarmConfig]
+    gateways: PartDiff[GatewayConfig]
     actions: Mapping[str, ReloadAction]
     """Action for every drive that is in both."""
     reopened: tuple[str, ...]
     """Buses in both whose port is closed and opened again; the action of their drives is RECREATE."""
     others: Mapping[str, Any]
-    """Changed fields of the plant itself (``title``, ``history``, ``web`` …) with their new values."""
+    """Changed fields of the plant itself (``title``, ``history`` …) with their new values."""
 
     def __bool__(self) -> bool:
         """Whether anything changes."""

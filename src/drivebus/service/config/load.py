@@ -26,6 +26,7 @@ from drivebus.profiles.diagnostics import (
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
 from drivebus.service.config import build, check
 from drivebus.service.config.build import ParsedPlant, state_directory
+from drivebus.service.config.gateways import installed_gateways, plant_file_schema
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 
@@ -98,11 +99,12 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
     """Validate a file and return its model and the issues. Faulty keys are removed, so that the rest can be checked."""
     rest: dict[str, Any] = copy.deepcopy(dict(raw))
     faults: list[Issue] = []
+    schema = plant_file_schema()
     for _ in range(MAX_VALIDATION_ROUNDS):
         try:
-            return PlantFile.model_validate(rest), faults
+            return schema.model_validate(rest), faults
         except ValidationError as error:
-            found = issues_from_pydantic(error, PlantFile)
+            found = [_name_gateways(one) for one in issues_from_pydantic(error, schema)]
         faults += [one for one in found if not _is_consequence(one, faults)]
         for one in found:
             if one.path in (("plant",), ("plant", "id")):
@@ -111,6 +113,13 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
             else:
                 _remove_key(rest, one.path[:-1] if one.kind == "missing_key" else one.path)
     return None, faults
+
+
+def _name_gateways(one: Issue) -> Issue:
+    """Return the issue of an unknown table ``[gateway.<name>]`` with the installed gateways, any other as it is."""
+    if one.kind == "unknown_key" and one.path[0] == "gateway" and len(one.path) == 2:
+        return issue("unknown_gateway", one.path, one.found, known=", ".join(installed_gateways()))
+    return one
 
 
 def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:

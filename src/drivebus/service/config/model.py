@@ -170,17 +170,19 @@ class AuditConfig:
     """None: ``<state directory>.audit.key``."""
 
 
-@dataclass(frozen=True, slots=True)
-class WebConfig:
-    """Address of the page and the API. Any but loopback needs ``certificate`` and an administrator."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GatewayConfig:
+    """One gateway of a plant."""
 
-    host: str = "127.0.0.1"
-    port: int = 8080
-    certificate: Path | None = None
-    key: Path | None = None
-    origins: tuple[str, ...] = ()
-    """Further origins under which browsers reach the page, such as a reverse proxy's."""
+    id: str
+    """Its name, as in ``[gateway.<name>]``."""
+    module: str
+    """Module that its process runs."""
+    settings: Any
+    """Settings of its process: a frozen dataclass, which only the gateway knows."""
     enabled: bool = True
+    extra: str | None = None
+    """Extra of the package drivebus whose libraries its process imports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +200,7 @@ class PlantConfig:
     alarms: tuple[AlarmConfig, ...] = ()
     history: HistoryConfig = HistoryConfig()
     audit: AuditConfig = AuditConfig()
-    web: WebConfig = WebConfig()
+    gateways: tuple[GatewayConfig, ...] = ()
     users: Path | None = None
     """User file; None: ``users.json`` in the state directory."""
     source: str = ""
@@ -207,3 +209,7 @@ class PlantConfig:
     def drive(self, id: str) -> DriveConfig:
         """Return a drive. Raises KeyError."""
         return {drive.id: drive for drive in self.drives}[id]
+
+    def gateway(self, id: str) -> GatewayConfig:
+        """Return a gateway. Raises KeyError."""
+        return {gateway.id: gateway for gateway in self.gateways}[id]

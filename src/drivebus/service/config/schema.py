@@ -6,13 +6,14 @@ twice and every issue has a line. Each key is described in the catalogues, ``pla
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
 from drivebus.service.api.operations.operation import Id
-from drivebus.service.config.model import AlarmKind, HistoryConfig, WebConfig
+from drivebus.service.config.model import AlarmKind, HistoryConfig
 
 PLANT_FILE_FORMAT = 1
 """Newest file format that this version reads."""
@@ -118,7 +119,7 @@ class AlarmTable(StrictModel):
     title: Title | None = None
 
 
-_HISTORY, _WEB = HistoryConfig(), WebConfig()
+_HISTORY = HistoryConfig()
 
 
 class RetentionTable(StrictModel):
@@ -139,17 +140,22 @@ class AuditTable(StrictModel):
     key: PathText | None = None
 
 
-class WebTable(StrictModel):
-    host: Annotated[str, Field(min_length=1, max_length=255)] = _WEB.host
-    port: Annotated[int, Field(ge=0, le=65_535)] = _WEB.port
-    certificate: PathText | None = None
-    key: PathText | None = None
-    origins: list[str] = []
-    enabled: bool = _WEB.enabled
+class GatewayTable(StrictModel):
+    """Base of the table of every gateway, ``[gateway.<name>]``."""
+
+    enabled: bool = True
+
+
+class GatewayTables(StrictModel):
+    """Tables of the gateways: ``plant_file_schema`` makes the subclass with a field for each installed one."""
+
+    def configured(self) -> Iterator[tuple[str, GatewayTable]]:
+        """Yield name and table of every gateway that has one, written or by default."""
+        return ((name, table) for name, table in self if isinstance(table, GatewayTable))
 
 
 class PlantFile(StrictModel):
-    """Whole file."""
+    """Whole file. ``service.config.gateways.plant_file_schema`` adds the tables of the installed gateways."""
 
     format: int
     plant: PlantTable
@@ -160,4 +166,4 @@ class PlantFile(StrictModel):
     alarm: dict[Id, AlarmTable] = {}
     history: HistoryTable = HistoryTable()
     audit: AuditTable = AuditTable()
-    web: WebTable = WebTable()
+    gateway: GatewayTables = GatewayTables()

@@ -156,4 +156,5 @@ def plant_topic(plant: Plant) -> Json:
         "audit_ok": plant.audit.ok,
         "history_ok": plant.historian.ok,
         "disk": plant.disk_space,
+        "gateways": [plant.gateways[name].as_json() for name in sorted(plant.gateways)],
     }

@@ -18,7 +18,12 @@ from drivebus.types import Json
 LOG = logging.getLogger("drivebus.service")
 MAX_QUEUED_RECORDS = 10_000  # while the log hangs; further lines are dropped
 FLUSH_TIMEOUT_S = 1.0
-EVENT_LEVELS = {"fault": logging.ERROR, "alarm": logging.WARNING, "presence": logging.WARNING}
+EVENT_LEVELS = {
+    "fault": logging.ERROR,
+    "alarm": logging.WARNING,
+    "presence": logging.WARNING,
+    "gateway": logging.WARNING,
+}
 
 
 def configure_logging(form: str, stream: TextIO | None = None) -> None:

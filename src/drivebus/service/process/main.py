@@ -1,4 +1,4 @@
-"""Main function of ``drivebus serve``: lock, service, sockets, web process and signals."""
+"""Main function of ``drivebus serve``: lock, service, sockets, gateways and signals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import errno
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AsyncExitStack, contextmanager
 from typing import Any
 
@@ -16,11 +16,11 @@ from drivebus.service.app import SERVICE_ACTOR, Service, build_service
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
 from drivebus.service.ipc.server import SocketServer, StopServer
-from drivebus.service.process.child import ChildProcess
+from drivebus.service.process.gateway_arguments import AddressOutput
+from drivebus.service.process.gateways import GatewaySupervisor
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.process.tuning import relax_gc
-from drivebus.service.process.web_args import AddressOutput, web_command
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
@@ -30,14 +30,14 @@ TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 async def run_service(
     config: PlantConfig,
     *,
-    web: bool = True,
+    without: Collection[str] = (),
     announce: AddressOutput = "plain",
     on_ready: Callable[[], None] = lambda: None,
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
-    An outcome is None where it was not known in time. Raises ConfigurationError: the service runs already, or its
-    directory or a socket can't be used.
+    ``without`` names gateways that are not started. An outcome is None where it was not known in time. Raises
+    ConfigurationError: the service runs already, or its directory or a socket can't be used.
     """
     loop = asyncio.get_running_loop()
     notify, ending = SystemdNotifier(), asyncio.Event()
@@ -53,22 +53,15 @@ async def run_service(
             for server in servers:
                 await server.open()
                 stack.push_async_callback(server.close)
-            child = ChildProcess(
-                web_command(config, config.directory / SERVICE_SOCKET, announce), service.plant.now, _on_web_exit
-            )
-            if web and config.web.enabled:
-                child.start()
+            gateways = GatewaySupervisor(service.plant, without=without, address_output=announce)
+            gateways.start()
             relax_gc()
             notify.send("READY=1")
             on_ready()
             await ending.wait()
             notify.send("STOPPING=1")
-            found, _ = await asyncio.gather(service.stop(), child.close())
+            found, _ = await asyncio.gather(service.stop(), gateways.close())
     return found
-
-
-def _on_web_exit(code: int) -> None:
-    LOG.warning("the web process ended with %s; it is started again; buses, stops and history go on", code)
 
 
 async def _reload(service: Service) -> None:

@@ -1,4 +1,4 @@
-"""Processor priorities and garbage collection: the buses come first, then the web process, then batch work."""
+"""Processor priorities and garbage collection: the buses come first, then the gateways, then batch work."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import gc
 import os
 from contextlib import suppress
 
-NICE_WEB, NICE_BATCH = 5, 10
+NICE_GATEWAY, NICE_BATCH = 5, 10
 """Steps of ``nice`` behind the service: a third and a tenth of its share of a busy processor."""
 
 

@@ -55,6 +55,21 @@ class StopCounters:
         return asdict(self)
 
 
+@dataclass(slots=True, kw_only=True)
+class GatewayStatus:
+    """Process of one gateway."""
+
+    id: str
+    pid: int | None = None
+    """None: it is about to be started, or started again after a pause."""
+    starts: int = 0
+    exit_code: int | None = None
+    """Of its last process that ended by itself; negative: the signal that ended it."""
+
+    def as_json(self) -> Json:
+        return {**asdict(self), "running": self.pid is not None}
+
+
 class PlantListener:
     """Receiver of what happens in a plant: subclasses override what they need. Nothing here may wait."""
 
@@ -69,6 +84,9 @@ class PlantListener:
         """A new view of a drive, from every supervision cycle."""
 
     def on_drive_removed(self, drive: str) -> None: ...
+
+    def on_reload(self) -> None:
+        """The plant has another configuration."""
 
 
 @dataclass(kw_only=True)
@@ -100,6 +118,8 @@ class Plant:
     state: str = "running"
     started_ms: int = 0
     last_stop_all: Json | None = None
+    gateways: dict[str, GatewayStatus] = field(default_factory=dict)
+    """Gateways that run or are restarted, by name."""
     disk_space: Json = field(default_factory=dict)
     """Free space of the state directory, in MiB."""
     command_count: int = 0
@@ -152,6 +172,11 @@ class Plant:
         self.hub.remove(f"drives/{drive}")
         for listener in self._listeners:
             listener.on_drive_removed(drive)
+
+    def notify_reload(self) -> None:
+        """Call the listeners after ``config`` was replaced and applied."""
+        for listener in self._listeners:
+            listener.on_reload()
 
     def record_samples(self, samples: Sequence[Sample]) -> None:
         """Hand the new samples of one drive to the historian and the listeners."""

@@ -30,8 +30,8 @@ from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms")
-RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users", "web"})
+RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
+RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users"})
 """Settings of the whole plant that take effect at the next start only."""
 
 
@@ -117,6 +117,7 @@ class ConfigReload:
         await asyncio.gather(*(bus_runtime.close() for bus_runtime in closing))
         for id in (*change.buses.added, *change.reopened):
             plant.buses[id].start()
+        plant.notify_reload()
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
         for id in _leaving_drives(change):

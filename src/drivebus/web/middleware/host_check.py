@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 
-from drivebus.service.config.model import WebConfig
+from drivebus.web.gateway import WebConfig
 
 _LOCAL_NAMES = frozenset({"localhost"})
 

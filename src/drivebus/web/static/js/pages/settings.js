@@ -44,10 +44,15 @@ function OwnAccount() {
     <${Password} /></div>`;
 }
 
+function gatewayState({ id, running, exit_code: code }) {
+  return t(`page.about_gateway_${running ? "running" : "restarting"}`, { gateway: id, code: code ?? "-" });
+}
+
 function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
     ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
+    ["gateways", plant.gateways?.map(gatewayState).join(t("page.comma"))],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
     ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt

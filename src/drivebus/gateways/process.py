@@ -1,0 +1,57 @@
+"""Main function of a gateway's process: its arguments, its priority, its connection to the service, and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+from drivebus import i18n
+from drivebus.errors import ConfigurationError
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.process.gateway_arguments import GatewayArguments, decode_arguments
+from drivebus.service.process.tuning import NICE_GATEWAY, set_nice
+
+T = TypeVar("T")
+Serve = Callable[[SocketClient, GatewayArguments[T], asyncio.Event], Awaitable[None]]
+"""Runs a gateway as a client of the service until the event is set; may return earlier."""
+
+
+def run_gateway(name: str, settings: type[T], serve: Serve[T]) -> int:
+    """Run a gateway until SIGTERM or the end of the service; return its exit code.
+
+    The code is 2 for arguments or settings that cannot be used.
+    """
+    set_nice(NICE_GATEWAY)
+    try:
+        arguments = decode_arguments(sys.stdin.buffer.readline(), settings)
+    except ValueError as error:
+        print(f"gateway {name}: drivebus serve starts it: {error}", file=sys.stderr, flush=True)
+        return 2
+    try:
+        asyncio.run(_run(arguments, serve))
+    except ConfigurationError as error:
+        print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
+        return 2
+    return 0
+
+
+async def _run(arguments: GatewayArguments[T], serve: Serve[T]) -> None:
+    loop, ending = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, ending.set)
+
+    def on_input() -> None:
+        if not os.read(sys.stdin.fileno(), 1024):
+            loop.remove_reader(sys.stdin.fileno())
+            ending.set()
+
+    loop.add_reader(sys.stdin.fileno(), on_input)
+    client = SocketClient(arguments.socket)
+    try:
+        await serve(client, arguments, ending)
+    finally:
+        await client.close()

@@ -1,0 +1,112 @@
+"""Installed gateways: the object that declares one, and the schema of ``plant.toml`` with their tables.
+
+A gateway connects other programs to the service, as a process of its own: the web, a field protocol, a broker. Its
+package names a ``Gateway`` in the entry-point group ``drivebus.gateways``; nothing of the service names a gateway. The
+declaration is imported by the service, so its module imports no library of the gateway.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pydantic import create_model
+
+from drivebus import i18n
+from drivebus.errors import ConfigurationError
+from drivebus.profiles.diagnostics import Issue
+from drivebus.service.config.schema import GatewayTable, GatewayTables, PlantFile
+
+ENTRY_POINT_GROUP = "drivebus.gateways"
+GATEWAY_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+"""A name is a key of ``plant.toml``, a label of a metric and a field of the schema."""
+
+ResolvePath = Callable[[str], Path]
+"""Makes a path of ``plant.toml`` absolute."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gateway:
+    """Declaration of one gateway."""
+
+    name: str
+    """Of its entry point and of its table, ``[gateway.<name>]``."""
+    module: str
+    """Module that its process runs (``python -m``); it calls ``drivebus.gateways.process.run_gateway``."""
+    table: type[GatewayTable]
+    """Schema of its table. Secrets are files that the table names."""
+    settings: Callable[[Any, ResolvePath], Any]
+    """Make the settings of its process from a checked table: a frozen dataclass with absolute paths."""
+    check: Callable[[Any, ResolvePath], Iterator[Issue]] = lambda table, resolve_path: iter(())
+    """Yield the issues of a well-formed table that the schema does not find; paths start in the table."""
+    runs_without_table: bool = False
+    """It runs in a plant whose file has no table for it. Then every key of the table has a default."""
+    extra: str | None = None
+    """Extra of the package drivebus whose libraries its process imports."""
+    catalogues: Path | None = None
+    """Folder of its texts, ``<name>.<language>.json``, if they are not part of drivebus."""
+
+
+def installed_gateways() -> Mapping[str, Gateway]:
+    """Return every installed gateway by name. Raises ConfigurationError for one that can't be used."""
+    return MappingProxyType(_load_all()[0])
+
+
+def plant_file_schema() -> type[PlantFile]:
+    """Return the schema of ``plant.toml`` with the tables of the installed gateways. Raises ConfigurationError."""
+    return _load_all()[1]
+
+
+def gateway_problems(tables: GatewayTables, resolve_path: ResolvePath) -> Iterator[Issue]:
+    """Yield what the checks of the gateways find in their tables."""
+    for name, table in tables.configured():
+        for found in installed_gateways()[name].check(table, resolve_path):
+            yield replace(
+                found,
+                path=("gateway", name, *found.path),
+                related=tuple(("gateway", name, *path) for path in found.related),
+            )
+
+
+def clear_registry() -> None:
+    """Look up the entry points again."""
+    _load_all.cache_clear()
+
+
+@cache
+def _load_all() -> tuple[dict[str, Gateway], type[PlantFile]]:
+    points: dict[str, EntryPoint] = {}
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        other = points.setdefault(point.name, point)
+        if point.value != other.value:
+            raise _error(point, f"{other.value} has the same name")
+    found = {name: _load(points[name]) for name in sorted(points)}
+    fields: dict[str, Any] = {
+        name: (gateway.table, gateway.table()) if gateway.runs_without_table else (gateway.table | None, None)
+        for name, gateway in found.items()
+    }
+    tables = create_model("GatewayTables", __base__=GatewayTables, **fields)
+    return found, create_model("PlantFile", __base__=PlantFile, gateway=(tables, tables()))
+
+
+def _load(point: EntryPoint) -> Gateway:
+    try:
+        gateway = point.load()
+    except Exception as error:
+        raise _error(point, str(error)) from error
+    if not isinstance(gateway, Gateway) or gateway.name != point.name or not GATEWAY_NAME.fullmatch(point.name):
+        raise _error(point, f"not a Gateway named {point.name}")
+    if gateway.catalogues is not None:
+        i18n.add_folder(gateway.catalogues)
+    return gateway
+
+
+def _error(point: EntryPoint, reason: str) -> ConfigurationError:
+    package = point.dist.name if point.dist is not None else "-"
+    return ConfigurationError("gateways.broken", found=point.name, module=point.value, package=package, reason=reason)

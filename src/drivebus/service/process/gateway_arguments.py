@@ -1,0 +1,56 @@
+"""Arguments of a gateway's process: one line of JSON on its standard input, so that no list of processes shows them.
+
+The service keeps the standard input open as long as it runs: its end is the end of the service, however that came.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Literal, TypeVar
+
+from pydantic import TypeAdapter
+
+from drivebus.service.config.model import GatewayConfig, PlantConfig
+from drivebus.service.ipc.protocol import SERVICE_SOCKET
+
+AddressOutput = Literal["plain", "json", "not"]
+"""Output of the address that a gateway listens at: as text, as a line of JSON, or not at all."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GatewayArguments(Generic[T]):
+    """Arguments of a gateway's process; ``T`` is the dataclass of its settings."""
+
+    socket: Path
+    """Socket of the service."""
+    directory: Path
+    """State directory."""
+    user_file: Path
+    settings: T
+    address_output: AddressOutput = "plain"
+
+
+def gateway_arguments(
+    plant: PlantConfig, gateway: GatewayConfig, address_output: AddressOutput = "plain"
+) -> GatewayArguments[Any]:
+    """Return the arguments of one gateway of a plant."""
+    return GatewayArguments(
+        socket=plant.directory / SERVICE_SOCKET,
+        directory=plant.directory,
+        user_file=plant.users or plant.directory / "users.json",
+        settings=gateway.settings,
+        address_output=address_output,
+    )
+
+
+def encode_arguments(arguments: GatewayArguments[Any]) -> bytes:
+    """Return the line that the process reads."""
+    return TypeAdapter(GatewayArguments[Any]).dump_json(arguments) + b"\n"
+
+
+def decode_arguments(line: bytes, settings: type[T]) -> GatewayArguments[T]:
+    """Return the arguments of a line. Raises ValueError for any other line."""
+    return TypeAdapter(GatewayArguments[settings]).validate_json(line)  # type: ignore[valid-type]

@@ -1,0 +1,161 @@
+"""Supervisor of the gateways: child processes of the service, started, restarted, replaced by a reload, and ended.
+
+The service waits for none of them. A gateway that exits is started again after a pause that doubles while it keeps
+exiting.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import sys
+from collections.abc import Callable, Collection, Sequence
+
+from drivebus.service.config.model import GatewayConfig
+from drivebus.service.process.gateway_arguments import AddressOutput, encode_arguments, gateway_arguments
+from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
+
+FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
+STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
+TERMINATE_TIMEOUT_S = 2.0  # before it is killed
+CAN_NOT_START_EXIT_CODE = 127  # of a command that the system can't start, as a shell reports it
+LOG = logging.getLogger("drivebus.service")
+
+
+class ChildProcess:
+    """One child process, restarted when it exits. Its output is the service's own."""
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        arguments: bytes,
+        now: Callable[[], float],
+        *,
+        on_start: Callable[[int], None] = lambda pid: None,
+        on_exit: Callable[[int, bool], None] = lambda code, repeated: None,
+    ) -> None:
+        """``arguments`` are written to its standard input, which stays open.
+
+        ``on_start`` gets its process id; ``on_exit`` its exit code, and whether it exited soon after a restart.
+        """
+        self._command, self._arguments, self._now = tuple(command), arguments, now
+        self._on_start, self._on_exit = on_start, on_exit
+        self._task: asyncio.Task[None] | None = None
+        self.process: asyncio.subprocess.Process | None = None
+
+    def start(self, after: asyncio.Task[None] | None = None) -> None:
+        """Start it, once the process that it replaces has ended (``after``)."""
+        self._task = asyncio.create_task(self._run(after), name=f"gateway {self._command[-1]}")
+
+    async def _run(self, after: asyncio.Task[None] | None) -> None:
+        if after is not None:
+            await asyncio.wait([after])
+        pause_s, repeated = FIRST_RESTART_PAUSE_S, False
+        while True:
+            begun = self._now()
+            code = await self._run_once()
+            if self._now() - begun >= STEADY_RUN_S:
+                pause_s, repeated = FIRST_RESTART_PAUSE_S, False
+            self._on_exit(code, repeated)
+            await asyncio.sleep(pause_s)
+            pause_s, repeated = min(MAX_RESTART_PAUSE_S, 2 * pause_s), True
+
+    async def _run_once(self) -> int:
+        """Run it once and return its exit code.
+
+        A process group of its own keeps a terminal's Ctrl-C from it; the service ends it. It gets no session of its
+        own: Linux would give that as much processor time as the service.
+        """
+        try:
+            self.process = await asyncio.create_subprocess_exec(
+                *self._command, stdin=asyncio.subprocess.PIPE, process_group=0
+            )
+        except OSError as error:
+            LOG.error("%s can't be started: %s", self._command[-1], error)
+            return CAN_NOT_START_EXIT_CODE
+        assert self.process.stdin is not None
+        self.process.stdin.write(self._arguments)
+        self._on_start(self.process.pid)
+        return await self.process.wait()
+
+    async def close(self) -> None:
+        """End it, by force where it takes too long."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+        process = self.process
+        if process is None or process.returncode is not None:
+            return
+        process.terminate()
+        try:
+            await asyncio.wait_for(process.wait(), TERMINATE_TIMEOUT_S)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+
+class GatewaySupervisor(PlantListener):
+    """All gateways of a plant; ``plant.gateways`` holds their status."""
+
+    def __init__(self, plant: Plant, *, without: Collection[str] = (), address_output: AddressOutput = "plain") -> None:
+        """``without``: names of gateways that don't run, whatever the configuration says."""
+        self._plant, self._without, self._address_output = plant, frozenset(without), address_output
+        self._configs: dict[str, GatewayConfig] = {}
+        self._children: dict[str, ChildProcess] = {}
+        self._closing: set[asyncio.Task[None]] = set()
+
+    def start(self) -> None:
+        """Start every enabled gateway, and follow reloads of the configuration from now on."""
+        self._plant.subscribe(self)
+        self.on_reload()
+
+    def on_reload(self) -> None:
+        """Start what was added, end what was removed, restart what was changed; no other gateway is touched."""
+        wanted = {one.id: one for one in self._plant.config.gateways if one.enabled and one.id not in self._without}
+        for name in self._configs.keys() - wanted.keys():
+            del self._configs[name], self._plant.gateways[name]
+            self._end(name)
+        for name, config in wanted.items():
+            if self._configs.get(name) != config:
+                self._start(config)
+
+    def _start(self, config: GatewayConfig) -> None:
+        status = self._plant.gateways[config.id] = GatewayStatus(id=config.id)
+
+        def on_start(pid: int) -> None:
+            status.pid = pid
+            status.starts += 1
+
+        def on_exit(code: int, repeated: bool) -> None:
+            status.pid, status.exit_code = None, code
+            self._report_exit(config.id, code, repeated)
+
+        replaced = self._end(config.id) if config.id in self._children else None
+        child = ChildProcess(
+            (sys.executable, "-m", config.module),
+            encode_arguments(gateway_arguments(self._plant.config, config, self._address_output)),
+            self._plant.now,
+            on_start=on_start,
+            on_exit=on_exit,
+        )
+        self._configs[config.id], self._children[config.id] = config, child
+        child.start(after=replaced)
+
+    def _end(self, name: str) -> asyncio.Task[None]:
+        task = asyncio.create_task(self._children.pop(name).close(), name=f"end gateway {name}")
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+        return task
+
+    def _report_exit(self, name: str, code: int, repeated: bool) -> None:
+        """Publish an event; of a gateway that keeps exiting only the first one, so that it fills no history."""
+        if repeated:
+            LOG.warning("gateway %s ended again with %s", name, code)
+        else:
+            self._plant.publish_event("gateway", None, "plant.gateway_ended", gateway=name, code=code)
+
+    async def close(self) -> None:
+        """End every gateway."""
+        await asyncio.gather(*(child.close() for child in self._children.values()), *self._closing)
