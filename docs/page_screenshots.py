@@ -18,7 +18,7 @@ from playwright.sync_api import sync_playwright
 IMAGES = Path(__file__).parent / "images"
 PORT = 8097
 HISTORY_TAGS = ",".join(f"{drive}.output_frequency" for drive in ("conveyor-1", "conveyor-2", "fan-1", "fan-2"))
-TRIP_S = 28.0  # after the start of the script
+TRIP_S = 28.0  # after the first output of the demo
 HISTORY_LOAD_S = 3.0  # until the trend is drawn
 
 
