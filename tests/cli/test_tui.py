@@ -108,7 +108,7 @@ def test_a_commanded_frequency_has_a_star_if_the_drive_reports_none() -> None:
 def test_an_uncertain_value_has_a_question_mark_and_an_offline_drive_no_answer() -> None:
     row = FakeRowSource().drives()[1]
     assert row.cell("output_frequency") == "3.00?"
-    assert row.state_text() == "NO ANSWER"
+    assert row.state_text() == "OFFLINE"
     assert row.age_text(100.0) == "50.0"
 
 
