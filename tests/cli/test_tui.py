@@ -153,11 +153,12 @@ def test_every_state_fits_its_column_in_both_languages(language: str) -> None:
         assert width(output.text(f"live.drive.{name}")) <= cells
 
 
-def test_chinese_takes_two_cells_and_never_begins_a_line_with_a_comma() -> None:
+def test_chinese_takes_two_cells_and_no_line_begins_with_a_comma_or_ends_with_a_bracket() -> None:
     assert width("变频器 1") == 8
     lines = wrap("变频器报告的内容，状态、方向、故障。", 9)
     assert all(width(line) <= 10 for line in lines)
     assert not any(line[0] in "，。、" for line in lines)
+    assert wrap("配置文件（PLANT.toml），见“设置”。", 12) == ["配置文件", "（PLANT.toml），", "见“设置”。"]
     shown = table(["名称", "b"], [["风机", "1"], ["x", "22"]]).splitlines()
     assert len({width(line[: line.rindex(" ") + 1]) for line in shown}) == 1
 

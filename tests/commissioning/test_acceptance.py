@@ -186,7 +186,7 @@ def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> Non
     bench.unplug()
     found = step("reply_times")
     assert found.verdict is StepResult.FAILED
-    assert acceptance_command._plain(found)["figures"]["error"]
+    assert acceptance_command._finding_json(found)["figures"]["error"]
 
 
 def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:

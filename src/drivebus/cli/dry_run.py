@@ -98,12 +98,12 @@ class DryRun:
 
 def print_plan(planned: Sequence[PlannedFrame], settings: SerialSettings, notes: Sequence[str] = ()) -> ExitCode:
     """Print frames and the total time on the bus."""
-    total = sum(one.bus_s for one in planned)
+    total = sum(frame.bus_s for frame in planned)
     output.print_json(
         {
             "dry_run": True,
             "serial": str(settings),
-            "frames": [one.to_json() for one in planned],
+            "frames": [frame.to_json() for frame in planned],
             "bus_s": round(total, 6),
             "notes": [output.text(note) for note in notes],
         }
@@ -117,8 +117,8 @@ def print_plan(planned: Sequence[PlannedFrame], settings: SerialSettings, notes:
 def _plan_text(planned: Sequence[PlannedFrame], settings: SerialSettings, total: float) -> str:
     title = output.text("dry.title", serial=settings, count=len(planned), bus_ms=f"{total * 1000:.1f}")
     lines = [output.wrap_for(title, sys.stdout)]
-    for one in planned:
-        answer = output.text("dry.reply", count=one.reply_bytes) if one.reply_bytes else output.text("dry.no_reply")
-        lines.append(f"  {output.to_json_value(one.data)}")
-        lines.append(f"    {output.text(f'dry.{one.purpose}')} · {answer} · {one.bus_s * 1000:.1f} ms")
+    for frame in planned:
+        reply = output.text("dry.reply", count=frame.reply_bytes) if frame.reply_bytes else output.text("dry.no_reply")
+        lines.append(f"  {output.to_json_value(frame.data)}")
+        lines.append(f"    {output.text(f'dry.{frame.purpose}')} · {reply} · {frame.bus_s * 1000:.1f} ms")
     return "\n".join(lines)

@@ -140,9 +140,9 @@ class NumberType(_Type):
 class ParsedType(_Type):
     """A value parsed by a function that raises ValueError; ``key`` is the text of the expected value."""
 
-    def __init__(self, name: str, read: Callable[[str], Any], key: str) -> None:
+    def __init__(self, name: str, parse: Callable[[str], Any], key: str) -> None:
         self.name = name
-        self.parse = read
+        self.parse = parse
         self.key = key
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

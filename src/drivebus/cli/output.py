@@ -19,8 +19,9 @@ _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
 _MIN_WRAP_CELLS = 20  # a narrower terminal is treated as one of this width
 _MIN_LAST_COLUMN_CELLS = 20  # with less space, the last column of a table goes to its own lines
 _WIDE = "\u2e80-\u9fff\uff00-\uffef\u3000-\u303f"
+_OPENING = "（「“《"
 _CLOSING = "，。；：、！？）」”》…"
-_BREAKABLE_PIECE = re.compile(rf"\s+|[（「“《]*[{_WIDE}](?:[{_CLOSING}]*)|[^\s{_WIDE}]+[{_CLOSING}]*")
+_BREAKABLE_PIECE = re.compile(rf"\s+|[{_OPENING}]*(?:[^\s{_WIDE}“]+|[{_WIDE}“])[{_CLOSING}]*")
 
 
 # --- settings of an invocation ------------------------------------------------------------------------------------
@@ -138,7 +139,7 @@ def pad(string: str, cells: int) -> str:
 
 
 def wrap(string: str, cells: int) -> list[str]:
-    """Break into lines of at most ``cells``; Chinese breaks anywhere but before closing punctuation."""
+    """Break into lines of at most ``cells``; Chinese breaks anywhere but next to brackets and before punctuation."""
     lines: list[str] = []
     line = ""
     for piece in _BREAKABLE_PIECE.findall(string):
@@ -234,16 +235,17 @@ class ProgressBar:
         if self._bar is not None:
             self._bar.stop()
 
-    def update(self, what: str, done: float, total: float) -> None:
+    def update(self, description: str, done: float, total: float) -> None:
         """Show ``done`` of ``total`` seconds."""
         if self._bar is not None:
             left = text("scan.left", time=format_minutes(max(0.0, total - done)))
-            self._bar.update(self._task, description=what, total=total, completed=done, left=left)
+            self._bar.update(self._task, description=description, total=total, completed=done, left=left)
 
-    def update_count(self, what: str, done: int, total: int, unit: str) -> None:
+    def update_count(self, description: str, done: int, total: int, unit: str) -> None:
         """Show ``done`` of ``total`` trials."""
         if self._bar is not None:
-            self._bar.update(self._task, description=what, total=total, completed=done, left=f"{done}/{total} {unit}")
+            left = f"{done}/{total} {unit}"
+            self._bar.update(self._task, description=description, total=total, completed=done, left=left)
 
     def print_above(self, line: str) -> None:
         """Print a line above the bar."""

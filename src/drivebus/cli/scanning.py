@@ -99,7 +99,7 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
         if sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             return None
-    progress = scan.ScanProgress(sum(one.duration_s for one in passes))
+    progress = scan.ScanProgress(sum(scan_pass.duration_s for scan_pass in passes))
     with ScanProgressBar() as bar:
         await scan.scan(passes, request.open_port, progress, bar.on_progress)
     return [drive for drive in progress.found if not drive.doubtful]
@@ -219,18 +219,20 @@ def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
     from drivebus.drives.dialects.create import create_dialect
 
     documents = []
-    for one in passes:
-        candidate = one.candidates[0]
-        if not one.addresses:
+    for scan_pass in passes:
+        candidate = scan_pass.candidates[0]
+        if not scan_pass.addresses:
             continue
-        dialect = create_dialect(candidate.profile, one.addresses[0], encoding=candidate.encoding)
+        dialect = create_dialect(candidate.profile, scan_pass.addresses[0], encoding=candidate.encoding)
         station = dialect.station_config
-        frame = plan_frames("scan", [probe_request(dialect)], station.codec, station.timing, one.settings)[0]
-        where = {"serial": str(one.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
-        documents.append(where | {"requests": one.probe_count, "seconds": round(one.duration_s, 3)} | frame.to_json())
-        data, time = output.to_json_value(frame.data), format_duration(one.duration_s)
-        output.print_message("scan.pass", hex=data, time=time, count=one.probe_count, **where)
-    total = sum(one.duration_s for one in passes)
+        frame = plan_frames("scan", [probe_request(dialect)], station.codec, station.timing, scan_pass.settings)[0]
+        where = {"serial": str(scan_pass.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
+        documents.append(
+            where | {"requests": scan_pass.probe_count, "seconds": round(scan_pass.duration_s, 3)} | frame.to_json()
+        )
+        data, time = output.to_json_value(frame.data), format_duration(scan_pass.duration_s)
+        output.print_message("scan.pass", hex=data, time=time, count=scan_pass.probe_count, **where)
+    total = sum(scan_pass.duration_s for scan_pass in passes)
     output.print_json({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
     output.print_message("scan.total", time=format_duration(total))
     return ExitCode.DONE

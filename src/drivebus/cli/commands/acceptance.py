@@ -115,8 +115,8 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
         try:
             for name in ACCEPTANCE_STEPS:
                 findings.append(await run_step(name, session))
-                output.print_json(_plain(findings[-1]), stream=True)
-                output.print_text(_line(findings[-1]))
+                output.print_json(_finding_json(findings[-1]), stream=True)
+                output.print_text(_finding_text(findings[-1]))
         except AcceptanceInterrupted:
             output.print_note("cli.interrupted")
         finally:
@@ -127,7 +127,7 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
     return ExitCode.FAILED if failed else ExitCode.DONE
 
 
-def _line(finding: StepFinding) -> str:
+def _finding_text(finding: StepFinding) -> str:
     figures = ", ".join(f"{name}={value}" for name, value in _figures(finding).items())
     reason = output.text(finding.reason) if finding.reason else ""
     step = output.text(f"acceptance.step.{finding.step}")
@@ -144,7 +144,7 @@ def _figures(finding: StepFinding) -> dict[str, Any]:
     }
 
 
-def _plain(finding: StepFinding) -> dict[str, Any]:
+def _finding_json(finding: StepFinding) -> dict[str, Any]:
     return {
         "step": finding.step,
         "verdict": str(finding.verdict),
@@ -164,8 +164,13 @@ def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> N
         "model": target.model,
         "address": target.address,
     }
-    document = head | {"findings": [_plain(one) for one in findings]}
-    text = output.text("acceptance.title", **head) + "\n\n" + "\n".join(f"- {_line(one)}" for one in findings) + "\n"
+    document = head | {"findings": [_finding_json(one) for one in findings]}
+    text = (
+        output.text("acceptance.title", **head)
+        + "\n\n"
+        + "\n".join(f"- {_finding_text(one)}" for one in findings)
+        + "\n"
+    )
     folder.mkdir(parents=True, exist_ok=True)
     for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):
         with path.with_suffix(suffix).open("x", encoding="utf-8") as file:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, single_step_plan
-from drivebus.cli.drive_command import run_command as send
+from drivebus.cli.drive_command import drive_command, run_command, single_step_plan
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
 
 
 async def _coast(target: Target) -> ExitCode:
-    return await send(target, lambda drive: drive.coast())
+    return await run_command(target, lambda drive: drive.coast())
 
 
 def _requests(dry: DryRun) -> Any:

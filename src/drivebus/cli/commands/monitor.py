@@ -185,7 +185,7 @@ command = RemoteCommand(
             type=options.NumberType(0.01, 1000.0),
             default=1.0,
             metavar="X",
-            key="help.option.fast",
+            key="help.option.speed",
             example="--speed 10",
         ),
     ],

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, single_step_plan
-from drivebus.cli.drive_command import run_command as send
+from drivebus.cli.drive_command import drive_command, run_command, single_step_plan
 from drivebus.cli.errors import ExitCode
 
 
 async def _reset(target: Target) -> ExitCode:
-    return await send(target, lambda drive: drive.reset_fault())
+    return await run_command(target, lambda drive: drive.reset_fault())
 
 
 command = drive_command(

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from drivebus.cli import options
 from drivebus.cli.click_ext import Argument
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command
-from drivebus.cli.drive_command import run_command as send
+from drivebus.cli.drive_command import drive_command, run_command
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
 
 async def _set(target: Target, frequency_hz: float) -> ExitCode:
-    return await send(target, lambda drive: drive.set_frequency(frequency_hz))
+    return await run_command(target, lambda drive: drive.set_frequency(frequency_hz))
 
 
 def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:

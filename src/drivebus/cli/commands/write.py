@@ -9,8 +9,7 @@ import click
 from drivebus.cli import options
 from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command
-from drivebus.cli.drive_command import run_command as send
+from drivebus.cli.drive_command import drive_command, run_command
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ async def _write(target: Target, settings: Assignments, save: bool, eeprom_write
     from drivebus.drives import DriveLimits
 
     limits = None if eeprom_writes_per_day is None else DriveLimits(eeprom_writes_per_day=eeprom_writes_per_day)
-    return await send(target, lambda drive: drive.write(dict(settings), save=save), limits)
+    return await run_command(target, lambda drive: drive.write(dict(settings), save=save), limits)
 
 
 def _plan(dry: DryRun, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:

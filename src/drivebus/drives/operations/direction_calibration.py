@@ -70,7 +70,7 @@ STEPS = (
         plan=_plan,
         question="calibrate.ask_jog",
         question_params={"cap_hz": MAX_CALIBRATION_JOG_HZ, "seconds": CALIBRATION_JOG_S},
-        observation_question="calibrate.ask_way",
+        observation_question="calibrate.ask_direction",
         observations={"f": Direction.FORWARD, "r": Direction.REVERSE},
         options_observed=_options_observed,
     ),
