@@ -1,4 +1,4 @@
-"""Stories on real file descriptors: hosts and drives in processes of their own, the operating system in between."""
+"""Fixtures of tests on real file descriptors: hosts and drives in separate processes of the operating system."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True)
 def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Lock files and EEPROM counts of a test stay in its own directory."""
+    """Keep lock files and EEPROM counts of a test in its own directory."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state"
 
 
 @pytest.fixture
 def plants(tmp_path: Path) -> Iterator[Callable[..., RecordedPlant]]:
-    """Make a plant of these lines; it ends with the test."""
+    """Return a function that starts a plant of these lines; it ends with the test."""
     with ExitStack() as made:
         count = 0
 
@@ -51,7 +51,7 @@ def plants(tmp_path: Path) -> Iterator[Callable[..., RecordedPlant]]:
 
 @pytest.fixture
 def started() -> Iterator[Start]:
-    """Start one of this folder's programs, or a drivebus verb, and end it with the test."""
+    """Return a function that starts a program of this folder or a drivebus command; it ends with the test."""
     running: list[subprocess.Popen[str]] = []
 
     def start(*words: object, env: Mapping[str, str] = {}) -> subprocess.Popen[str]:

@@ -1,10 +1,10 @@
-"""Hosts that are killed, stopped and frozen by the tests: real Bus and Drive on real ptys, in a process of their own.
+"""Hosts that the tests kill, stop and freeze: real Bus and Drive on real ptys, in their own process.
 
     host_process.py WHAT MODEL URL...
 
-``run``: start address 1 of every line, one after the other, and keep polling. ``start N``: tell "queued" as soon as
-runs of addresses 1 to N of the first line are wished, then how each ended. ``queue N``: the same with permits granted
-and all frames in the bus's queue behind a read; the process then stops itself, as a frozen machine would.
+``run``: start address 1 of every line, one after the other, and keep polling. ``start N``: print "queued" as soon as
+runs of addresses 1 to N of the first line are commanded, then the result of each. ``queue N``: the same with permits
+granted and all frames in the bus's queue behind a read; the process then stops itself like a frozen machine.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from drivebus.ports import open_port
 from drivebus.protocols.codec import Effect
 
 
-def print_event(**what: Any) -> None:
-    print(json.dumps(what), flush=True)
+def print_event(**event: Any) -> None:
+    print(json.dumps(event), flush=True)
 
 
-def made(bus: Bus, model: str, address: int = 1) -> Drive:
-    """A drive whose replies may be late by a third of a second: nobody knows how busy this machine is."""
+def slow_machine_drive(bus: Bus, model: str, address: int = 1) -> Drive:
+    """Return a drive whose replies may be 0.3 s late, because the machine may be busy."""
     timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
     return Drive(bus, model, address, store=MemoryStore(), timing=timing)
 
@@ -42,28 +42,28 @@ async def run(model: str, urls: list[str]) -> None:
     buses = [Bus(open_port(url)) for url in urls]
     for bus in buses:
         await bus.open()
-    drives = [made(bus, model) for bus in buses]
+    drives = [slow_machine_drive(bus, model) for bus in buses]
     print_event(event="open")
     for number, drive in enumerate(drives):
         outcome = await drive.run(20.0)
         drive.monitor(period_s=0.2)
-        print_event(event="started", line=number, word=outcome.status)
+        print_event(event="started", line=number, outcome=outcome.status)
     print_event(event="all")
     await asyncio.sleep(3600)
 
 
-async def issue_commands(drive: Drive) -> dict[str, Any]:
+async def run_drive(drive: Drive) -> dict[str, Any]:
     try:
         outcome = await drive.run(20.0)
-        return {"address": drive.address, "word": outcome.status}
+        return {"address": drive.address, "outcome": outcome.status}
     except DrivebusError as error:
         return {"address": drive.address, "error": type(error).__name__, "text": str(error)}
 
 
 async def start(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
-        drives = [made(bus, model, address) for address in range(1, count + 1)]
-        commands = [asyncio.create_task(issue_commands(drive)) for drive in drives]
+        drives = [slow_machine_drive(bus, model, address) for address in range(1, count + 1)]
+        commands = [asyncio.create_task(run_drive(drive)) for drive in drives]
         await asyncio.sleep(0)
         print_event(event="queued")
         for done in commands:
@@ -71,14 +71,14 @@ async def start(model: str, url: str, count: int) -> None:
 
 
 def start_of(bus: Bus, drive: Drive) -> BusRequest:
-    """A start with the gate's own permit, as if all checks were done."""
+    """Return a start request with a permit of the start permissives, as after all checks."""
     now, generation = bus.now(), bus.stop_epoch(drive.address)
     command = permissives.DriveCommand("test", permissives.CommandKind.START, now, generation)
     stopped = DerivedState(DriveState.STOPPED)
     evidence = permissives.DriveEvidence(
         derived=stopped, state_at=now, reports_run_state=True, preflight_passed=True, limits_checked=True
     )
-    around = BusConditions(now=now, stop_epoch=generation)
+    conditions = BusConditions(now=now, stop_epoch=generation)
     frame = drive.dialect.start(None, 2000)[0]
     permit = permissives.grant_permit(
         permissives.PermitInputs(
@@ -86,7 +86,7 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
             station=drive.address,
             effect=Effect.MOTION,
             retry_policy=frame.retry_policy,
-            conditions=around,
+            conditions=conditions,
             evidence=evidence,
             family="sunfar",
         )
@@ -96,7 +96,7 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
 
 async def queue(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
-        drives = [made(bus, model, address) for address in range(1, count + 1)]
+        drives = [slow_machine_drive(bus, model, address) for address in range(1, count + 1)]
         first = asyncio.create_task(bus.transact(BusRequest(1, drives[0].dialect.echo_test_read())))
         await asyncio.sleep(0)
         starts = [asyncio.create_task(bus.transact(start_of(bus, drive))) for drive in drives]
@@ -115,8 +115,8 @@ def main() -> None:
     if what == "run":
         asyncio.run(run(model, rest))
     else:
-        story = start if what == "start" else queue
-        asyncio.run(story(model, rest[0], int(rest[1])))
+        scenario = start if what == "start" else queue
+        asyncio.run(scenario(model, rest[0], int(rest[1])))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""``kill -9`` of a whole plant at random points, and what its successor finds and does.
+"""``kill -9`` of a whole plant process at random points, and checks of the state that its successor finds.
 
     PYTHONPATH=tests python -m real.kill_service --kills 1000 --write
 
-One plant process after the other owns the same line and state directory; somebody gives commands all the time; each is
-killed at a random moment. The witness is the drives' own process. Judged after every kill: the successor sends nothing
-but reads; every command that was answered is in the audit trail with its outcome; the trail is whole; the store is.
+One plant process after the other owns the same line and state directory, receives commands without pause and is killed
+at a random moment; the process of the simulated drives records the wire. Checked after every kill: the successor sends
+only reads, every answered command is in the audit trail with its outcome, and the trail and the database are intact.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from verification.reference.request_effects import RequestEffect
 from verification.report import current_commit
 
 LINE = {"model": "vc660", "encoding": "rtu", "addresses": [1, 2], "baud": 38400, "format": "8N1", "ramp_s": 0.3}
-LIFE_MAX_S = 1.5
-"""A plant lives so long at most after its first command."""
+RUN_MAX_S = 1.5
+"""Longest time from the first command to the kill."""
 QUIET_AFTER_START_S = 0.6
-"""So long a successor is watched before anybody asks it for anything."""
+"""Time in which a started plant gets no command and must send only reads."""
 PLANT_FILE = """
 format = 1
 [plant]
@@ -65,18 +65,18 @@ REPORT = Path(__file__).resolve().parents[2] / "docs" / "reports" / "plant-kills
 
 @dataclass
 class KillResults:
-    """What all kills together showed."""
+    """Counts and violations of all kills."""
 
     kills: int = 0
     answered: int = 0
     violations: list[str] = field(default_factory=list)
     first_poll_s: list[float] = field(default_factory=list)
-    """From the start of the successor's process to its first frame."""
+    """Seconds from the start of each process to its first frame."""
     requests: Counter[str] = field(default_factory=Counter)
 
 
-class KilledServiceStory:
-    """One line, one state directory, many lives."""
+class KilledService:
+    """Plant processes that are started and killed one after the other on one line and state directory."""
 
     def __init__(self, folder: Path, drives: RecordedPlant, seed: int) -> None:
         self.drives, self.state, self.file = drives, folder / "state", folder / "plant.toml"
@@ -86,7 +86,7 @@ class KilledServiceStory:
         self.log = folder / "log"
 
     def run_once(self) -> None:
-        """Start, watch, command, kill, judge."""
+        """Start a plant, check that it only reads, command its drives, kill it and check what it left."""
         began = time.monotonic()
         process = subprocess.Popen(
             [*COMMAND, "serve", str(self.file), "--without", "web"],
@@ -104,7 +104,7 @@ class KilledServiceStory:
             process.kill()
             process.wait()
         self.found.kills += 1
-        self._judge()
+        self._check_state()
 
     def _only_reads(self, began: float) -> None:
         for frame in self.drives.requests(since=began):
@@ -113,10 +113,10 @@ class KilledServiceStory:
                 self._violation(f"the restart itself sent {frame.data.hex()}, which is {frame.effect}")
 
     async def _command(self, process: subprocess.Popen[bytes]) -> None:
-        """Everything at once until the kill; what is answered counts."""
+        """Send commands for both drives until the kill."""
         client = SocketClient(self.state / SERVICE_SOCKET)
         workers = [asyncio.create_task(self._work(client, drive)) for drive in ("one", "two")]
-        await asyncio.sleep(self.rng.uniform(0.0, LIFE_MAX_S))
+        await asyncio.sleep(self.rng.uniform(0.0, RUN_MAX_S))
         process.kill()
         for worker in workers:
             worker.cancel()
@@ -138,12 +138,12 @@ class KilledServiceStory:
                 await client.call("drive.stop", {"drive": drive}, KILL_TEST_ACTOR)
             await asyncio.sleep(0.01)
 
-    def _judge(self) -> None:
+    def _check_state(self) -> None:
         answered, self.answers = self.answers, []
         self.found.answered += len(answered)
-        kept = self._audited_waivers()
+        audited = self._audited_waivers()
         for reason in answered:
-            if reason not in kept:
+            if reason not in audited:
                 self._violation(f"waiver {reason} was answered and is not in the audit trail as done")
         verified = subprocess.run(
             [*COMMAND, "audit", "verify", str(self.state), "--json"],
@@ -159,11 +159,11 @@ class KilledServiceStory:
                 self._violation("the history's database is damaged")
 
     def _audited_waivers(self) -> set[str]:
-        """Reasons of the waivers that the trail calls done."""
+        """Return the reasons of the waivers whose outcome in the trail is "done"."""
         lines = [line for file in sorted(self.state.glob("audit*.jsonl")) for line in file.read_text().splitlines()]
         entries: list[dict[str, Any]] = []
         for line in lines:
-            with suppress(ValueError):  # the torn last line of the killed one
+            with suppress(ValueError):  # the incomplete last line of the killed process
                 entries.append(json.loads(line))
         done = [one for one in entries if one.get("what") == "waiver.grant" and one.get("outcome") == "done"]
         return {one["params"]["reason"] for one in done}
@@ -173,26 +173,26 @@ class KilledServiceStory:
 
 
 def kill_repeatedly(count: int, seed: int, folder: Path) -> KillResults:
-    """So many kills of plants on one line, one after the other."""
+    """Start and kill ``count`` plants on one line, one after the other."""
     with recorded_plant(folder, LINE) as drives:
-        story = KilledServiceStory(folder, drives, seed)
+        service = KilledService(folder, drives, seed)
         for number in range(count):
-            story.run_once()
+            service.run_once()
             print(f"\r{number + 1}/{count}", end="", file=sys.stderr, flush=True)
-    return story.found
+    return service.found
 
 
 def report(found: KillResults, seed: int) -> dict[str, Any]:
     times = sorted(found.first_poll_s)
     return {
         "campaign": "plant-kills",
-        "evidence_for": ["G10", "I9", "I10", "ruling 7"],
+        "evidence_for": ["I9", "I10"],
         "commit": current_commit(),
         "seed": seed,
         "kills": found.kills,
         "violations": found.violations,
         "upper_bound_95": None if found.violations else f"{3 / max(1, found.kills):.2g}",
-        "answered_and_kept": found.answered,
+        "answered_and_audited": found.answered,
         "frames_of_restarts": dict(found.requests),
         "machine": {"first_poll_s": {"p50": times[len(times) // 2], "max": times[-1]}, "goal_s": 5.0},
     }
@@ -202,7 +202,7 @@ def main() -> int:
     options = argparse.ArgumentParser(prog="python -m real.kill_service", description=__doc__)
     options.add_argument("--kills", type=int, default=1000)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--write", action="store_true", help=f"keep the report as {REPORT.name}")
+    options.add_argument("--write", action="store_true", help=f"write the report to {REPORT.name}")
     chosen = options.parse_args()
     with tempfile.TemporaryDirectory(prefix="drivebus-kills-") as folder:
         os.environ["XDG_STATE_HOME"] = folder

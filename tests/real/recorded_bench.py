@@ -1,4 +1,4 @@
-"""A plant in another process, and its own record of it: what a test may believe about the wire and the motors."""
+"""A plant in another process and its record, from which tests judge the wire and the motors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from typing import Any
 from verification.reference.request_effects import RequestEffect, classify_request
 
 PROCESS_TIMEOUT_S = 20.0
-"""A loaded machine may be slow; nothing is asserted about how long it takes."""
+"""Longest wait for another process on a loaded machine; no test asserts how long it takes."""
 COMM_LOSS_TIMER_S = 2.0
 C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
-"""F9.3 = 2: trip; F9.4: after so many tenths of a second without a frame."""
+"""F9.3 = 2: trip on communication loss; F9.4: tenths of a second without a frame."""
 SLOW_MACHINE_PROFILE = """format = 1
 extends = "c320"
 model = "slow_adapter"
@@ -27,12 +27,12 @@ adapter_latency_s = 0.3
 evidence = "user"
 """
 STEP_S = 0.01
-"""The plant looks at its motors in such steps."""
+"""Interval at which the plant samples its motors."""
 
 
 @dataclass(frozen=True)
 class RecordedRequest:
-    """A request that a host put on the wire: seconds of its first and last bit, what it does by the manual alone."""
+    """A request on the wire: seconds of its first and last bit, and its effect by the manual alone."""
 
     t: float
     end: float
@@ -44,7 +44,7 @@ class RecordedRequest:
 
 @dataclass(frozen=True)
 class MotorChange:
-    """The motor was switched on or off, or tripped."""
+    """Change of a motor: switched on or off, or tripped."""
 
     t: float
     address: int
@@ -60,7 +60,7 @@ def split(model: str, data: bytes) -> list[bytes]:
 
 
 class RecordedPlant:
-    """``lines`` are specifications as ``plant_process`` takes them, less the links."""
+    """Plant in its own process; ``lines`` are specifications of ``bench_process`` without the links."""
 
     def __init__(self, folder: Path, *lines: dict[str, Any], adapters: int = 1) -> None:
         self.record = folder / "record"
@@ -86,7 +86,7 @@ class RecordedPlant:
         return str(self.lines[line]["links"][adapter])
 
     def order(self, **order: Any) -> None:
-        """Have something done there. When this returns it is done, and all that came before it is in the record."""
+        """Execute an order in the plant; on return it and everything before it is in the record."""
         assert self.process.stdin is not None
         self._orders += 1
         self.process.stdin.write(json.dumps({**order, "number": self._orders}) + "\n")
@@ -94,7 +94,7 @@ class RecordedPlant:
         wait_until(lambda: any(each.get("number") == self._orders for each in self.read()), "the plant's answer")
 
     def settle(self) -> None:
-        """All that was written to its ptys before is in the record: the second round looks at the ptys again."""
+        """Wait until everything written to its ptys is in the record; the second order reads the ptys again."""
         self.order()
         self.order()
 
@@ -104,13 +104,13 @@ class RecordedPlant:
         return [json.loads(each) for each in self.record.read_text().splitlines(keepends=True) if each.endswith("\n")]
 
     def requests(self, line: int = 0, since: float = 0.0) -> list[RecordedRequest]:
-        """Every request whose first bit came after ``since``, of all adapters."""
+        """Return every request whose first bit came after ``since``, of all adapters."""
         given, found = self.lines[line], []
         for each in self.read():
-            if each["what"] == "asked" and each["line"] == line and each["t"] > since:
+            if each["what"] == "request" and each["line"] == line and each["t"] > since:
                 for data in split(given["model"], bytes.fromhex(each["data"])):
-                    address, does = classify_request(given["model"], given.get("encoding", "ascii"), data)
-                    found.append(RecordedRequest(each["t"], each["end"], address, does, data, each["host"]))
+                    address, effect = classify_request(given["model"], given.get("encoding", "ascii"), data)
+                    found.append(RecordedRequest(each["t"], each["end"], address, effect, data, each["host"]))
         return found
 
     def motor_changes(self, line: int = 0, since: float = 0.0) -> list[MotorChange]:
@@ -121,13 +121,13 @@ class RecordedPlant:
         ]
 
     def last_frame_received(self, line: int, before: float) -> float:
-        """When, on the drive's own clock, it took in the last frame that was for it."""
-        received = [each["t"] for each in self.read() if each["what"] == "heard" and each["line"] == line]
+        """Return when, on its own clock, the drive received its last frame before ``before``."""
+        received = [each["t"] for each in self.read() if each["what"] == "received" and each["line"] == line]
         return max(t for t in received if t < before)
 
     def on(self, line: int = 0) -> bool:
-        turns = self.motor_changes(line)
-        return bool(turns) and turns[-1].on
+        changes = self.motor_changes(line)
+        return bool(changes) and changes[-1].on
 
     def close(self) -> None:
         self.process.kill()
@@ -144,7 +144,7 @@ def recorded_plant(folder: Path, *lines: dict[str, Any], adapters: int = 1) -> I
 
 
 def c320(baud: int = 19200, **more: Any) -> dict[str, Any]:
-    """One C320 whose own timer trips it 2 s after the last frame."""
+    """Return one C320 whose own timer trips it 2 s after the last frame."""
     return {"model": "c320", "addresses": [1], "baud": baud, "format": "8E1", "keypad": C320_TIMER_PARAMETERS} | more
 
 
@@ -153,22 +153,22 @@ def vc660(baud: int = 19200, **more: Any) -> dict[str, Any]:
 
 
 def slow_machine_c320(folder: Path) -> Path:
-    """The C320 for a busy machine: a reply may come a third of a second late."""
+    """Write the profile of a C320 on a busy machine: a reply may come 0.3 s late."""
     own = folder / "slow_adapter.toml"
     own.write_text(SLOW_MACHINE_PROFILE)
     return own
 
 
 def bus_specification(model: str, encoding: str, **more: Any) -> dict[str, Any]:
-    """One drive of any family at address 1."""
+    """Return one drive of any family at address 1."""
     settings = {"encoding": encoding} if model == "df800" else {}
     parity = {"format": "8E1"} if model == "c320" else {}
     return {"model": model, "encoding": encoding, "addresses": [1], "baud": 19200, "settings": settings} | parity | more
 
 
-def wait_until(there: Callable[[], object], what: str) -> None:
-    """Wait for something outside this process, with a name for when it does not come."""
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    """Wait for a condition outside this process; ``what`` names it in the failure."""
     ends_at = time.monotonic() + PROCESS_TIMEOUT_S
-    while not there():
+    while not condition():
         assert time.monotonic() < ends_at, f"{what} did not come in {PROCESS_TIMEOUT_S} s"
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""SIGSTOP, a frozen virtual machine: afterwards every command that waited has expired, and none is sent (I1)."""
+"""SIGSTOP like a frozen virtual machine: afterwards every waiting command has expired, and none is sent."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from verification.reference.request_effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 FREEZE_S = float(os.environ.get("DRIVEBUS_REAL_FREEZE", "3"))
-"""Longer than a start lives (2 s); 10 s is the story of the plan."""
+"""Duration of the freeze: longer than a start command is valid (2 s)."""
 DRIVES, LINES = 4, 3
 
 
 def issued_commands(process: Any) -> list[dict[str, Any]]:
     out, errors = process.communicate(timeout=PROCESS_TIMEOUT_S)
-    text = [json.loads(line) for line in out.splitlines()]
+    printed = [json.loads(line) for line in out.splitlines()]
     assert process.returncode == 0, errors
-    return [each for each in text if each["event"] == "ended"]
+    return [each for each in printed if each["event"] == "ended"]
 
 
-def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(plants: Plants, started: Start) -> None:
-    """Starts of four drives on a slow line, frozen at three moments of them, thawed when they are too old."""
+def test_commands_that_waited_during_a_freeze_expire_and_are_never_sent(plants: Plants, started: Start) -> None:
+    """Starts of four drives on a slow line are frozen at three moments and thawed after they have expired."""
     chance = random.Random(1)
     addresses = list(range(1, DRIVES + 1))
     plant = plants(*(c320(4800, addresses=addresses, keypad={}) for _ in range(LINES)))
@@ -44,20 +44,18 @@ def test_what_waited_while_the_host_was_frozen_has_expired_and_is_never_sent(pla
     thawed = time.monotonic()
     for host in hosts:
         host.send_signal(signal.SIGCONT)
-    message = [issued_commands(host) for host in hosts]
+    results = [issued_commands(host) for host in hosts]
     plant.settle()
     for line in range(LINES):
         assert [one for one in plant.requests(line, since=thawed) if one.effect is not RequestEffect.READ] == []
         moved = {one.address for one in plant.requests(line) if one.effect is RequestEffect.MOTION}
-        for each in message[line]:
+        for each in results[line]:
             assert each["address"] in moved or each.get("error") == "Expired", each
-    assert sum(each.get("error") == "Expired" for line in message for each in line) >= LINES, "the freeze came too late"
+    assert sum(each.get("error") == "Expired" for line in results for each in line) >= LINES, "the freeze came too late"
 
 
-def test_starts_that_were_permitted_and_queued_when_the_machine_froze_are_never_sent(
-    plants: Plants, started: Start
-) -> None:
-    """Each has its permit and waits for the line; the first frame is still on it when the host stops."""
+def test_starts_permitted_and_queued_before_a_freeze_are_never_sent(plants: Plants, started: Start) -> None:
+    """Each start has its permit and waits for the line, which a read occupies when the host stops."""
     plant = plants(c320(1200, addresses=list(range(1, DRIVES + 1)), keypad={}))
     host = started("host_process.py", "queue", "c320", plant.url(), DRIVES)
     assert host.stdout is not None
@@ -65,10 +63,10 @@ def test_starts_that_were_permitted_and_queued_when_the_machine_froze_are_never_
     wait_until(lambda: stopped(host.pid), "the freeze")
     time.sleep(FREEZE_S)
     host.send_signal(signal.SIGCONT)
-    message = issued_commands(host)
+    results = issued_commands(host)
     plant.settle()
-    assert [each["error"] for each in message] == ["bus.permit_expired"] * DRIVES
-    assert {each["sent"] for each in message} == {""}
+    assert [each["error"] for each in results] == ["bus.permit_expired"] * DRIVES
+    assert {each["sent"] for each in results} == {""}
     assert {one.effect for one in plant.requests()} == {RequestEffect.READ} and plant.motor_changes() == []
 
 

@@ -1,7 +1,7 @@
-"""``kill -9`` of a process that owns a running drive: the drive's own timer trips it, the next host only looks.
+"""``kill -9`` of a process that owns a running drive: the drive's own timer trips it, the next host only reads.
 
-F18, I10, G10, RELIABILITY 6.6. The timer is the C320's (F9.3, F9.4); no other family of ours publishes one.
-Any frame restarts it: who polls an orphaned drive keeps it running, which is why the second story is told.
+The timer is the C320's (F9.3, F9.4); no other supported family documents one. Any frame restarts it, so polling an
+orphaned drive keeps it running, which the second test shows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drivebus.bus import Bus
 from drivebus.drives.state import DriveState
 from drivebus.ports import open_port
 from real.conftest import Start
-from real.host_process import made
+from real.host_process import slow_machine_drive
 from real.recorded_bench import (
     COMM_LOSS_TIMER_S,
     PROCESS_TIMEOUT_S,
@@ -36,7 +36,7 @@ Plants = Callable[..., RecordedPlant]
 
 
 def events(process: subprocess.Popen[str], last: str) -> None:
-    """Read what a host tells, up to that event."""
+    """Read the events of a host up to ``last``."""
     assert process.stdout is not None
     for line in process.stdout:
         if json.loads(line)["event"] == last:
@@ -46,7 +46,7 @@ def events(process: subprocess.Popen[str], last: str) -> None:
 
 
 def kill(process: subprocess.Popen[str], plant: RecordedPlant) -> float:
-    """kill -9. When it is dead and all that it wrote is in the record, this second."""
+    """Kill a host; returns the second at which it was dead and all its frames were recorded."""
     process.kill()
     process.wait()
     plant.settle()
@@ -54,7 +54,7 @@ def kill(process: subprocess.Popen[str], plant: RecordedPlant) -> float:
 
 
 def check_trips(plant: RecordedPlant, line: int) -> None:
-    """The drive runs until its own timer ends it, 2 s after the last frame, neither sooner nor later."""
+    """Check that the drive's own timer trips it exactly 2 s after the last frame."""
     wait_until(lambda: not plant.on(line), "the trip")
     off = plant.motor_changes(line)[-1]
     assert off.trip == "COMM_LOSS"
@@ -63,62 +63,64 @@ def check_trips(plant: RecordedPlant, line: int) -> None:
 
 
 async def monitored_states(plant: RecordedPlant, line: int, seconds: float) -> list[DriveState]:
-    """A restarted host: bus, drive, monitor. The states that it saw."""
-    seen: list[DriveState] = []
+    """Run bus, drive and monitor of a restarted host; returns the states that it reported."""
+    states: list[DriveState] = []
     async with Bus(open_port(plant.url(line))) as bus:
-        with made(bus, "c320").monitor(on_change=lambda status: seen.append(status.state), period_s=0.2):
+        with slow_machine_drive(bus, "c320").monitor(
+            on_change=lambda status: states.append(status.state), period_s=0.2
+        ):
             await asyncio.sleep(seconds)
-    return seen
+    return states
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("DRIVEBUS_REAL_KILLS", "2"))))
-async def test_whenever_the_host_is_killed_a_drive_that_runs_trips_by_itself_and_the_next_host_sends_no_command(
+async def test_a_running_drive_of_a_killed_host_trips_by_itself_and_the_next_host_sends_no_command(
     plants: Plants, started: Start, seed: int
 ) -> None:
-    """Four lines whose starts are at four different points when it dies."""
+    """Four lines are at four different points of their starts when the host is killed."""
     chance = random.Random(seed)
     plant = plants(*(c320() for _ in range(4)))
     host = started("host_process.py", "run", "c320", *(plant.url(line) for line in range(4)))
     events(host, "open")
     wait_until(lambda: plant.requests(0), "the first frame")
     await asyncio.sleep(chance.uniform(0.0, 1.2))
-    back = kill(host, plant)
+    killed_at = kill(host, plant)
     for line in range(4):
         moves = [one for one in plant.requests(line) if one.effect is RequestEffect.MOTION]
         assert len(moves) <= 1
-        if any(turn.on for turn in plant.motor_changes(line)):
+        if any(change.on for change in plant.motor_changes(line)):
             assert moves
             check_trips(plant, line)
-    for line, seen in enumerate(await asyncio.gather(*(monitored_states(plant, line, 0.8) for line in range(4)))):
-        tripped = any(turn.on for turn in plant.motor_changes(line))
-        assert seen and seen[-1] is (DriveState.FAULT if tripped else DriveState.STOPPED)
+    for line, states in enumerate(await asyncio.gather(*(monitored_states(plant, line, 0.8) for line in range(4)))):
+        tripped = any(change.on for change in plant.motor_changes(line))
+        assert states and states[-1] is (DriveState.FAULT if tripped else DriveState.STOPPED)
     plant.settle()
     for line in range(4):
-        after = plant.requests(line, since=back)
+        after = plant.requests(line, since=killed_at)
         assert after and {one.effect for one in after} == {RequestEffect.READ}
-        assert not any(turn.on for turn in plant.motor_changes(line, since=back))
+        assert not any(change.on for change in plant.motor_changes(line, since=killed_at))
 
 
-async def test_a_host_that_is_back_in_time_adopts_by_looking_only_and_keeps_the_drive_running_by_it(
+async def test_a_host_that_restarts_in_time_only_reads_and_thereby_keeps_the_drive_running(
     plants: Plants, started: Start
 ) -> None:
-    """Polling feeds the drive's timer: it runs on for as long as somebody looks, and trips when the last one leaves."""
+    """Polling restarts the drive's timer: it runs while a host polls it and trips after the last host has ended."""
     plant = plants(c320(), c320(), c320())
     host = started("host_process.py", "run", "c320", *(plant.url(line) for line in range(3)))
     events(host, "all")
-    back = kill(host, plant)
+    killed_at = kill(host, plant)
     drive = ("--model", slow_machine_c320(plant.record.parent), "--address", "1", "--json")
-    verbs = [
+    commands = [
         started("monitor", plant.url(1), *drive, "--period", "0.3", "--duration", "1.5"),
         started("status", plant.url(2), *drive),
     ]
-    seen = await monitored_states(plant, 0, 2.2 * COMM_LOSS_TIMER_S)
-    assert [verb.wait(PROCESS_TIMEOUT_S) for verb in verbs] == [0, 0]
-    assert seen[-1] is DriveState.RUNNING and set(seen) <= {DriveState.UNKNOWN, DriveState.RUNNING}
+    states = await monitored_states(plant, 0, 2.2 * COMM_LOSS_TIMER_S)
+    assert [command.wait(PROCESS_TIMEOUT_S) for command in commands] == [0, 0]
+    assert states[-1] is DriveState.RUNNING and set(states) <= {DriveState.UNKNOWN, DriveState.RUNNING}
     for line in range(3):
         check_trips(plant, line)
-        after = plant.requests(line, since=back)
+        after = plant.requests(line, since=killed_at)
         assert after and {one.effect for one in after} == {RequestEffect.READ}
-    assert plant.motor_changes(0)[-1].t - back > 2 * COMM_LOSS_TIMER_S, (
-        "longer than its timer, because it was looked at"
+    assert plant.motor_changes(0)[-1].t - killed_at > 2 * COMM_LOSS_TIMER_S, (
+        "longer than its timer, because it was polled"
     )

@@ -1,8 +1,8 @@
-"""A byte with bad parity voids its frame, wherever it stands; a good FF is a byte like any other (T10).
+"""A byte with bad parity voids its frame at any position; an FF with good parity is an ordinary byte (T10).
 
-The far end writes what a kernel with INPCK | PARMRK hands over (termios(3)): ``FF 00 xx`` for a bad byte, ``FF FF``
-for a good FF. The bad byte is always the right one, so that nothing but the mark can void the frame; for DZB100 there
-is no other check at all. Ptys have no parity of their own, so the port is told that its bytes are marked.
+The far end writes the marks of a kernel with INPCK | PARMRK (termios(3)): ``FF 00 xx`` for a bad byte, ``FF FF`` for a
+good FF. The marked byte has its right value, so that only the mark can void the frame; DZB100 has no other check.
+Ptys have no parity, so the tests give the port its mark decoder.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CASES: dict[str, tuple[dict[str, Any], Any]] = {
 
 
 def host(plant: RecordedPlant, model: str, encoding: str) -> Bus:
-    """A bus with its one station; its replies may be late by a third of a second."""
+    """Return a bus with one station whose replies may be 0.3 s late."""
     profile = profiles.load(model)
     bus = Bus(open_port(plant.url()))
     bus.add_station(
@@ -49,18 +49,18 @@ def host(plant: RecordedPlant, model: str, encoding: str) -> Bus:
 
 
 def delivered_replies(plant: RecordedPlant) -> list[tuple[str, int | None]]:
-    """The replies as the far end handed them over, and which byte of each was bad."""
+    """Return the replies as the far end delivered them, and the index of the bad byte in each."""
     plant.settle()
-    return [(each["data"], each["place"]) for each in plant.read() if each["what"] == "handed"]
+    return [(each["data"], each["place"]) for each in plant.read() if each["what"] == "delivered"]
 
 
 @pytest.mark.parametrize("name", CASES)
-async def test_a_marked_byte_voids_its_frame_wherever_it_stands(plants: Plants, name: str) -> None:
-    """Asked for once more; spoiled again it is an error and no value."""
-    given, request = CASES[name]
-    plant = plants({**given, "marks": True})
+async def test_a_marked_byte_voids_its_frame_at_any_position(plants: Plants, name: str) -> None:
+    """The request is repeated once; a second voided reply is an error without a value."""
+    specification, request = CASES[name]
+    plant = plants({**specification, "marks": True})
     events: list[TraceEvent] = []
-    async with host(plant, given["model"], given["encoding"]) as bus:
+    async with host(plant, specification["model"], specification["encoding"]) as bus:
         bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
         clean = await bus.transact(BusRequest(1, request))
         assert clean.error is None
@@ -73,8 +73,8 @@ async def test_a_marked_byte_voids_its_frame_wherever_it_stands(plants: Plants, 
         plant.order(mark=[0, size - 1])
         answer = await bus.transact(BusRequest(1, request))
         assert isinstance(answer.error, LineError) and answer.reply is None
-        spoiled = [one for one in events if one.kind is TraceKind.INVALID]
-    assert [type(one.error) for one in spoiled] == [LineError] * (size + 2), "each of them, and nothing else"
+        voided = [one for one in events if one.kind is TraceKind.INVALID]
+    assert [type(one.error) for one in voided] == [LineError] * (size + 2), "each of them, and nothing else"
     assert len([one for one in events if one.kind is TraceKind.REPLY]) == size
     places = [at for place in range(size) for at in (place, None)]
     assert [place for _, place in delivered_replies(plant)][1:] == [*places, 0, size - 1]
@@ -82,9 +82,9 @@ async def test_a_marked_byte_voids_its_frame_wherever_it_stands(plants: Plants, 
 
 @pytest.mark.parametrize("name", ["c320-hex", "vc660"])
 async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> None:
-    given, request = CASES[name]
-    plant = plants({**given, "marks": True})
-    async with host(plant, given["model"], given["encoding"]) as bus:
+    specification, request = CASES[name]
+    plant = plants({**specification, "marks": True})
+    async with host(plant, specification["model"], specification["encoding"]) as bus:
         bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
         answer = await bus.transact(BusRequest(1, request))
     assert value(answer.reply) == FF
@@ -92,11 +92,11 @@ async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> Non
 
 
 async def test_a_good_ff_survives_a_kernel_that_marks(plants: Plants, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pty passes for a real port: INPCK | PARMRK is in force and the kernel itself doubles the FF."""
+    """The pty counts as a real port: INPCK | PARMRK is set and the kernel itself doubles the FF."""
     monkeypatch.setattr(tty, "is_pty", lambda _: False)
     monkeypatch.setattr(tty, "_refuse_if_in_use", lambda *_: None)
-    given, request = CASES["vc660"]
-    plant = plants(given)
+    specification, request = CASES["vc660"]
+    plant = plants(specification)
     async with host(plant, "vc660", "rtu") as bus:
         assert isinstance(bus.port._mark_decoder, ParityMarkDecoder)  # type: ignore[attr-defined]
         answer = await bus.transact(BusRequest(1, request))

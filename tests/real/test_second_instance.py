@@ -1,4 +1,4 @@
-"""Who else is on the port or on the wire: refused with the owner's pid, or noticed as a foreign master."""
+"""A second program on the port is refused with the owner's pid; one on the wire is detected as a foreign master."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import StartInhibited
 from drivebus.ports import open_port
 from real.conftest import Start
-from real.host_process import made
+from real.host_process import slow_machine_drive
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, vc660, wait_until
 from verification.reference.request_effects import RequestEffect
 
@@ -29,7 +29,7 @@ TRIALS = 100
 
 @pytest.fixture
 def homes() -> Iterator[Callable[[int], dict[str, str]]]:
-    """State directories of users, where those users may go."""
+    """Return a function that makes state directories which the users can access."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
 
@@ -51,67 +51,67 @@ def refusals(
     second: int,
     exclusive: int = 0,
 ) -> tuple[int, Counter[tuple[str, int]]]:
-    """The owner's pid, and what the second one was told each time."""
+    """Return the owner's pid and the counted errors of the second program."""
     device = os.path.realpath(plant.path())
     owner = started("user_process.py", first, exclusive, "hold", device, env=homes(first))
     assert owner.stdout is not None and owner.stdout.readline() == "open\n"
     other = started("user_process.py", second, exclusive, TRIALS, device, env=homes(second))
     out, errors = other.communicate(timeout=PROCESS_TIMEOUT_S)
     assert other.returncode == 0, errors
-    text = [json.loads(line) for line in out.splitlines()]
-    assert all(str(owner.pid) in each["text"] for each in text if "text" in each)
+    attempts = [json.loads(line) for line in out.splitlines()]
+    assert all(str(owner.pid) in each["text"] for each in attempts if "text" in each)
     owner.kill()
-    return owner.pid, Counter((each["key"], each.get("pid")) for each in text)
+    return owner.pid, Counter((each["key"], each.get("pid")) for each in attempts)
 
 
 def test_a_second_instance_of_the_same_user_is_refused_100_times_of_100_with_the_owners_pid(
     plants: Plants, started: Start, homes: Callable[[int], dict[str, str]]
 ) -> None:
     me = os.getuid()
-    pid, text = refusals(plants(c320()), started, homes, me, me)
-    assert text == {("ports.held-drivebus", pid): TRIALS}
+    pid, errors = refusals(plants(c320()), started, homes, me, me)
+    assert errors == {("ports.held-drivebus", pid): TRIALS}
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be several users")
 @pytest.mark.parametrize(
     ("first", "second", "exclusive"),
     [(FIRST_USER, SECOND_USER, 0), (FIRST_USER, SECOND_USER, 1), (ROOT, FIRST_USER, 0), (FIRST_USER, ROOT, 0)],
-    ids=["somebody else", "somebody else, TIOCEXCL", "root was first", "root is second and asks for the lock"],
+    ids=["another user", "another user, TIOCEXCL", "root was first", "root is second and takes the lock"],
 )
 def test_a_second_instance_of_another_user_is_refused_100_times_of_100_with_the_owners_pid(
     plants: Plants, started: Start, homes: Callable[[int], dict[str, str]], first: int, second: int, exclusive: int
 ) -> None:
-    """Neither sees the other's lock file nor its open files; the kernel's list of locks tells the pid."""
-    pid, text = refusals(plants(c320(format="8N1")), started, homes, first, second, exclusive)
-    assert text == {("ports.held", pid): TRIALS}
+    """The users cannot see each other's lock files or open files; the pid is from the kernel's list of locks."""
+    pid, errors = refusals(plants(c320(format="8N1")), started, homes, first, second, exclusive)
+    assert errors == {("ports.held", pid): TRIALS}
 
 
 READS = {"c320": "2A 30 31 31 30 30 30 30 34 30 31 38 36 0D", "vc660": "01 03 30 06 00 01 6B 0B"}
 SETS = {"c320": "2A 30 31 34 31 30 30 33 45 38 30 31 44 36 0D", "vc660": "01 06 20 01 01 F4 D3 DD"}
-"""d.4 and 3006H, the voltage of the bus; set frequency 10.00 Hz (operation 10H) and 5.00 Hz (2001H)."""
+"""Reads of the DC bus voltage (d.4 and 3006H); writes of the setpoint: 10.00 Hz (operation 10H) and 5.00 Hz (2001H)."""
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
 @pytest.mark.parametrize("frames", [READS, SETS], ids=["reads", "writes"])
 @pytest.mark.parametrize("adapter", [1, 0], ids=["another adapter", "the same port, which echoes"])
-async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_and_no_start_leaves(
+async def test_a_master_that_takes_no_lock_is_detected_by_its_second_frame_and_no_start_is_sent(
     plants: Plants, model: str, frames: dict[str, str], adapter: int
 ) -> None:
-    """A program that asks for no lock, on an adapter of its own or on ours: no port can refuse it."""
+    """No port can refuse a program that takes no lock, on its own adapter or on ours."""
     more = {"keypad": {}, "line_quality": "clean" if adapter else "echo"}
     plant = plants(c320(**more) if model == "c320" else vc660(**more), adapters=2)
     async with Bus(open_port(plant.url(), echo="off" if adapter else "on")) as bus:
-        drive = made(bus, model)
+        drive = slow_machine_drive(bus, model)
         await drive.status()
         assert not bus.health(1).foreign_master
-        stranger = os.open(plant.path(adapter=adapter), os.O_RDWR | os.O_NOCTTY)
-        attributes = termios.tcgetattr(stranger)
+        other_master = os.open(plant.path(adapter=adapter), os.O_RDWR | os.O_NOCTTY)
+        attributes = termios.tcgetattr(other_master)
         attributes[4] = attributes[5] = termios.B19200
-        termios.tcsetattr(stranger, termios.TCSANOW, attributes)
+        termios.tcsetattr(other_master, termios.TCSANOW, attributes)
         before = plant.requests()[-1].t
         data = bytes.fromhex(frames[model])
         for number in (1, 2):
-            os.write(stranger, data)
+            os.write(other_master, data)
             await eventually(lambda number=number: foreign(plant, data, before) == number)  # type: ignore[misc]
             await asyncio.sleep(0.3)
         await eventually(lambda: bus.health(1).foreign_master)
@@ -120,7 +120,7 @@ async def test_a_master_that_no_lock_holds_back_is_noticed_by_its_second_frame_a
             await drive.run(10.0)
         assert caught.value.key == "drives.foreign_master"
         assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
-        os.close(stranger)
+        os.close(other_master)
     plant.settle()
     ours = [one.effect for one in plant.requests() if one.data != data]
     assert RequestEffect.STOP in ours and RequestEffect.MOTION not in ours
@@ -130,14 +130,14 @@ def foreign(plant: RecordedPlant, data: bytes, since: float) -> int:
     return sum(one.data == data for one in plant.requests(since=since))
 
 
-async def eventually(there: Callable[[], bool]) -> None:
-    """``until`` for a test whose own loop must go on."""
+async def eventually(condition: Callable[[], bool]) -> None:
+    """Wait for a condition like ``wait_until``, while the test's own loop runs."""
     async with asyncio.timeout(PROCESS_TIMEOUT_S):
-        while not there():  # noqa: ASYNC110  # another process' record
+        while not condition():  # noqa: ASYNC110  # another process' record
             await asyncio.sleep(0.02)
 
 
-def test_the_lock_of_a_killed_owner_stands_in_nobodys_way(plants: Plants, started: Start) -> None:
+def test_the_lock_of_a_killed_owner_does_not_block_the_next(plants: Plants, started: Start) -> None:
     plant = plants(c320())
     words = (os.getuid(), 0, "hold", os.path.realpath(plant.path()))
     first = started("user_process.py", *words)

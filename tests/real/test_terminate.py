@@ -1,6 +1,6 @@
-"""SIGTERM: a process stops what it started, and says so. RELIABILITY 6.6.
+"""SIGTERM: ``drivebus run`` stops the drive that it started and prints the outcome.
 
-How long that takes is measured, not asserted: ``python -m benchmarks.stop`` holds it to 3 s.
+The time that this takes is not asserted here; ``python -m benchmarks.stop`` measures it against its goal of 3 s.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from verification.reference.request_effects import RequestEffect
 Plants = Callable[..., RecordedPlant]
 MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (
     ("the first read is out", lambda plant, line: len(plant.requests(line)) >= 1),
-    ("it is being looked at", lambda plant, line: len(plant.requests(line)) >= 4),
+    ("the checks before the start run", lambda plant, line: len(plant.requests(line)) >= 4),
     ("the start is out", lambda plant, line: RequestEffect.MOTION in host_actions(plant, line)),
     ("the motor turns", lambda plant, line: plant.on(line)),
     ("it has run for a while", lambda plant, line: len(host_actions(plant, line, reads_after_the_start=True)) > 6),
@@ -26,11 +26,11 @@ MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (
 
 
 def host_actions(plant: RecordedPlant, line: int, *, reads_after_the_start: bool = False) -> list[RequestEffect]:
-    """What hosts had the drive do, in order."""
-    all_of_them = [one.effect for one in plant.requests(line)]
+    """Return the effects of the requests on a line in order, without reads or from the start on."""
+    effects = [one.effect for one in plant.requests(line)]
     if reads_after_the_start:
-        return all_of_them[all_of_them.index(RequestEffect.MOTION) :] if RequestEffect.MOTION in all_of_them else []
-    return [one for one in all_of_them if one is not RequestEffect.READ]
+        return effects[effects.index(RequestEffect.MOTION) :] if RequestEffect.MOTION in effects else []
+    return [one for one in effects if one is not RequestEffect.READ]
 
 
 def run(started: Start, plant: RecordedPlant, line: int = 0) -> subprocess.Popen[str]:
@@ -39,13 +39,13 @@ def run(started: Start, plant: RecordedPlant, line: int = 0) -> subprocess.Popen
 
 
 def last_document(process: subprocess.Popen[str]) -> dict[str, Any]:
-    """The last document that it printed before it ended."""
+    """Return the last document that the process printed before it ended."""
     out, _ = process.communicate(timeout=PROCESS_TIMEOUT_S)
     last: dict[str, Any] = json.loads(out.splitlines()[-1])
     return last
 
 
-def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_so(
+def test_a_run_that_is_terminated_at_any_moment_stops_its_drive_and_prints_the_outcome(
     plants: Plants, started: Start
 ) -> None:
     plant = plants(*(c320(ramp_s=0.3, keypad={}) for _ in MOMENTS))
@@ -53,11 +53,11 @@ def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_
     for line, (moment, come) in enumerate(MOMENTS):
         wait_until(lambda line=line, come=come: come(plant, line), moment)  # type: ignore[misc]
         runs[line].send_signal(signal.SIGTERM)
-    text = [last_document(process) for process in runs]
+    results = [last_document(process) for process in runs]
     plant.settle()
     for line, (moment, _) in enumerate(MOMENTS):
         assert runs[line].returncode == 130, moment
-        assert (text[line]["event"], text[line]["outcome"]) == ("stopped", "confirmed"), moment
+        assert (results[line]["event"], results[line]["outcome"]) == ("stopped", "confirmed"), moment
         done = host_actions(plant, line)
         assert not plant.on(line), moment
         assert done[-1] is RequestEffect.STOP and RequestEffect.MOTION not in done[done.index(RequestEffect.STOP) :], (
@@ -66,16 +66,14 @@ def test_a_run_that_is_told_to_terminate_at_any_moment_stops_its_drive_and_says_
     assert [host_actions(plant, line).count(RequestEffect.MOTION) for line in (2, 3, 4)] == [1, 1, 1]
 
 
-def test_a_run_whose_drive_does_not_answer_the_stop_says_that_it_is_not_confirmed(
-    plants: Plants, started: Start
-) -> None:
+def test_a_run_whose_drive_does_not_answer_the_stop_reports_it_as_not_confirmed(plants: Plants, started: Start) -> None:
     plant = plants(c320(ramp_s=0.3, keypad={}))
     process = run(started, plant)
     wait_until(lambda: plant.on(), "the start")
     plant.order(faults={"silent": True})
     process.send_signal(signal.SIGTERM)
-    text = last_document(process)
+    result = last_document(process)
     assert process.returncode == 4
-    assert text["error"]["type"] == "StopUnconfirmed" if "error" in text else text["outcome"] == "unknown"
+    assert result["error"]["type"] == "StopUnconfirmed" if "error" in result else result["outcome"] == "unknown"
     assert host_actions(plant, 0).count(RequestEffect.STOP) >= 2, "it is repeated"
     assert plant.on()

@@ -1,9 +1,9 @@
-"""A program of some user that opens a serial port: it holds it, or tries N times.
+"""Program of a chosen user that opens a serial port: it holds the port, or tries to open it N times.
 
     user_process.py USER EXCLUSIVE hold|N PATH
 
 USER is the number that it changes to after all its modules are loaded (the interpreter may lie where only root may
-read). EXCLUSIVE 1: the pty passes for a real port, so that TIOCEXCL is set too.
+read). EXCLUSIVE 1: the pty counts as a real port, so that TIOCEXCL is set too.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ async def hold(path: str) -> None:
     await asyncio.sleep(600)
 
 
-async def warmed_up() -> None:
-    """Everything that is loaded when it is first used, and no folder made that would be this user's."""
+async def load_modules() -> None:
+    """Load every module that is loaded on first use, without making a folder that this user would own."""
     home = os.environ["XDG_STATE_HOME"]
     os.environ["XDG_STATE_HOME"] = "/dev/null"
     discovery.discover_ports()
@@ -52,7 +52,7 @@ async def warmed_up() -> None:
 
 async def main() -> None:
     user, exclusive, what, path = int(sys.argv[1]), sys.argv[2] == "1", sys.argv[3], sys.argv[4]
-    await warmed_up()
+    await load_modules()
     if exclusive:
         tty.is_pty = lambda _: False
         tty._refuse_if_in_use = lambda *_: None  # the pty's far end holds it open too
