@@ -1,4 +1,4 @@
-"""Wires between us and programs that nobody here wrote."""
+"""Fixtures of tests with other projects' programs: virtual wires and processes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ StartProgram = Callable[..., "subprocess.Popen[str]"]
 
 @pytest.fixture(autouse=True)
 def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lock files and EEPROM counts of a test stay in its own directory."""
+    """Keep lock files and EEPROM counts of a test in its own directory."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
 @pytest.fixture
 def started() -> Iterator[StartProgram]:
-    """Start a program and end it with the test."""
+    """Return a function that starts a program, which ends with the test."""
     running: list[subprocess.Popen[str]] = []
 
     def start(*command: object) -> subprocess.Popen[str]:
@@ -41,30 +41,30 @@ def started() -> Iterator[StartProgram]:
         process.stdout.close()
 
 
-def wait_for(there: Callable[[], bool], what: str, seconds: float = 10.0) -> None:
-    """Wait for something outside this process, with a name for when it does not come."""
+def wait_for(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> None:
+    """Wait for a condition outside this process; ``what`` names it in the failure."""
     until = time.monotonic() + seconds
-    while not there():
+    while not condition():
         assert time.monotonic() < until, f"{what} did not come in {seconds} s"
         time.sleep(0.02)
 
 
 @pytest.fixture
 def wire(started: StartProgram, tmp_path: Path) -> Iterator[tuple[str, str]]:
-    """A socat pair of ptys: our end, their end. Theirs is held open, so that it outlives a server that is killed."""
-    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
-    started(need_program("socat", "socat"), f"pty,raw,echo=0,link={ours}", f"pty,raw,echo=0,link={theirs}")
-    wait_for(lambda: ours.exists() and theirs.exists(), "the socat pair")
-    held = os.open(theirs, os.O_RDWR | os.O_NOCTTY)
-    yield str(ours), str(theirs)
-    os.close(held)
+    """Run a socat pair of ptys: our end, the peer's end, which stays open when a server is killed."""
+    our_end, peer_end = tmp_path / "our_end", tmp_path / "peer_end"
+    started(need_program("socat", "socat"), f"pty,raw,echo=0,link={our_end}", f"pty,raw,echo=0,link={peer_end}")
+    wait_for(lambda: our_end.exists() and peer_end.exists(), "the socat pair")
+    peer_fd = os.open(peer_end, os.O_RDWR | os.O_NOCTTY)
+    yield str(our_end), str(peer_end)
+    os.close(peer_fd)
 
 
 @pytest.fixture(scope="session")
 def libmodbus_server(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``libmodbus_server.c``, compiled."""
-    asked = [need_program("pkg-config", "pkg-config"), "--cflags", "--libs", "libmodbus"]
-    found = subprocess.run(asked, capture_output=True, text=True, check=False)
+    """Return ``libmodbus_server.c``, compiled."""
+    command = [need_program("pkg-config", "pkg-config"), "--cflags", "--libs", "libmodbus"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
     if found.returncode:
         skip_missing("libmodbus", "apt-get install libmodbus-dev")
     target = tmp_path_factory.mktemp("peers") / "libmodbus_server"

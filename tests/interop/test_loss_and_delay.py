@@ -1,4 +1,4 @@
-"""Loss and delay between us and peers: whatever both sides accepted, they agree on (I5)."""
+"""Loss and delay between drivebus and peers: every value that both sides accepted is the same on both sides (I5)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from peers import need_module, need_program
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ptys as Linux has them")
 
 BAD_LINK = LinkQuality(loss=0.1, delay=0.15, delay_s=0.15)
-"""Later than our time-out, earlier than the lateness that we are told of."""
+"""Delay of a late reply: longer than our timeout, shorter than the configured longest lateness."""
 TIMING = StationTiming(gap_floor_s=0.00175, reply_delay_s=0.06, max_reply_lateness_s=0.35)
 TRANSACTIONS, WRITES = 30, 20
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
 def peer(request: pytest.FixtureRequest, started: StartProgram) -> Iterator[Any]:
-    """(name, encoding, what starts it on a path)."""
+    """Return name, encoding and the function that starts the peer on a path."""
     name, _, encoding = request.param.partition("-")
     if name == "pymodbus":
         need_module("pymodbus")
@@ -63,8 +63,8 @@ async def our_master(peer: Any, wire: LossyRelay) -> Any:
     server.kill()
 
 
-async def test_what_our_master_believes_is_what_stands_at_that_register_of_the_peer(peer: Any) -> None:
-    """Many questions of one shape: a late answer would fit the next one, but not its registers."""
+async def test_every_value_that_our_master_accepts_is_that_registers_value_in_the_peer(peer: Any) -> None:
+    """All requests have one shape, so that a late reply would fit the next request but for its registers."""
     chance, accepted, failed = Random(7), 0, 0
     async with lossy_relay(LinkQuality()) as wire, our_master(peer, wire) as bus:
         await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
@@ -82,8 +82,8 @@ async def test_what_our_master_believes_is_what_stands_at_that_register_of_the_p
     assert failed
 
 
-async def test_a_write_that_our_master_saw_acknowledged_stands_in_the_peer(peer: Any) -> None:
-    """Each register is written once, with a value of its own; the clean read-back at the end is the judge."""
+async def test_every_write_that_was_acknowledged_to_our_master_is_in_the_peer(peer: Any) -> None:
+    """Each register is written once with its own value, and read back at the end without loss."""
     acknowledged, refused = dict[int, int](), set[int]()
     async with lossy_relay(LinkQuality(), seed=3) as wire, our_master(peer, wire) as bus:
         await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
@@ -117,7 +117,7 @@ async def _read_until_answered(bus: Any, register: int) -> int:
 
 @asynccontextmanager
 async def our_station(wire: LossyRelay, encoding: str = "rtu") -> Any:
-    """A simulated VC660 (DF800 for ASCII) on the far side of the relay, as another pty program would be."""
+    """Run a simulated VC660 (DF800 for ASCII) on the far side of the relay."""
     made = quick_bench("vc660@1" if encoding == "rtu" else "df800@1", encoding)
     host = PtyHost(made, wire.theirs)
     try:
@@ -127,7 +127,7 @@ async def our_station(wire: LossyRelay, encoding: str = "rtu") -> Any:
 
 
 class PtyHost:
-    """Joins a bench to the slave side of a pty: what comes from there is heard on the wire."""
+    """Master of a simulated bus that transmits the bytes from the slave side of a pty."""
 
     settings = None
 
@@ -155,11 +155,11 @@ class PtyHost:
 
 
 SLOW_LINK = LinkQuality(loss=0.1, delay=0.2, delay_s=0.1)
-"""Earlier than the peers' time-outs: a peer that is answered later believes the answer to its last question."""
+"""Delay shorter than the peers' timeouts: peers accept a late reply as the answer to their last request."""
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
-async def test_what_pymodbus_believes_of_our_station_is_what_stands_there(encoding: str) -> None:
+async def test_every_value_that_pymodbus_accepts_from_our_station_is_that_registers_value(encoding: str) -> None:
     need_module("pymodbus")
     from pymodbus import FramerType, ModbusException
     from pymodbus.client import AsyncModbusSerialClient
@@ -195,8 +195,8 @@ async def test_what_pymodbus_believes_of_our_station_is_what_stands_there(encodi
     assert failed
 
 
-async def test_what_mbpoll_writes_and_reads_on_our_station_is_what_stands_there() -> None:
-    """A new process each time, so that nothing late is left over for the next one."""
+async def test_every_value_that_mbpoll_writes_and_reads_on_our_station_is_that_registers_value() -> None:
+    """Each request is a new process, so that a late reply cannot reach the next one."""
     program = need_program("mbpoll", "mbpoll")
     read = written = lost = 0
     async with lossy_relay(LinkQuality(), seed=11) as wire, our_station(wire) as made:
@@ -238,7 +238,7 @@ async def test_what_mbpoll_writes_and_reads_on_our_station_is_what_stands_there(
 
 
 async def test_the_relay_loses_and_delays_and_keeps_the_order() -> None:
-    """Tests that rest on a wire that loses nothing prove nothing."""
+    """The relay really loses and delays: the other tests depend on it."""
     async with lossy_relay(LinkQuality(loss=0.3, delay=0.5, delay_s=0.05), seed=1) as wire:
         import os
 

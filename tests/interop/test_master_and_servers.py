@@ -32,13 +32,13 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="so
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
 def server(request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram) -> Iterator[PeerServer]:
     name, _, encoding = request.param.partition("-")
-    ours, theirs = wire
+    our_end, peer_end = wire
     if name == "pymodbus":
         need_module("pymodbus")
-        peer = PeerServer(name, encoding, ours, lambda: pymodbus(started, theirs, encoding))
+        peer = PeerServer(name, encoding, our_end, lambda: pymodbus(started, peer_end, encoding))
     else:
         program: Path = request.getfixturevalue("libmodbus_server")
-        peer = PeerServer(name, encoding, ours, lambda: started(program, theirs, STATION))
+        peer = PeerServer(name, encoding, our_end, lambda: started(program, peer_end, STATION))
     peer.start()
     yield peer
 
@@ -52,15 +52,15 @@ def bits(register: int, count: int, function: int) -> BusRequest:
 
 
 async def replies(server: PeerServer, *asks: BusRequest) -> list[Any]:
-    """One after another; none may fail."""
+    """Send requests one after another and return their replies; none may fail."""
     async with server.bus() as bus:
         answers = [await bus.transact(ask) for ask in asks]
     assert [answer.error for answer in answers] == [None] * len(asks)
     return [answer.reply for answer in answers]
 
 
-async def test_every_read_brings_what_stands_in_the_servers_tables(server: PeerServer) -> None:
-    """Functions 03, 04, 01 and 02, at both ends of their tables and at the most that one frame carries."""
+async def test_every_read_returns_the_values_of_the_servers_tables(server: PeerServer) -> None:
+    """Functions 03, 04, 01 and 02, at both ends of their tables and with the most values that one frame carries."""
     asks = [
         read(0, 1),
         read(127, 1),
@@ -87,10 +87,10 @@ async def test_every_read_brings_what_stands_in_the_servers_tables(server: PeerS
         assert (reply.address, reply.function, list(reply.values)) == (STATION, asked.function, expected)
 
 
-async def test_what_is_written_with_a_permit_is_read_back(server: PeerServer) -> None:
-    """Functions 06, 10H, 05 and 0FH; neighbours stay as they were."""
+async def test_values_written_with_a_permit_are_read_back(server: PeerServer) -> None:
+    """Functions 06, 10H, 05 and 0FH; neighbouring values stay unchanged."""
     async with server.bus() as bus:
-        await bus.transact(read(0, 1))  # tells that this port does not echo: an answer to 06 could be one
+        await bus.transact(read(0, 1))  # shows that this port does not echo: a reply to 06 could be an echo
         for request in (
             modbus.WriteRegister(STATION, 5, 0xBEEF),
             modbus.WriteRegisters(STATION, 10, (0, 0xFFFF, 0x0D0A)),
@@ -116,7 +116,7 @@ async def test_a_write_without_a_permit_never_reaches_the_server(server: PeerSer
         assert (await bus.transact(read(5, 1))).reply.values == (1005,)
 
 
-async def test_the_servers_refusals_arrive_as_replies_not_as_errors(server: PeerServer) -> None:
+async def test_the_servers_exceptions_arrive_as_replies_and_not_as_errors(server: PeerServer) -> None:
     async with server.bus() as bus:
         outside = await bus.transact(read(128, 1))
         straddling = await bus.transact(read(120, 9))
@@ -129,14 +129,14 @@ async def test_the_servers_refusals_arrive_as_replies_not_as_errors(server: Peer
 
 
 @pytest.mark.parametrize("server", ["pymodbus-rtu", "pymodbus-ascii"], indirect=True)  # libmodbus' has no 08
-async def test_a_loop_back_test_brings_its_nonce_back(server: PeerServer) -> None:
+async def test_a_loop_back_returns_its_nonce(server: PeerServer) -> None:
     nonces = (0xA55A, 0x0000, 0xFFFF, 0x0D0A)
     asks = [BusRequest(STATION, modbus.Diagnostics(STATION, nonce)) for nonce in nonces]
     found = await replies(server, read(0, 1), *asks)
     assert found[1:] == [modbus.DiagnosticsReply(STATION, nonce) for nonce in nonces]
 
 
-async def test_two_hundred_transactions_move_no_error_counter(server: PeerServer) -> None:
+async def test_two_hundred_transactions_increase_no_error_counter(server: PeerServer) -> None:
     async with server.bus() as bus:
         sizes = []
         for number in range(200):
@@ -164,7 +164,7 @@ async def test_two_hundred_transactions_move_no_error_counter(server: PeerServer
     )
 
 
-async def test_a_killed_server_is_silent_and_comes_back_online_by_itself(server: PeerServer) -> None:
+async def test_a_killed_server_goes_offline_and_comes_back_online_by_itself(server: PeerServer) -> None:
     answers: list[BusResult] = []
     async with server.bus(SHORT_TIMING) as bus:
         assert bus.presence(STATION) is Presence.NEVER_SEEN
@@ -182,7 +182,7 @@ async def test_a_killed_server_is_silent_and_comes_back_online_by_itself(server:
 
 
 @pytest.mark.parametrize("server", ["libmodbus-rtu"], indirect=True)  # pymodbus answers for every address
-async def test_an_address_that_nobody_has_does_not_disturb_the_one_that_answers(server: PeerServer) -> None:
+async def test_an_unused_address_does_not_disturb_a_station_that_answers(server: PeerServer) -> None:
     async with server.bus() as bus:
         bus.add_station(peer_station(STATION + 1, loops=False))
         no_user = await bus.transact(BusRequest(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))

@@ -1,4 +1,4 @@
-"""Our simulated VC660 and DF800 answer mbpoll, a master that nobody here wrote, over a pty."""
+"""Our simulated VC660 and DF800 answer mbpoll, another project's master, over a pty."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ async def mbpoll(
     station: str = "1",
     count: int = 1,
     table: str = "4",
-    patience_s: float = 2.0,
+    timeout_s: float = 2.0,
 ) -> ProgramResult:
-    """Once, with registers as they are on the wire."""
+    """Run mbpoll once, with register numbers as on the wire."""
     return await run_program(
         need_program("mbpoll", "mbpoll"),
         "-m",
@@ -42,7 +42,7 @@ async def mbpoll(
         "-0",
         "-1",
         "-o",
-        patience_s,
+        timeout_s,
         "-a",
         station,
         "-t",
@@ -55,7 +55,7 @@ async def mbpoll(
     )
 
 
-async def test_mbpoll_starts_a_vc660_reads_what_it_does_and_stops_it() -> None:
+async def test_mbpoll_starts_a_vc660_reads_its_status_and_stops_it() -> None:
     made = quick_bench("vc660@1")
     motor = made.station(1).motor
     async with serve_on_pty(made) as path:
@@ -88,7 +88,6 @@ async def test_mbpoll_runs_a_vc660_backwards() -> None:
 
 
 async def test_mbpoll_writes_a_parameter_to_ram_or_with_its_top_bit_to_eeprom() -> None:
-    """T14."""
     made = quick_bench("vc660@1")
     memory = made.station(1).memory
     async with serve_on_pty(made) as path:
@@ -99,12 +98,12 @@ async def test_mbpoll_writes_a_parameter_to_ram_or_with_its_top_bit_to_eeprom() 
         assert (await mbpoll(path, 0, count=4)).registers == {0: 5000, 1: 4, 2: 4400, 3: 0}
 
 
-async def test_mbpoll_asks_two_vc660_in_turn_and_misses_the_third() -> None:
+async def test_mbpoll_polls_two_vc660_in_turn_and_gets_no_reply_from_a_third() -> None:
     made = quick_bench("vc660@1,2")
     async with serve_on_pty(made) as path:
         reply_text = await mbpoll(path, STATUS, station="1,2")
         assert (reply_text.code, reply_text.text.count(f"[{STATUS}]: \t1")) == (0, 2)
-        no_user = await mbpoll(path, STATUS, station="3", patience_s=0.2)
+        no_user = await mbpoll(path, STATUS, station="3", timeout_s=0.2)
         assert (no_user.code, no_user.registers) == (1, {})
         assert "Connection timed out" in no_user.text
 
@@ -133,7 +132,7 @@ async def test_mbpoll_shows_the_vc660s_exception(
 
 
 async def test_mbpoll_shows_that_a_running_vc660_refuses_to_change_its_command_source() -> None:
-    """Exception 4, the guide's own code for what can't be done now."""
+    """The drive answers exception 4, the guide's code for a request that cannot be executed now."""
     made = quick_bench("vc660@1")
     station = made.station(1)
     source = 30  # F01.00 of the simulated drive
@@ -162,12 +161,12 @@ async def test_mbpoll_starts_and_stops_a_df800() -> None:
         await wait_until(lambda: not made.station(1).running, "standstill")
 
 
-async def test_mbpoll_takes_the_df800s_short_error_for_no_exception() -> None:
-    """T15: five bytes with the function unchanged. A read ends as bad data, a write as silence: it is not Modbus."""
+async def test_mbpoll_does_not_recognise_the_df800s_short_error_as_an_exception() -> None:
+    """T15: the error has five bytes and an unchanged function, so a read ends as bad data and a write in a timeout."""
     made = quick_bench("df800@1")
     async with serve_on_pty(made) as path:
         refused = await mbpoll(path, 100, count=5)
         assert refused.code == 1 and "Invalid data" in refused.text
-        unheard = await mbpoll(path, 3, 1, patience_s=0.2)
-        assert unheard.code == 1 and "Connection timed out" in unheard.text
+        unanswered = await mbpoll(path, 3, 1, timeout_s=0.2)
+        assert unanswered.code == 1 and "Connection timed out" in unanswered.text
         assert made.station(1).reply_count == 2, "both were answered"

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pt
 COMMAND, SETPOINT, STATUS = 0x2000, 0x2001, 0x3000
 START = {"vc660": 1, "df800": 2}
 STOP = {"vc660": 2, "df800": 1}
-"""The same word means the opposite to the other model."""
+"""Stop commands: the same word means the opposite to the other model."""
 WAYS = [
     ("vc660", "rtu", "pty"),
     ("vc660", "rtu", "tcp"),
@@ -33,9 +33,9 @@ WAYS = [
 
 @asynccontextmanager
 async def client(
-    made: SimulatedBus, encoding: str = "rtu", way: str = "pty", patience_s: float = 3.0
+    made: SimulatedBus, encoding: str = "rtu", way: str = "pty", timeout_s: float = 3.0
 ) -> AsyncIterator[Any]:
-    """pymodbus' asyncio client, connected; over TCP with the framer of the serial line, not Modbus TCP."""
+    """Connect pymodbus' asyncio client; over TCP with the framer of the serial line, not Modbus TCP."""
     need_module("pymodbus")
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
@@ -44,7 +44,7 @@ async def client(
     if way == "pty":
         async with serve_on_pty(made) as path:
             one = AsyncModbusSerialClient(
-                path, framer=framer, baudrate=made.settings.baud, retries=0, timeout=patience_s, reconnect_delay=0
+                path, framer=framer, baudrate=made.settings.baud, retries=0, timeout=timeout_s, reconnect_delay=0
             )
             async with _connected(one):
                 yield one
@@ -53,7 +53,7 @@ async def client(
             serve_on_tcp(made) as server,
             _connected(
                 AsyncModbusTcpClient(
-                    server.host, port=server.port, framer=framer, retries=0, timeout=patience_s, reconnect_delay=0
+                    server.host, port=server.port, framer=framer, retries=0, timeout=timeout_s, reconnect_delay=0
                 )
             ) as two,
         ):
@@ -83,7 +83,7 @@ async def test_pymodbus_starts_and_stops_a_drive(model: str, encoding: str, way:
         await wait_until(lambda: not made.station(7).running, "standstill")
 
 
-async def test_every_parameter_that_pymodbus_reads_is_what_the_vc660s_own_table_holds() -> None:
+async def test_every_parameter_that_pymodbus_reads_is_the_value_of_the_vc660s_table() -> None:
     made = quick_bench("vc660@1", line=SerialSettings(38400))
     memory = made.station(1).memory
     for place, key in enumerate(memory.ram):
@@ -98,7 +98,7 @@ async def test_every_parameter_that_pymodbus_reads_is_what_the_vc660s_own_table_
     assert found == memory.ram
 
 
-async def test_what_pymodbus_reads_of_a_running_vc660_is_what_its_motor_does() -> None:
+async def test_the_status_that_pymodbus_reads_of_a_running_vc660_is_that_of_its_motor() -> None:
     made = quick_bench("vc660@1")
     async with client(made) as peer:
         made.station(1).keypad_run(40.0, reverse=True)
@@ -115,7 +115,7 @@ async def test_what_pymodbus_reads_of_a_running_vc660_is_what_its_motor_does() -
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
-async def test_what_pymodbus_reads_of_a_df800_is_what_its_table_holds(encoding: str) -> None:
+async def test_every_value_that_pymodbus_reads_of_a_df800_is_the_value_of_its_table(encoding: str) -> None:
     made = quick_bench("df800@1", encoding)
     memory = made.station(1).memory
     async with client(made, encoding) as peer:
@@ -127,7 +127,7 @@ async def test_what_pymodbus_reads_of_a_df800_is_what_its_table_holds(encoding: 
     assert memory.eeprom[107] == 200
 
 
-async def test_pymodbus_sees_the_four_exceptions_of_a_vc660() -> None:
+async def test_pymodbus_receives_the_four_exceptions_of_a_vc660() -> None:
     made = quick_bench("vc660@1")
     async with client(made) as peer:
         made.station(1).keypad_run(10.0)
@@ -152,8 +152,8 @@ async def test_a_vc660_returns_the_word_of_pymodbus_loop_back_test() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
-async def test_pymodbus_takes_the_df800s_short_error_for_an_answer_without_registers(encoding: str) -> None:
-    """T15: no exception, so a master that does not know it reads nothing and calls it success."""
+async def test_pymodbus_decodes_the_df800s_short_error_as_a_reply_without_registers(encoding: str) -> None:
+    """T15: the short error is no Modbus exception, so pymodbus reports success without values."""
     async with client(quick_bench("df800@1", encoding), encoding) as peer:
         refused = await peer.read_holding_registers(100, count=5, device_id=1)
         assert not refused.isError() and refused.registers == []
@@ -161,11 +161,11 @@ async def test_pymodbus_takes_the_df800s_short_error_for_an_answer_without_regis
         assert again.registers == [5000], "and the line is in order afterwards"
 
 
-async def test_pymodbus_hears_silence_from_an_address_that_nobody_has() -> None:
+async def test_pymodbus_gets_no_reply_from_an_unused_address() -> None:
     need_module("pymodbus")
     from pymodbus.exceptions import ModbusIOException
 
-    async with client(quick_bench("vc660@1,3"), patience_s=0.2) as peer:
+    async with client(quick_bench("vc660@1,3"), timeout_s=0.2) as peer:
         with pytest.raises(ModbusIOException):
             await peer.read_holding_registers(STATUS, count=1, device_id=2)
         assert (await peer.read_holding_registers(STATUS, count=1, device_id=3)).registers == [1]

@@ -1,4 +1,4 @@
-"""What Wireshark reads in our captures: tshark's Modbus dissector agrees with our decoder, frame for frame."""
+"""Captures in Wireshark: tshark's Modbus dissector agrees with our decoder, frame for frame."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def benches() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """One frame as it went over the line, and what it answers."""
+    """One frame of a conversation; for a reply also its request."""
 
     time_us: int
     data: bytes
@@ -102,7 +102,7 @@ class CapturedFrame:
 
 
 def some_request(chance: Random) -> ModbusRequest:
-    """Any of the nine functions, anywhere in the address space, of any lawful length."""
+    """Return a request of any of the nine functions, address and valid length."""
     function, station = chance.choice((1, 2, 3, 4, 5, 6, 8, 15, 16)), chance.randint(1, 247)
     broadcast = function in (5, 6, 15, 16) and chance.random() < 0.05
     station = 0 if broadcast else station
@@ -128,7 +128,7 @@ def some_request(chance: Random) -> ModbusRequest:
 
 
 def some_reply(chance: Random, request: ModbusRequest) -> ModbusReply:
-    """The normal reply, one time in six an exception."""
+    """Return the normal reply, one time in six an exception."""
     station, function = request.address, request.function
     if chance.random() < 1 / 6:
         return ExceptionReply(station, function, chance.choice((1, 2, 3, 4, 5, 6, 8, 10, 11)))
@@ -148,7 +148,7 @@ def some_reply(chance: Random, request: ModbusRequest) -> ModbusReply:
 
 
 def damaged(chance: Random, data: bytes) -> bytes:
-    """One to three bits turned over: the CRC finds each of these."""
+    """Return data with one to three inverted bits, each of which the CRC detects."""
     number = int.from_bytes(data, "big")
     for place in chance.sample(range(8 * len(data)), chance.randint(1, 3)):
         number ^= 1 << place
@@ -156,31 +156,31 @@ def damaged(chance: Random, data: bytes) -> bytes:
 
 
 def conversation(seed: int, frames: int) -> list[CapturedFrame]:
-    """Requests and their replies; a damaged request and a broadcast stay unanswered, one time in twenty a sound one."""
-    chance, text, at = Random(seed), list[CapturedFrame](), 0
-    while len(text) < frames:
+    """Return requests and replies; damaged requests and broadcasts, and one in twenty others, stay unanswered."""
+    chance, found, at = Random(seed), list[CapturedFrame](), 0
+    while len(found) < frames:
         request = some_request(chance)
         data = CODEC.encode_request(request)
-        spoiled = chance.random() < 0.05
-        text.append(
+        broken = chance.random() < 0.05
+        found.append(
             CapturedFrame(
-                at := at + chance.randint(30_000, 200_000), damaged(chance, data) if spoiled else data, not spoiled
+                at := at + chance.randint(30_000, 200_000), damaged(chance, data) if broken else data, not broken
             )
         )
-        if spoiled or request.address == 0 or chance.random() < 0.05:
+        if broken or request.address == 0 or chance.random() < 0.05:
             continue
-        asked_in, data = len(text), CODEC.encode_reply(some_reply(chance, request))
-        spoiled = chance.random() < 0.05
-        data = damaged(chance, data) if spoiled else data
-        text.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not spoiled, request, asked_in))
-    return text[:frames]
+        asked_in, data = len(found), CODEC.encode_reply(some_reply(chance, request))
+        broken = chance.random() < 0.05
+        data = damaged(chance, data) if broken else data
+        found.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not broken, request, asked_in))
+    return found[:frames]
 
 
-def recorded(path: Path, said: list[CapturedFrame], seed: int) -> Path:
-    """The capture of a conversation; half of the replies come in two pieces."""
+def recorded(path: Path, frames: list[CapturedFrame], seed: int) -> Path:
+    """Write the capture of a conversation; half of the replies come in two pieces."""
     chance = Random(seed)
     writer = CaptureWriter(path, CaptureHeader(SerialSettings(115200), "generated", STARTED, "test"), now=0.0)
-    for one in said:
+    for one in frames:
         at = one.time_us / 1e6
         if one.request is None or chance.random() < 0.5:
             writer.write_bytes(at, "tx" if one.request is None else "rx", one.data)
@@ -192,18 +192,18 @@ def recorded(path: Path, said: list[CapturedFrame], seed: int) -> Path:
     return path
 
 
-# what tshark says
+# decoding by tshark
 
 
 def tshark(file: Path, home: Path, *options: str) -> str:
-    """Its output, with nobody's preferences but our options."""
+    """Return tshark's output, without the user's preferences."""
     command = [need_program("tshark", "tshark"), "-r", str(file), *options]
     env = os.environ | {"HOME": str(home), "XDG_CONFIG_HOME": str(home), "WIRESHARK_CONFIG_DIR": str(home)}
     return subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout
 
 
 def tshark_fields(file: Path, home: Path) -> list[dict[str, str]]:
-    """Every packet's fields, absent ones left out; several values of one field joined by commas."""
+    """Return the fields of every packet, without absent ones; several values of one field are joined by commas."""
     wanted = [word for name in FIELDS for word in ("-e", name)]
     out = tshark(
         file,
@@ -234,7 +234,7 @@ def numbers(text: str) -> list[int]:
 
 
 def fields_of_tshark(row: dict[str, str]) -> dict[str, Any]:
-    """The Modbus fields of a packet, in our words."""
+    """Return the Modbus fields of a packet under drivebus's names."""
     names = {
         "mbrtu.unit_id": "address",
         "modbus.func_code": "function",
@@ -257,12 +257,12 @@ def fields_of_tshark(row: dict[str, str]) -> dict[str, Any]:
     return found | ({"data": row["modbus.data"]} if "modbus.data" in row else {})
 
 
-# what we say
+# decoding by drivebus
 
 
-def fields_of_drivebus(said: CapturedFrame) -> dict[str, Any]:
-    """The same fields from our decoders' message: ``decode_request`` for a request, ``decode_reply`` for a reply."""
-    message = decoded(said)
+def fields_of_drivebus(frame: CapturedFrame) -> dict[str, Any]:
+    """Return the same fields from drivebus's ``decode_request`` or ``decode_reply``."""
+    message = decoded(frame)
     assert message is not None
     found: dict[str, Any] = {"address": message.address, "function": message.function}
     match message:
@@ -281,11 +281,11 @@ def fields_of_drivebus(said: CapturedFrame) -> dict[str, Any]:
             count = len(values)
             return found | {"register": register, "count": count, "bytes": 2 * count} | listed(register, values)
         case BitValues(values=values):
-            assert said.request is not None and isinstance(said.request, ReadBits)
-            return found | {"bytes": -(-len(values) // 8)} | listed(said.request.register, values)
+            assert frame.request is not None and isinstance(frame.request, ReadBits)
+            return found | {"bytes": -(-len(values) // 8)} | listed(frame.request.register, values)
         case RegisterValues(values=values):
-            assert said.request is not None and isinstance(said.request, ReadRegisters)
-            return found | {"bytes": 2 * len(values)} | listed(said.request.register, values)
+            assert frame.request is not None and isinstance(frame.request, ReadRegisters)
+            return found | {"bytes": 2 * len(values)} | listed(frame.request.register, values)
         case WriteAck(function=function, register=register, value=value):
             return found | {"register": register} | ({"count": value} if function > 8 else {"data": f"{value:04x}"})
         case DiagnosticsReply(data=data):
@@ -300,20 +300,20 @@ def listed(first: int, values: tuple[int, ...]) -> dict[str, Any]:
     return {"first": first, "values": [int(one) for one in values]}
 
 
-def decoded(said: CapturedFrame) -> Any:
-    """The message, None where our decoder refuses the frame."""
+def decoded(frame: CapturedFrame) -> Any:
+    """Return the message, None where drivebus's decoder rejects the frame."""
     try:
         verdict = (
-            CODEC.decode_request(said.data) if said.request is None else CODEC.decode_reply(said.request, said.data)
+            CODEC.decode_request(frame.data) if frame.request is None else CODEC.decode_reply(frame.request, frame.data)
         )
     except ProtocolError:
         return None
-    return verdict.message if isinstance(verdict, Complete) and verdict.size == len(said.data) else None
+    return verdict.message if isinstance(verdict, Complete) and verdict.size == len(frame.data) else None
 
 
 @dataclass(frozen=True, slots=True)
 class TsharkComparison:
-    """A conversation beside what tshark saw of it."""
+    """A conversation and tshark's fields of it."""
 
     frames: list[CapturedFrame]
     rows: list[dict[str, str]]
@@ -325,13 +325,13 @@ class TsharkComparison:
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> TsharkComparison:
     folder = tmp_path_factory.mktemp("tshark")
-    text = conversation(20261121, FRAMES)
-    out = exported(recorded(folder / "generated.dbcap", text, 7), "--all-modbus")
-    return TsharkComparison(text, tshark_fields(out, folder))
+    frames = conversation(20261121, FRAMES)
+    out = exported(recorded(folder / "generated.dbcap", frames, 7), "--all-modbus")
+    return TsharkComparison(frames, tshark_fields(out, folder))
 
 
-def test_the_generated_line_has_all_that_it_should(line: TsharkComparison) -> None:
-    """Every function asked and answered, refused and damaged on both sides."""
+def test_the_generated_conversation_covers_all_functions_exceptions_and_damage(line: TsharkComparison) -> None:
+    """Every function has requests, replies, exceptions, and damaged frames on both sides."""
     requests, replies, refusals = Counter[int](), Counter[int](), Counter[int]()
     for one, _ in line:
         if one.whole:
@@ -339,22 +339,22 @@ def test_the_generated_line_has_all_that_it_should(line: TsharkComparison) -> No
             (requests if one.request is None else refusals if refused else replies)[one.data[1] & 0x7F] += 1
     for each in (requests, replies, refusals):
         assert set(each) == {1, 2, 3, 4, 5, 6, 8, 15, 16} and min(each.values()) > 40
-    spoiled = Counter(one.request is None for one in line.frames if not one.whole)
-    assert min(spoiled[True], spoiled[False]) > 150
+    broken = Counter(one.request is None for one in line.frames if not one.whole)
+    assert min(broken[True], broken[False]) > 150
     assert sum(one.data[0] == 0 for one in line.frames) > 50
 
 
 def padding(one: CapturedFrame) -> int:
-    """Bits more than were asked for that tshark 4.0 shows: the padding of a reply whose last bit is number 65,535.
+    """Return the number of padding bits that tshark 4.0 shows in a reply whose last bit is number 65,535.
 
-    Its bit numbers wrap to 0 there and it misses the end. Padding is no bit (Modbus Application Protocol V1.1b3, 6.1).
+    Its bit numbers wrap to 0 there. Padding is not data (Modbus Application Protocol V1.1b3, 6.1).
     """
     if not isinstance(one.request, ReadBits) or one.data[1] & 0x80:
         return 0
     return -one.request.count % 8 if one.request.register + one.request.count == 0x10000 else 0
 
 
-def test_every_sound_frame_has_the_same_fields_for_tshark_and_for_our_decoder(line: TsharkComparison) -> None:
+def test_every_intact_frame_has_the_same_fields_for_tshark_and_for_our_decoder(line: TsharkComparison) -> None:
     different, padded = [], Counter[bool]()
     for at, (one, row) in enumerate(line):
         if one.whole:
@@ -369,13 +369,13 @@ def test_every_sound_frame_has_the_same_fields_for_tshark_and_for_our_decoder(li
 
 
 def test_tshark_and_our_decoder_refuse_the_same_frames(line: TsharkComparison) -> None:
-    """The CRC: good for tshark exactly where our strict decoder takes the frame."""
+    """The CRC is good for tshark exactly where our strict decoder accepts the frame."""
     different = [one for one, row in line if (row["mbrtu.crc16.status"] == "1") != (decoded(one) is not None)]
     assert different == []
     assert Counter(row["mbrtu.crc16.status"] for row in line.rows)["0"] == sum(not one.whole for one in line.frames)
 
 
-def test_of_a_damaged_frame_our_tolerant_reader_shows_the_same_station_and_function(line: TsharkComparison) -> None:
+def test_our_tolerant_reader_shows_the_same_station_and_function_of_a_damaged_frame(line: TsharkComparison) -> None:
     for one, row in line:
         if not one.whole:
             way = "request" if one.request is None else "response"
@@ -393,24 +393,24 @@ def test_times_are_right_to_the_microsecond(line: TsharkComparison) -> None:
 
 
 def test_directions_are_right(line: TsharkComparison) -> None:
-    """The packet's own, and the one that makes the dissector tell a query from a response."""
+    """Both the direction of the packet and the ports by which the dissector distinguishes query and response."""
     ways = [(int(row["frame.packet_flags_direction"], 0), row["udp.srcport"], row["udp.dstport"]) for row in line.rows]
     assert ways == [(2, "50500", "50502") if one.request is None else (1, "50502", "50500") for one in line.frames]
 
 
-def test_each_response_is_put_to_the_request_that_it_answers(line: TsharkComparison) -> None:
+def test_each_response_is_linked_to_the_request_that_it_answers(line: TsharkComparison) -> None:
     answers = [(one.request_number, row) for one, row in line if one.request is not None and one.whole]
     normal = [(asked, row) for asked, row in answers if "modbus.exception_code" not in row]
     assert len(normal) > 3000
     assert [(asked, row) for asked, row in normal if int(row["modbus.request_frame"]) != asked] == []
 
 
-def test_without_all_modbus_only_damaged_requests_are_no_modbus(tmp_path: Path) -> None:
-    """We send none of these; a damaged reply is known by its request."""
-    text = conversation(1, 1000)
-    capture = recorded(tmp_path / "one.dbcap", text, 1)
+def test_without_all_modbus_only_damaged_requests_are_not_modbus(tmp_path: Path) -> None:
+    """drivebus sends no damaged request; a damaged reply is recognised by its request."""
+    frames = conversation(1, 1000)
+    capture = recorded(tmp_path / "one.dbcap", frames, 1)
     modbus = [one.modbus for one in split_frames(read_capture(capture))]
-    assert modbus == [one.whole or one.request is not None for one in text]
+    assert modbus == [one.whole or one.request is not None for one in frames]
     assert Counter(modbus)[False] > 10
 
 
@@ -447,7 +447,6 @@ def test_frames_of_another_protocol_are_shown_as_their_raw_bytes(tmp_path: Path,
 
 
 def test_events_echoes_and_bytes_that_the_hardware_marked_are_shown(tmp_path: Path) -> None:
-    """F03."""
     ask, say = CODEC.encode_request(ReadRegisters(1, 100)), CODEC.encode_reply(RegisterValues(1, 3, (7,)))
     writer = CaptureWriter(tmp_path / "one.dbcap", CaptureHeader(SerialSettings(), started=STARTED), now=0.0)
     writer.write_event(0.0, "opened", baud=9600)
@@ -457,7 +456,7 @@ def test_events_echoes_and_bytes_that_the_hardware_marked_are_shown(tmp_path: Pa
     writer.close()
     rows = tshark_fields(exported(tmp_path / "one.dbcap"), tmp_path)
     assert [row["udp.dstport"] for row in rows] == ["50502", "50502", "50500"], "the echo is the master's"
-    assert [int(row["frame.packet_flags_direction"], 0) for row in rows] == [2, 1, 1], "but it was heard"
+    assert [int(row["frame.packet_flags_direction"], 0) for row in rows] == [2, 1, 1], "but it was received"
     assert [row["frame.packet_flags_symbol_error"] for row in rows] == ["0", "1", "1"]
     assert '"event": "opened"' in rows[0]["frame.comment"] and '"reason": "hang-up"' in rows[1]["frame.comment"]
     assert rows[2]["modbus.regval_uint16"] == "7"

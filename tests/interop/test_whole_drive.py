@@ -1,4 +1,4 @@
-"""The whole ``Drive`` on a pty that a ``drivebus simulate`` of another process serves, and on servers of strangers."""
+"""The whole ``Drive`` on a pty served by ``drivebus simulate``, and on servers of other projects."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ CLI = (sys.executable, "-m", "drivebus")
 
 @dataclass(frozen=True)
 class InteropDrive:
-    """One family in one encoding, and what it can say of itself."""
+    """One family in one encoding, and the state that it reports."""
 
     model: str
     encoding: str
     run_hz: float
     monitored: float
-    """What ``monitor`` shows at that frequency."""
+    """Output frequency that ``monitor`` shows."""
     direction: Direction | None = Direction.FORWARD
 
     @property
     def reports_running(self) -> bool:
-        """DF800 has no status register: its state is never guessed (T17)."""
+        """Whether the model reports its state; DF800 has no status register, and its state is never inferred (T17)."""
         return self.model != "df800"
 
     @property
@@ -77,7 +77,7 @@ def url(case: InteropDrive, started: StartProgram, tmp_path: Path) -> str:
 
 
 def simulated(started: StartProgram, model: str, link: Path, *more: str) -> str:
-    """The LINK of a simulated drive at address 3, served by another process."""
+    """Return the port URL of a simulated drive at address 3, served by another process."""
     process = started(
         *CLI,
         "simulate",
@@ -102,13 +102,13 @@ def simulated(started: StartProgram, model: str, link: Path, *more: str) -> str:
 
 
 def made(bus: Bus, model: str, encoding: str | None = None) -> Drive:
-    """A drive whose replies may be late by a third of a second: nobody knows how busy this machine is."""
+    """Return a drive whose replies may be 0.3 s late, because the machine may be busy."""
     timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
     return Drive(bus, model, 3, encoding=encoding, store=MemoryStore(), timing=timing)
 
 
 async def wait_for_reading(drive: Drive, name: str, value: float) -> DriveStatus:
-    """The status in which this reading has come near the value."""
+    """Wait until a reading is near the value; returns that status."""
     async with asyncio.timeout(PROGRAM_TIMEOUT_S):
         while True:
             status = await drive.status()
@@ -146,7 +146,7 @@ async def test_a_drive_of_every_family_is_read_run_and_stopped_over_a_pty(case: 
 
 
 @pytest.mark.parametrize("model", ["c320", "vc660"])
-async def test_a_drive_that_tells_its_frequency_is_waited_for(
+async def test_a_run_waits_until_a_drive_that_reports_its_frequency_is_at_speed(
     model: str, started: StartProgram, tmp_path: Path
 ) -> None:
     url = simulated(started, model, tmp_path / "drive")
@@ -162,11 +162,11 @@ async def test_a_drive_that_tells_its_frequency_is_waited_for(
 
 OWN_PROFILE = """
 format = 1
-model = "stranger"
+model = "other_server"
 family = "modbus"
 grade = "draft"
 maker = { en = "Stranger", zh = "他人" }
-title = { en = "Somebody's Modbus server", zh = "他人的 Modbus 服务器" }
+title = { en = "Modbus server of another project", zh = "他人的 Modbus 服务器" }
 encodings = ["rtu", "ascii"]
 addresses = [1, 32]
 capabilities = ["read", "write", "run", "stop", "status"]
@@ -200,7 +200,7 @@ factor = 0.1
 decimals = 1
 evidence = "user"
 
-[parameters."0011H"]        # beside the signal: two neighbours make a fence
+[parameters."0011H"]        # beside the signal: a sync probe reads two neighbours
 text = { en = "neighbour", zh = "相邻参数" }
 evidence = "user"
 
@@ -217,25 +217,27 @@ evidence = "user"
 
 
 @pytest.fixture(params=["pymodbus-rtu", "pymodbus-ascii", "libmodbus-rtu"])
-def stranger(request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram) -> Iterator[tuple[str, str]]:
-    """Our end of the wire to a server that nobody here wrote, and its encoding."""
+def other_server(
+    request: pytest.FixtureRequest, wire: tuple[str, str], started: StartProgram
+) -> Iterator[tuple[str, str]]:
+    """Return our end of the wire to another project's server, and its encoding."""
     name, _, encoding = request.param.partition("-")
-    ours, theirs = wire
+    our_end, peer_end = wire
     if name == "pymodbus":
         need_module("pymodbus")
-        process = pymodbus(started, theirs, encoding)
+        process = pymodbus(started, peer_end, encoding)
     else:
-        process = started(request.getfixturevalue("libmodbus_server"), theirs, STATION)
+        process = started(request.getfixturevalue("libmodbus_server"), peer_end, STATION)
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    yield f"serial://{ours}?baud=115200&format=8N1", encoding
+    yield f"serial://{our_end}?baud=115200&format=8N1", encoding
 
 
-async def test_a_profile_of_the_users_own_reads_and_writes_a_strangers_server(
-    stranger: tuple[str, str], tmp_path: Path
+async def test_a_user_profile_reads_and_writes_another_projects_server(
+    other_server: tuple[str, str], tmp_path: Path
 ) -> None:
-    """No Python for the model: a file names registers, units and scales; a write is confirmed by reading it back."""
-    url, encoding = stranger
-    own = tmp_path / "stranger.toml"
+    """The profile alone names registers, units and scales; a write is confirmed by reading it back."""
+    url, encoding = other_server
+    own = tmp_path / "other_server.toml"
     own.write_text(OWN_PROFILE, encoding="utf-8")
     async with Bus(open_port(url)) as bus:
         drive = Drive(bus, own, STATION, encoding=encoding, store=MemoryStore())
@@ -250,13 +252,13 @@ async def test_a_profile_of_the_users_own_reads_and_writes_a_strangers_server(
             await drive.write({"0020H": 600.1})
 
 
-@pytest.mark.parametrize("stranger", ["libmodbus-rtu"], indirect=True)
-async def test_a_server_that_answers_a_start_and_does_not_run_is_not_believed(
-    stranger: tuple[str, str], tmp_path: Path
+@pytest.mark.parametrize("other_server", ["libmodbus-rtu"], indirect=True)
+async def test_a_start_that_is_answered_without_the_drive_running_is_not_confirmed(
+    other_server: tuple[str, str], tmp_path: Path
 ) -> None:
-    """Its reply to the start is no confirmation; its status word is read and shows standstill."""
-    url, encoding = stranger
-    own = tmp_path / "stranger.toml"
+    """The reply to the start does not confirm it; the status word is read and shows standstill."""
+    url, encoding = other_server
+    own = tmp_path / "other_server.toml"
     own.write_text(OWN_PROFILE, encoding="utf-8")
     async with Bus(open_port(url)) as bus:
         drive = Drive(bus, own, STATION, encoding=encoding, store=MemoryStore())

@@ -1,4 +1,4 @@
-"""Prometheus metrics: the present state, and nothing that is not known now."""
+"""Prometheus metrics: the current state, without values that are not known now."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ LABELS = {
 }
 
 
-def series(told: ScrapeData) -> Series:
-    """As a scraper reads them."""
-    body, media_type = exposition(metric_points(told), "text/plain")
+def series(data: ScrapeData) -> Series:
+    """Return the series as a scraper reads them."""
+    body, media_type = exposition(metric_points(data), "text/plain")
     assert media_type.startswith("text/plain; version=")
     return parsed(body.decode())
 
@@ -77,12 +77,12 @@ def bare(family: Any) -> str:
 
 
 def of(found: Series, name: str, **labels: str) -> float | None:
-    """One series; None where it is absent."""
+    """Return one value; None where the series is absent."""
     return found.get((METRIC_PREFIX + name, tuple(sorted(labels.items()))))
 
 
-class Around:
-    """The service, with the alarms that a plant of paper keeps without a log on disk."""
+class ServiceWithAlarms:
+    """The service, with the active alarms that the fixture has without an alarm log on disk."""
 
     def __init__(self, kit: ServiceKit) -> None:
         self.service = kit.service
@@ -94,15 +94,14 @@ class Around:
 
 
 async def scraped(kit: ServiceKit) -> tuple[Series, ScrapeData]:
-    around: Any = Around(kit)
-    message = await fetch_scrape_data(around, VIEWER)
-    return series(message), message
+    service: Any = ServiceWithAlarms(kit)
+    data = await fetch_scrape_data(service, VIEWER)
+    return series(data), data
 
 
-def test_what_is_scraped_is_the_plants_state() -> None:
-    """nothing is asked of a bus for it."""
+def test_a_scrape_shows_the_plants_state_without_bus_requests() -> None:
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             await kit.grant_waivers()
@@ -144,17 +143,17 @@ def test_what_is_scraped_is_the_plants_state() -> None:
                 assert of(found, "bus_reply_seconds", bus=id, quantile="0.95") == bus["reply_p95_s"]
                 assert of(found, "bus_cycle_seconds", bus=id) == max(one["refresh_s"] for one in bus["stations"])
 
-    run(story())
+    run(scenario())
 
 
 async def requests(kit: ServiceKit) -> list[int]:
     return [line.bus.statistics().transactions for line in kit.service.plant.buses.values()]
 
 
-def test_a_drive_that_falls_silent_has_no_values_any_more() -> None:
-    """Within 3 periods and a timeout; before, it has them."""
+def test_a_drive_that_stops_answering_loses_its_values() -> None:
+    """The values are removed within 3 poll periods and a timeout."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             found, _ = await scraped(kit)
@@ -178,14 +177,14 @@ def test_a_drive_that_falls_silent_has_no_values_any_more() -> None:
             assert of(found, "drive_alarms_active", drive="fan-1", priority="high") == 1
             assert of(found, "alarms_active", priority="high") == of(found, "alarms_unacknowledged", priority="high")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("reading", [{"quality": "uncertain"}, {"quality": "bad", "value": None}, {"unit": ""}])
-def test_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -> None:
-    """DZB100's scale is doubtful by a factor of ten; a raw word is no current."""
+def test_an_uncertain_reading_or_one_of_unknown_scale_is_not_a_metric(reading: Json) -> None:
+    """DZB100's scale is uncertain by a factor of ten; a raw word is not a current."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             _, message = await scraped(kit)
@@ -197,11 +196,11 @@ def test_what_is_uncertain_or_of_unknown_scale_is_no_metric(reading: Json) -> No
             good = of(found, "drive_signal_valid", drive="pump-1", signal="output_current")
             assert good == float("quality" not in reading)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_port_that_can_not_be_opened_has_no_load_and_no_reply_times() -> None:
-    async def story() -> None:
+def test_a_port_that_cannot_be_opened_has_no_load_and_no_reply_times() -> None:
+    async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1,2"), BusConfig("b", "/dev/no-such-port"))
         async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(5)
@@ -214,13 +213,13 @@ def test_a_port_that_can_not_be_opened_has_no_load_and_no_reply_times() -> None:
             assert of(found, "bus_load_ratio", bus="a") and of(found, "bus_reply_seconds", bus="a", quantile="0.5")
             assert of(found, "alarms_active", priority="critical") == 1
 
-    run(story())
+    run(scenario())
 
 
 def test_a_drive_without_a_state_has_no_fault_metric() -> None:
     """DF800: its stop is acknowledged and never confirmed."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         drives = (replace(DRIVES[0], model="df800"),)
         async with running_service(
             plant_config(buses=(BusConfig("a", "sim://df800@1"),), drives=drives, groups=())
@@ -231,7 +230,7 @@ def test_a_drive_without_a_state_has_no_fault_metric() -> None:
             assert of(found, "drive_up", drive="fan-1") == 1 and of(found, "drive_fault_code", drive="fan-1") is None
             assert of(found, "stops_acknowledged_total") == 1 and of(found, "stops_confirmed_total") == 0
 
-    run(story())
+    run(scenario())
 
 
 TRIPPED: Json = {
@@ -245,7 +244,7 @@ ALARM: Json = {"priority": "low", "acknowledged_ms": None, "shelved_until_ms": N
 
 
 async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(tmp_path: Path) -> None:
-    """The whole plant with its history on disk; what these drives do not report is put in by hand."""
+    """The whole plant runs with its history on disk; the test adds the values that these drives do not report."""
     async with real_service(tmp_path) as kit:
         for _ in range(100):
             message = await fetch_scrape_data(kit.service, VIEWER)
@@ -277,7 +276,7 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
     assert of(found, "disk_size_bytes") == message.plant["disk"]["total_mb"] * 2**20
 
 
-def test_names_keep_to_the_conventions() -> None:
+def test_metric_names_follow_the_conventions() -> None:
     units = ("hertz", "amperes", "volts", "watts", "celsius", "seconds", "joules", "bytes", "ratio")
     foreign = ("_hz", "_percent", "_ms", "_s", "_a", "_v", "_kw", "_kwh", "_h", "_mb")
     assert not [name for name in METRICS if name.endswith(foreign)]
@@ -286,7 +285,7 @@ def test_names_keep_to_the_conventions() -> None:
 
 
 @pytest.mark.parametrize("suffix", ["", ".zh"])
-def test_every_metric_has_its_paragraph(suffix: str) -> None:
+def test_every_metric_is_documented(suffix: str) -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / f"metrics{suffix}.md"
     message = page.read_text(encoding="utf-8")
     language = "zh" if suffix else "en"
@@ -296,7 +295,7 @@ def test_every_metric_has_its_paragraph(suffix: str) -> None:
     assert not [name for name in METRICS if METRICS[name].text(language).startswith("metrics.")]
 
 
-class Gone:
+class UnavailableService:
     """A plant that does not answer."""
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
@@ -307,7 +306,7 @@ class Gone:
 
 
 async def test_a_plant_that_does_not_answer_fails_the_scrape(tmp_path: Path) -> None:
-    gone: Any = Gone()
+    gone: Any = UnavailableService()
     harness = WebAppHarness(tmp_path, service=gone)
     client = await harness.log_in("viewer")
     answer = await client.get("/metrics")
@@ -325,7 +324,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("accept", ["text/plain;version=0.0.4", "application/openmetrics-text;version=1.0.0"])
-def test_a_viewers_token_is_enough_and_nothing_less_will_do(address: str, accept: str) -> None:
+def test_a_scrape_requires_at_least_a_viewers_token(address: str, accept: str) -> None:
     headers = {"Authorization": f"Bearer {token(Role.VIEWER)}", "Accept": accept}
     answer = httpx.get(f"{address}/metrics", headers=headers)
     assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"

@@ -7,7 +7,7 @@ from typing import Any
 import schemathesis
 
 BEYOND = {"cursor", "to_ms"}
-"""What no schema can say: that a cursor was handed out, and that a span does not end before it begins."""
+"""Errors that no schema can exclude: a cursor that was not issued, and a span that ends before it begins."""
 
 
 @schemathesis.check

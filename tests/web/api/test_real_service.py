@@ -1,4 +1,4 @@
-"""The API behind the real middleware: the same errors by every way, in one shape."""
+"""The API behind the real middleware: the same errors over every interface, in one shape."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ async def test_an_unknown_method_is_answered_with_the_known_ones(tmp_path: Path)
 
 
 @pytest.mark.parametrize("body", [{"name": 5, "password": "x"}, {}, {"name": "a", "password": "b", "x": 1}])
-async def test_a_body_that_the_framework_checks_is_refused_in_the_one_shape(tmp_path: Path, body: object) -> None:
+async def test_a_body_that_the_framework_rejects_has_the_common_error_shape(tmp_path: Path, body: object) -> None:
     async with WebAppHarness(tmp_path).client() as client:
         answer = await client.post(f"{API_PREFIX}/login", json=body)
     error = answer.json()["error"]
@@ -36,7 +36,7 @@ async def test_a_body_that_the_framework_checks_is_refused_in_the_one_shape(tmp_
     assert error["params"]["faults"] and set(error["text"]) == {"en", "zh"}
 
 
-# --- the same refusal whichever way, starts that can't be repeated, with a real plant ----------------
+# --- with a real plant: the same rejection over every interface, starts that cannot be replayed ---------------------
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
 
 
 def response(plant: RunningService, role: Role, name: str, params: Json) -> httpx.Response:
-    """The response of the API to an operation."""
+    """Return the response of the API to an operation."""
     operation = OPERATIONS[name]
     path = API_PREFIX + operation.path.format(**params)
     rest = {name: value for name, value in params.items() if name not in operation.path_params}
@@ -57,15 +57,15 @@ def response(plant: RunningService, role: Role, name: str, params: Json) -> http
 
 
 def rest(plant: RunningService, role: Role, name: str, params: Json) -> Json:
-    """The result or the error of the API."""
+    """Return the result or the error of the API."""
     found: Json = response(plant, role, name, params).json()
     return found
 
 
 def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json) -> Json:
-    """The same over ``plant.sock``, as the web part asks."""
+    """Return the same over ``plant.sock``."""
 
-    async def ask() -> Json:
+    async def call() -> Json:
         client = SocketClient(plant.socket)
         try:
             return await client.call(operation, params, actor)
@@ -74,7 +74,7 @@ def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json)
         finally:
             await client.close()
 
-    return asyncio.run(ask())
+    return asyncio.run(call())
 
 
 FIELDS = [
@@ -93,7 +93,7 @@ FIELDS = [
 def test_who_may_set_a_frequency_may_not_change_what_bounds_it(
     plant: RunningService, operation: str, params: Json, role: Role
 ) -> None:
-    """By REST the door says no, by the socket the plant itself: neither trusts the other."""
+    """Over REST the middleware denies, over the socket the plant itself: neither relies on the other."""
     actor = Actor("x", ROLE_RIGHTS[role], f"s-{role}")
     denied = response(plant, role, operation, params)
     assert denied.status_code == 403
@@ -110,23 +110,23 @@ BEYOND = [
     ("drive.limits", {"drive": "fan-1", "maximum_hz": 400.0}),
     ("parameters.write", {"drive": "fan-1", "values": {"F9.99": 1.0}}),
     ("parameters.write", {"drive": "fan-1", "values": {"output_frequency": 1.0}}),
-    ("drive.run", {"drive": "nobody", "frequency_hz": 5.0}),
+    ("drive.run", {"drive": "no-such-drive", "frequency_hz": 5.0}),
 ]
 
 
 @pytest.mark.parametrize(("operation", "params"), BEYOND, ids=lambda value: str(value)[:60])
-def test_what_is_beyond_a_limit_is_refused_in_the_same_words_by_every_way(
+def test_a_command_beyond_a_limit_is_rejected_with_the_same_text_over_every_interface(
     plant: RunningService, operation: str, params: Json
 ) -> None:
     rest(plant, Role.ENGINEER, "lease.take", {"drive": "fan-1"})
     actor = Actor("engineer/test", ROLE_RIGHTS[Role.ENGINEER], "token-id-engineer")
     rejected = response(plant, Role.ENGINEER, operation, params)
     assert rejected.json() == by_socket(plant, actor, operation, params)
-    assert rejected.status_code == (404 if params["drive"] == "nobody" else 422)
+    assert rejected.status_code == (404 if params["drive"] == "no-such-drive" else 422)
 
 
 def test_a_recorded_start_cannot_be_replayed(plant: RunningService) -> None:
-    """Nor does it serve another session, nor survive a stop."""
+    """The start is rejected in another session and after a stop too."""
     fan: Json = {"drive": "fan-1"}
     rest(plant, Role.ENGINEER, "lease.take", fan)
     arm = rest(plant, Role.ENGINEER, "drive.arm", fan)["arm_token"]
@@ -150,7 +150,7 @@ def test_a_stop_needs_no_lease(plant: RunningService) -> None:
     ("days", "status"), [(30.0, 200), (30.5, 422), ("30", 422), (True, 422), (367, 422), (1e300, 422)]
 )
 async def test_a_whole_number_of_days_may_be_written_with_a_point(tmp_path: Path, days: object, status: int) -> None:
-    """Found by schemathesis: 30.0 fits the description and was refused."""
+    """Regression, found by schemathesis: 30.0 fits the description and was rejected."""
     client = await WebAppHarness(tmp_path).log_in("engineer")
     body = {"name": "t", "rights": ["view"], "days": days}
     assert (await client.post(f"{API_PREFIX}/tokens", json=body)).status_code == status

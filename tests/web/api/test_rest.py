@@ -94,7 +94,7 @@ async def test_a_number_beyond_json_is_rejected_also_under_an_unknown_name(numbe
 
 
 async def test_a_whole_number_may_be_written_with_a_point() -> None:
-    """JSON has one kind of number. Found by schemathesis: 60.0 minutes fit the description and were refused."""
+    """JSON has one kind of number; regression, found by schemathesis: 60.0 minutes were rejected."""
     plant, path = FakeService(), f"{API_PREFIX}/alarms/a/shelve"
     answers = [
         await ask(plant, "POST", path, content=f'{{"minutes": {minutes}, "reason": "work"}}'.encode())

@@ -1,4 +1,4 @@
-"""The live gateway in virtual time: what a client is told, when, and how it ends."""
+"""The live gateway in virtual time: messages of a client, their times, and the end of a connection."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from fixtures.rest_api import FakeService
 DRIVES = ("drives/*",)
 
 
-def told(story: Callable[[FakeService, UpstreamFeed], Awaitable[None]]) -> None:
-    async def play() -> None:
+def run_feed(scenario: Callable[[FakeService, UpstreamFeed], Awaitable[None]]) -> None:
+    async def main() -> None:
         plant = FakeService()
         feed = UpstreamFeed(plant, LIVE_ACTOR)
-        await story(plant, feed)
+        await scenario(plant, feed)
         feed.close("shutdown")
 
-    virtual_time.run(play())
+    virtual_time.run(main())
 
 
-def served(story: Callable[[FakeService, LiveEndpoint], Awaitable[None]]) -> None:
-    async def play() -> None:
+def run_endpoint(scenario: Callable[[FakeService, LiveEndpoint], Awaitable[None]]) -> None:
+    async def main() -> None:
         plant = FakeService()
-        await story(plant, LiveEndpoint(plant))
+        await scenario(plant, LiveEndpoint(plant))
 
-    virtual_time.run(play())
+    virtual_time.run(main())
 
 
 def begin(live: LiveEndpoint, socket: FakeWebSocket) -> asyncio.Task[None]:
@@ -49,40 +49,40 @@ def fan(**rest: Any) -> Json:
 
 
 def test_a_client_gets_a_snapshot_and_then_what_changed() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         plant.messages.put_nowait(
             snapshot(alarms={"active": []}, drives__a={"state": "running", "start_inhibited": False})
         )
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
-        assert [one["type"] for one in ear.messages] == ["snapshot", "delta"]
-        assert ear.topics() == [
+        assert [one["type"] for one in subscriber.messages] == ["snapshot", "delta"]
+        assert subscriber.topics() == [
             {"drives/a": {"state": "running", "start_inhibited": False}},
             {"drives/a": {"state": "stopped"}},
         ]
-        assert [one["seq"] for one in ear.messages] == [0, 1] and ear.messages[0]["time_ms"] == 1
+        assert [one["seq"] for one in subscriber.messages] == [0, 1] and subscriber.messages[0]["time_ms"] == 1
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_the_plant_is_heard_once_for_all_and_a_message_is_encoded_once() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ears = [FakeSubscriber() for _ in range(50)]
-        for ear in ears:
-            feed.join(ear, DRIVES, 0.25)
+def test_all_clients_share_one_subscription_and_a_message_is_encoded_once() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscribers = [FakeSubscriber() for _ in range(50)]
+        for subscriber in subscribers:
+            feed.join(subscriber, DRIVES, 0.25)
         plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
         assert plant.subscriptions == ["state"]
-        assert len({id(ear.texts[1]) for ear in ears}) == 1
+        assert len({id(subscriber.texts[1]) for subscriber in subscribers}) == 1
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_who_comes_later_begins_where_the_others_are() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
+def test_a_later_client_gets_a_snapshot_of_the_current_state() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
         first, later = FakeSubscriber(), FakeSubscriber()
         feed.join(first, DRIVES, 5.0)
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(1.0)}}))
@@ -92,28 +92,32 @@ def test_who_comes_later_begins_where_the_others_are() -> None:
         plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(3.0)}}}))
         await asyncio.sleep(0.1)
         feed.join(later, DRIVES, 5.0)
-        values = [[one["drives/a"]["signals"]["f"]["value"] for one in ear.topics()] for ear in (first, later)]
+        values = [
+            [one["drives/a"]["signals"]["f"]["value"] for one in subscriber.topics()] for subscriber in (first, later)
+        ]
         assert values == [[1.0, 3.0], [3.0]]
         assert first.messages[-1]["seq"] == later.messages[0]["seq"]
 
-    told(story)
+    run_feed(scenario)
 
 
 def test_values_come_at_the_clients_interval_and_the_last_one_wins() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 2.0)
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 2.0)
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(0.0)}}))
         for value in range(1, 41):
             await asyncio.sleep(0.25)
             plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(float(value))}}}))
         await asyncio.sleep(0.1)
         values = [
-            (at, one["drives/a"]["signals"]["f"]["value"]) for at, one in zip(ear.at, ear.topics(), strict=True) if one
+            (at, one["drives/a"]["signals"]["f"]["value"])
+            for at, one in zip(subscriber.at, subscriber.topics(), strict=True)
+            if one
         ]
         assert values == [(0.0, 0.0)] + [(2.0 * n, 8.0 * n - 1.0) for n in range(1, 6)]
 
-    told(story)
+    run_feed(scenario)
 
 
 @pytest.mark.parametrize(
@@ -127,28 +131,28 @@ def test_values_come_at_the_clients_interval_and_the_last_one_wins() -> None:
     ],
     ids=["trust", "state", "alarm", "port", "event"],
 )
-def test_what_matters_does_not_wait_for_a_slow_clients_interval(news: Json) -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, ("*",), 10.0)
+def test_urgent_changes_do_not_wait_for_a_slow_clients_interval(news: Json) -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, ("*",), 10.0)
         plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(0.0)}}, buses__l={"is_open": True}))
         for _ in range(2):
             await asyncio.sleep(1.0)
             plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(1.0)}}}))
         await asyncio.sleep(0.1)
-        before = len(ear.texts)
+        before = len(subscriber.texts)
         plant.messages.put_nowait(update(news))
         await asyncio.sleep(0.25)
-        assert len(ear.texts) == before + 1 and news.keys() <= ear.topics()[-1].keys()
+        assert len(subscriber.texts) == before + 1 and news.keys() <= subscriber.topics()[-1].keys()
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_an_age_goes_on_while_a_message_waits() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear, later = FakeSubscriber(), FakeSubscriber()
+def test_an_age_grows_while_a_message_waits() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber, later = FakeSubscriber(), FakeSubscriber()
         lease = {"owner": "li", "session": "s", "expires_ms": 9000}
-        feed.join(ear, DRIVES, 10.0)
+        feed.join(subscriber, DRIVES, 10.0)
         fan = {"lease": lease, "signals": {"f": signal(1.0, source_time_ms=-499)}}
         plant.messages.put_nowait(snapshot(drives__a=fan))
         await asyncio.sleep(4.0)
@@ -158,122 +162,122 @@ def test_an_age_goes_on_while_a_message_waits() -> None:
         age_ms = message["time_ms"] - drive["signals"]["f"]["source_time_ms"]
         assert (age_ms, drive["lease"]["expires_ms"]) == (4500, 9000)
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_a_plant_that_falls_silent_has_no_heartbeat() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+def test_a_plant_that_stops_sending_has_no_heartbeat() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         plant.messages.put_nowait(snapshot(drives__a={}))
         for _ in range(3):
             await asyncio.sleep(1.0)
             plant.messages.put_nowait(update())
         await asyncio.sleep(60.0)
-        assert ear.at == [0.0, 1.0, 2.0, 3.0] and ear.topics()[1:] == [{}, {}, {}]
+        assert subscriber.at == [0.0, 1.0, 2.0, 3.0] and subscriber.topics()[1:] == [{}, {}, {}]
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_a_plant_that_is_gone_closes_everybody_and_nothing_old_is_shown_to_the_next() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear, next_one = FakeSubscriber(), FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+def test_a_lost_plant_closes_all_clients_and_the_next_client_gets_no_old_value() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber, next_one = FakeSubscriber(), FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
         plant.messages.put_nowait({"type": "closed", "reason": "shutdown", "text": {}})
         await asyncio.sleep(0.1)
         feed.join(next_one, DRIVES, 0.25)
         await asyncio.sleep(1.0)
-        assert (ear.reason, next_one.texts) == ("shutdown", [])
+        assert (subscriber.reason, next_one.texts) == ("shutdown", [])
         plant.messages.put_nowait(snapshot(drives__b={"state": "stopped"}))
         await asyncio.sleep(0.1)
         assert next_one.topics() == [{"drives/b": {"state": "stopped"}}]
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_a_plant_that_begins_anew_lets_everybody_begin_anew() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+def test_a_new_snapshot_of_the_plant_is_a_new_snapshot_for_every_client() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         for name in ("drives__a", "drives__b"):
             plant.messages.put_nowait(snapshot(**{name: {"state": "running"}}))
         await asyncio.sleep(0.1)
-        assert [(one["type"], list(one["topics"])) for one in ear.messages] == [
+        assert [(one["type"], list(one["topics"])) for one in subscriber.messages] == [
             ("snapshot", ["drives/a"]),
             ("snapshot", ["drives/b"]),
         ]
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_a_plant_that_can_not_be_reached_says_so() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
+def test_a_plant_that_cannot_be_reached_closes_the_client_with_that_reason() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
         async def unreachable(*_: Any) -> Any:
             raise ServiceUnavailable("plant.gone")
             yield
 
         plant.live = unreachable  # type: ignore[method-assign]
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         await asyncio.sleep(0.1)
-        assert ear.reason == "upstream_lost"
+        assert subscriber.reason == "upstream_lost"
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_what_goes_away_and_what_was_dropped_is_told() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, ("drives/*", "events"), 0.25)
+def test_removed_topics_and_dropped_items_are_reported() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, ("drives/*", "events"), 0.25)
         plant.messages.put_nowait(snapshot(drives__a={}, events=[]))
         plant.messages.put_nowait(update({"events": [{"id": "1"}]}, removed=["drives/a"], missed={"events": 3}))
         await asyncio.sleep(0.5)
-        last = ear.messages[-1]
+        last = subscriber.messages[-1]
         assert (last["removed"], last["missed"], last["topics"]) == (
             ["drives/a"],
             {"events": 3},
             {"events": [{"id": "1"}]},
         )
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_what_went_and_came_back_while_a_message_waited_is_there() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, DRIVES, 10.0)
+def test_a_topic_that_was_removed_and_added_again_while_a_message_waited_is_sent() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, DRIVES, 10.0)
         plant.messages.put_nowait(snapshot(drives__a={"state": "running"}))
         plant.messages.put_nowait(update(removed=["drives/a"]))
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(0.5)
-        assert [one["topics"] for one in ear.messages][1:] == [{"drives/a": {"state": "stopped"}}]
-        assert "removed" not in ear.messages[-1]
+        assert [one["topics"] for one in subscriber.messages][1:] == [{"drives/a": {"state": "stopped"}}]
+        assert "removed" not in subscriber.messages[-1]
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_more_items_than_a_message_holds_leave_the_oldest_out_and_say_how_many() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear = FakeSubscriber()
-        feed.join(ear, ("frames/line-1",), 10.0)
+def test_items_beyond_a_messages_limit_drop_the_oldest_and_count_them() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, ("frames/line-1",), 10.0)
         plant.messages.put_nowait(snapshot())
         await asyncio.sleep(0.1)
         frames = [{"n": n} for n in range(1, 1001)]
         plant.frames.put_nowait(update({"frames/line-1": frames[:1]}))
         plant.frames.put_nowait(update({"frames/line-1": frames[1:]}))
         await asyncio.sleep(11.0)
-        last = ear.messages[-1]
+        last = subscriber.messages[-1]
         assert (len(last["topics"]["frames/line-1"]), last["topics"]["frames/line-1"][-1]) == (500, {"n": 1000})
         assert last["missed"] == {"frames/line-1": 500}
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_frames_are_asked_of_the_plant_only_while_somebody_watches_them() -> None:
-    async def story(plant: FakeService, feed: UpstreamFeed) -> None:
-        ear, other = FakeSubscriber(), FakeSubscriber()
-        feed.join(ear, DRIVES, 0.25)
+def test_frames_are_subscribed_only_while_a_client_shows_them() -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber, other = FakeSubscriber(), FakeSubscriber()
+        feed.join(subscriber, DRIVES, 0.25)
         channel = feed.join(other, ("frames/line-1",), 0.25)
         await asyncio.sleep(0.1)
         assert sorted(plant.subscriptions) == ["frames/line-1", "state"]
@@ -282,11 +286,11 @@ def test_frames_are_asked_of_the_plant_only_while_somebody_watches_them() -> Non
         await asyncio.sleep(0.1)
         assert len(plant.subscriptions) == 3
 
-    told(story)
+    run_feed(scenario)
 
 
-def test_a_slow_client_is_closed_with_the_reason_and_holds_nobody_up() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+def test_a_slow_client_is_closed_with_the_reason_and_delays_no_other() -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         slow, quick = FakeWebSocket(takes=False), FakeWebSocket()
         tasks = [begin(live, socket) for socket in (slow, quick)]
         await asyncio.sleep(0.1)
@@ -300,11 +304,11 @@ def test_a_slow_client_is_closed_with_the_reason_and_holds_nobody_up() -> None:
         quick.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
 
-    served(story)
+    run_endpoint(scenario)
 
 
-def test_a_client_that_leaves_is_forgotten() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+def test_a_client_that_disconnects_is_removed() -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         task = begin(live, socket)
         await asyncio.sleep(0.1)
@@ -315,11 +319,11 @@ def test_a_client_that_leaves_is_forgotten() -> None:
         await asyncio.sleep(1.0)
         assert socket.sent == []
 
-    served(story)
+    run_endpoint(scenario)
 
 
 def test_a_subscription_is_changed_while_it_runs() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         socket.query_params = {"topics": "alarms"}
         task = begin(live, socket)
@@ -334,11 +338,11 @@ def test_a_subscription_is_changed_while_it_runs() -> None:
         socket.incoming.put_nowait(None)
         await task
 
-    served(story)
+    run_endpoint(scenario)
 
 
-def test_a_lease_is_renewed_once_for_each_ask_in_the_name_of_the_session() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+def test_a_lease_is_renewed_once_for_each_request_in_the_name_of_the_session() -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         plant.results["lease.renew"] = {"lease": {"owner": "li"}, "ttl_s": 10}
         socket = FakeWebSocket()
         task = begin(live, socket)
@@ -355,7 +359,7 @@ def test_a_lease_is_renewed_once_for_each_ask_in_the_name_of_the_session() -> No
         socket.incoming.put_nowait(None)
         await task
 
-    served(story)
+    run_endpoint(scenario)
 
 
 @pytest.mark.parametrize(
@@ -377,22 +381,22 @@ def test_a_lease_is_renewed_once_for_each_ask_in_the_name_of_the_session() -> No
     ],
     ids=lambda text: text[:30],
 )
-def test_a_message_that_nobody_understands_ends_the_connection(text: str) -> None:
+def test_a_malformed_message_ends_the_connection(text: str) -> None:
     with pytest.raises(ValueError):
         parse_message(text)
 
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         task = begin(live, socket)
         socket.incoming.put_nowait(text)
         await task
         assert (socket.closed, socket.sent[-1]["reason"]) == ((4400, "bad_message"), "bad_message")
 
-    served(story)
+    run_endpoint(scenario)
 
 
 def test_too_many_messages_end_the_connection() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket, patient = FakeWebSocket(), FakeWebSocket()
         tasks = [begin(live, socket), begin(live, patient)]
         for _ in range(200):
@@ -404,11 +408,11 @@ def test_too_many_messages_end_the_connection() -> None:
         patient.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
 
-    served(story)
+    run_endpoint(scenario)
 
 
-def test_so_many_websockets_and_no_more() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+def test_websockets_beyond_the_limit_are_refused() -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         sockets = [FakeWebSocket() for _ in range(MAX_WEBSOCKETS + 1)]
         tasks = [begin(live, socket) for socket in sockets]
         await asyncio.sleep(0.1)
@@ -417,22 +421,22 @@ def test_so_many_websockets_and_no_more() -> None:
             socket.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
 
-    served(story)
+    run_endpoint(scenario)
 
 
 @pytest.mark.parametrize("query", [{"interval": "0.05"}, {"interval": "11"}, {"interval": "nan"}, {"topics": "x"}])
-def test_an_address_that_asks_for_the_impossible_is_closed_at_once(query: dict[str, str]) -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+def test_a_connection_with_invalid_parameters_is_closed_at_once(query: dict[str, str]) -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         socket.query_params = query
         await live.serve(cast(WebSocket, socket))
         assert (socket.closed, plant.subscriptions) == ((4400, "bad_message"), [])
 
-    served(story)
+    run_endpoint(scenario)
 
 
 def test_a_fast_client_shares_the_subscription_of_the_others() -> None:
-    async def story(plant: FakeService, live: LiveEndpoint) -> None:
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket = FakeWebSocket()
         socket.query_params = {"interval": "0.1"}
         task = begin(live, socket)
@@ -441,10 +445,10 @@ def test_a_fast_client_shares_the_subscription_of_the_others() -> None:
         socket.incoming.put_nowait(None)
         await task
 
-    served(story)
+    run_endpoint(scenario)
 
 
-def test_wishes_that_mean_the_same_share_a_channel() -> None:
+def test_equivalent_patterns_and_intervals_are_normalized() -> None:
     assert parse_patterns(["plant", "alarms", "plant"]) == ("alarms", "plant")
     assert [parse_interval(text) for text in (None, "1", "0.26", "0.1")] == [0.25, 1.0, 0.25, 0.1]
     assert parse_message(json.dumps({"subscribe": ["*"], "renew": ["a"]})).renew == ("a",)

@@ -1,4 +1,4 @@
-"""The live connection over a real socket, through the real door, from a real plant."""
+"""The live connection over a real socket, with the real middleware and a real plant."""
 
 from __future__ import annotations
 
@@ -37,33 +37,33 @@ def by_token(plant: RunningService, query: str = "", role: Role = Role.VIEWER) -
     return live(plant, query, Authorization=f"Bearer {token(role)}")
 
 
-async def heard(socket: ClientConnection) -> Json:
+async def receive(socket: ClientConnection) -> Json:
     message: Json = json.loads(await asyncio.wait_for(socket.recv(), PATIENCE_S))
     return message
 
 
 async def ended(socket: ClientConnection) -> tuple[Json, int]:
-    """The last message and the close code."""
+    """Return the last message and the close code."""
     last: Json = {}
     try:
         while True:
-            last = await heard(socket)
+            last = await receive(socket)
     except ConnectionClosed as closed:
         return last, closed.rcvd.code if closed.rcvd else 0
 
 
-async def test_a_snapshot_then_deltas_of_what_is_asked(plant: RunningService) -> None:
+async def test_a_snapshot_is_followed_by_deltas_of_the_requested_topics(plant: RunningService) -> None:
     async with by_token(plant, "?topics=drives/fan-*,plant&interval=0.1") as socket:
-        first = await heard(socket)
+        first = await receive(socket)
         assert (first["type"], sorted(first["topics"])) == ("snapshot", ["drives/fan-1", "drives/fan-2", "plant"])
-        while not (later := await heard(socket))["topics"]:
+        while not (later := await receive(socket))["topics"]:
             pass
         assert (later["type"], set(later["topics"]) <= set(first["topics"])) == ("delta", True)
 
 
-async def test_frames_come_while_somebody_watches_them(plant: RunningService) -> None:
+async def test_frames_are_sent_while_they_are_subscribed(plant: RunningService) -> None:
     async with by_token(plant, "?topics=frames/a") as socket:
-        while not (frames := (await heard(socket))["topics"].get("frames/a")):
+        while not (frames := (await receive(socket))["topics"].get("frames/a")):
             pass
         assert {"n", "kind", "hex", "text", "station"} <= frames[0].keys()
 
@@ -74,41 +74,43 @@ async def test_a_logout_ends_the_connection_at_once(plant: RunningService) -> No
         answer = (await browser.post(f"{API_PREFIX}/login", json=given)).raise_for_status()
         cookie = f"drivebus_session={answer.cookies['drivebus_session']}"
         async with live(plant, Cookie=cookie, Origin=plant.url) as socket:
-            assert (await heard(socket))["type"] == "snapshot"
+            assert (await receive(socket))["type"] == "snapshot"
             await browser.post(f"{API_PREFIX}/logout", json={}, headers={"X-Drivebus-CSRF": answer.json()["csrf"]})
             last, code = await ended(socket)
     assert (last["type"], last["reason"], code) == ("closed", "logout", 4401)
 
 
 @pytest.mark.parametrize("origin", [None, "null", "http://evil.example", "http://127.0.0.1.evil.example"])
-async def test_a_foreign_page_can_not_listen(plant: RunningService, origin: str | None) -> None:
+async def test_a_foreign_page_cannot_connect(plant: RunningService, origin: str | None) -> None:
     async with httpx.AsyncClient(base_url=plant.url) as browser:
         answer = await browser.post(f"{API_PREFIX}/login", json={"name": "viewer", "password": PASSWORD})
     headers = {"Cookie": f"drivebus_session={answer.cookies['drivebus_session']}"}
     headers |= {"Origin": origin} if origin is not None else {}
     with pytest.raises(InvalidStatus) as refused:
         await live(plant, **headers)
-    assert refused.value.response.status_code == 403, "let in with the right origin, it would be heard"
+    assert refused.value.response.status_code == 403, "accepted with the right origin"
     async with live(plant, **headers | {"Origin": plant.url}) as socket:
-        assert (await heard(socket))["type"] == "snapshot"
+        assert (await receive(socket))["type"] == "snapshot"
 
 
 @pytest.mark.parametrize("text", ["{}", '{"run": ["fan-1"]}', b"\x00"])
-async def test_nonsense_ends_the_connection_with_the_reason(plant: RunningService, text: str | bytes) -> None:
+async def test_a_malformed_message_ends_the_connection_with_the_reason(
+    plant: RunningService, text: str | bytes
+) -> None:
     async with by_token(plant) as socket:
         await socket.send(text)
         last, code = await ended(socket)
     assert (last["reason"], code) == ("bad_message", 4400)
 
 
-async def test_a_message_larger_than_the_service_takes_ends_the_connection(plant: RunningService) -> None:
+async def test_an_oversized_message_ends_the_connection(plant: RunningService) -> None:
     async with by_token(plant) as socket:
         await socket.send('{"subscribe": ["' + "a" * 200_000 + '"]}')
         _, code = await ended(socket)
     assert code == websockets.CloseCode.MESSAGE_TOO_BIG
 
 
-async def test_a_lease_is_kept_by_its_owner_over_the_connection(plant: RunningService) -> None:
+async def test_a_lease_is_renewed_by_its_owner_over_the_connection(plant: RunningService) -> None:
     headers = {"Authorization": f"Bearer {token(Role.OPERATOR)}"}
     async with httpx.AsyncClient(base_url=plant.url, headers=headers) as program:
         (await program.post(f"{API_PREFIX}/drives/fan-1/lease")).raise_for_status()
@@ -124,6 +126,6 @@ async def test_a_lease_is_kept_by_its_owner_over_the_connection(plant: RunningSe
 
 async def renewed(socket: ClientConnection) -> Json:
     await socket.send('{"renew": ["fan-1"]}')
-    while (found := await heard(socket))["type"] != "lease":
+    while (found := await receive(socket))["type"] != "lease":
         pass
     return found

@@ -1,4 +1,4 @@
-"""A browser for all tests of the page, and a whole plant behind it."""
+"""Fixtures of the page's tests: a browser, and a whole plant behind it."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ ALLOWED_NOISE = (
     "401 (Unauthorized)",
     "403 (Forbidden)",
     "503 (Service Unavailable)",
-    "500 (Internal Server Error)",  # a server that is ended cuts a request off when its patience is over
+    "500 (Internal Server Error)",  # a server that ends aborts a request after its timeout
     "WebSocket connection",
 )
-"""What the browser itself says when a server, a session or an answer is gone: the tests take them away."""
+"""Messages of the browser itself about a lost server, session or answer, which the tests provoke."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Last of all: the browser's driver keeps a loop running in the main thread, in which no other loop may run."""
+    """Run these tests last, because the browser's driver keeps an event loop running in the main thread."""
     items.sort(key=lambda item: "browser" in getattr(item, "fixturenames", ()))
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """Debian's Chromium. Its very first start may fail: once more."""
+    """Start Debian's Chromium, a second time where its first start fails."""
     program = peers.need_program("chromium", "chromium")
     peers.need_module("playwright")
     from playwright.sync_api import Error, sync_playwright
@@ -52,14 +52,14 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="session")
 def plant(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """One plant for all: starting it takes a second."""
+    """Start one plant for all tests, because that takes a second."""
     with staged(tmp_path_factory.mktemp("plant")) as stage:
         yield stage
 
 
 @pytest.fixture
 def stage(plant: Stage) -> Stage:
-    """As it was at the beginning."""
+    """Return the plant in its initial state."""
     plant.calm()
     return plant
 
@@ -69,8 +69,11 @@ Visit = Callable[..., Any]
 
 @pytest.fixture
 def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
-    """``visit("#/fleet", language="zh", role="engineer")`` gives a logged-in page; no error of its scripts is lost."""
-    contexts, wrong = [], []
+    """Return a function that opens a logged-in page, ``visit("#/fleet", language="zh", role="engineer")``.
+
+    The test fails on any error of the page's scripts.
+    """
+    contexts, errors = [], []
 
     def go(
         way: str = "#/fleet",
@@ -87,8 +90,8 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(15_000)
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda text: _note(text, wrong))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda text: _record_error(text, errors))
         page.goto(f"{stage.at}/{way}")
         if role is not None:
             log_in(page, role)
@@ -97,12 +100,12 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
     yield go
     for context in contexts:
         context.close()
-    assert wrong == []
+    assert errors == []
 
 
-def _note(said: Any, wrong: list[str]) -> None:
-    if said.type == "error" and not any(noise in said.text for noise in ALLOWED_NOISE):
-        wrong.append(said.text)
+def _record_error(message: Any, errors: list[str]) -> None:
+    if message.type == "error" and not any(noise in message.text for noise in ALLOWED_NOISE):
+        errors.append(message.text)
 
 
 @pytest.fixture(scope="session")

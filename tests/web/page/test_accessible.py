@@ -1,4 +1,4 @@
-"""Every page, for whoever hears it, has no mouse, sits before a phone, or stands three metres away."""
+"""Accessibility of every page: screen readers, keyboard, phones, and reading from three metres away."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def walk(page: Any, way: str) -> None:
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_axe_finds_nothing_on_any_page(stage: Stage, visit: Any, theme: str) -> None:
-    """WCAG 2.1 AA as far as a program can tell; a theme changes colours only, so the second asks for contrast alone."""
+    """Check WCAG 2.1 AA as far as a program can; themes differ only in colours, so the second checks contrast alone."""
     peers.need_module("axe_playwright_python", "axe-playwright-python")
     from axe_playwright_python.sync_playwright import Axe
 
@@ -44,15 +44,15 @@ def test_axe_finds_nothing_on_any_page(stage: Stage, visit: Any, theme: str) -> 
     trip(stage, "fan-3")
     page = visit("#/fleet", role=None, theme=theme, bypass_csp=True)
     page.locator("input[name=name]").wait_for()
-    found = {"login": _told(Axe().run(page, options=rules))}
+    found = {"login": _violations(Axe().run(page, options=rules))}
     log_in(page, "administrator")
     for way in WAYS:
         walk(page, way)
-        found[way] = _told(Axe().run(page, options=rules))
+        found[way] = _violations(Axe().run(page, options=rules))
     assert {way: wrong for way, wrong in found.items() if wrong} == {}
 
 
-def _told(results: Any) -> list[str]:
+def _violations(results: Any) -> list[str]:
     violations = results.response["violations"]
     return [
         f"{one['id']}: {one['nodes'][0]['html'][:160]} {one['nodes'][0]['any'][:1]}"
@@ -81,11 +81,11 @@ LONG_NAMES = """
       zh: `${found.title.zh}喷漆车间屋顶层含备用回路与变频旁路切换柜及消防联动部分` } } : found);
   JSON.parse = (text, ...rest) => parse(text, ...(rest.length ? rest : [long]));
 """
-"""Whatever the plant's file gives a title has a long one."""
+"""Configuration with a long title wherever it has titles."""
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_long_names_widen_no_page_and_leave_the_head_low(visit: Any, language: str) -> None:
+def test_long_names_widen_no_page_and_keep_the_head_low(visit: Any, language: str) -> None:
     page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
     page.add_init_script(LONG_NAMES)
     page.reload()
@@ -102,7 +102,7 @@ def test_long_names_widen_no_page_and_leave_the_head_low(visit: Any, language: s
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, language: str) -> None:
+def test_a_phone_shows_that_its_closed_filters_hide_drives(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/fleet?group=air", language=language, size=(360, 740))
     page.click(".morepicks")
     page.fill("input[type=search]", "extract")
@@ -117,8 +117,10 @@ def test_a_phone_says_what_its_closed_filters_hide(stage: Stage, visit: Any, lan
 
 
 def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
-    """A capital is 0.7 of its type: 15 mm of number and 7 mm of word at 96 to the inch, on a wall's 24 inch screen.
-    Three rows, two of them with a tripped drive, are whole there."""
+    """A capital is 0.7 of its font size: 15 mm of number and 7 mm of word at 96 dpi on a 24 inch screen.
+
+    Three rows, two of them with a tripped drive, are completely visible there.
+    """
     trip(stage, "fan-3")
     page = visit("#/fleet", size=(1920, 1080))
     page.select_option("select >> nth=-1", "wall")
@@ -136,12 +138,12 @@ def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
 def test_the_last_row_can_be_scrolled_above_a_stop_bar_of_any_height(visit: Any) -> None:
     page = visit("#/fleet", size=(700, 500))
     page.locator(".tile").nth(4).wait_for()
-    page.evaluate("document.querySelector('.told').style.height = '180px'")
+    page.evaluate("document.querySelector('.stop-status').style.height = '180px'")
     page.wait_for_function("""() => {
       scrollTo(0, 1e6);
       const edges = (one) => document.querySelector(one).getBoundingClientRect();
       return edges(".stopbar").height > 180 && edges(".tile:last-child").bottom <= edges(".stopbar").top;
-    }""")  # a function: the page's policy forbids to evaluate text
+    }""")  # a function: the page's policy forbids evaluating text
 
 
 def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: Any) -> None:
@@ -156,7 +158,7 @@ def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: 
     page.locator(".control").wait_for()
     page.focus("[data-stop=drive]")
     page.keyboard.press("Enter")
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.good").wait_for()
 
 
 def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:

@@ -1,4 +1,4 @@
-"""The page's files: what is vendored is what it says, what is loaded is small, what is shown is in the catalogue."""
+"""The page's files: vendored files match their list, downloads are small, and texts are in the catalogue."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_nothing_is_vendored_that_is_not_listed() -> None:
 
 
 def test_every_import_is_relative_and_exists() -> None:
-    """No build, no import map, nothing from elsewhere."""
+    """There is no build, no import map and no file from another origin."""
     for script in [*SCRIPTS, *VENDOR.glob("*.js")]:
         for found in re.findall(r"""(?:[}\w*] ?from|\bimport) ?\(?["']([^"'\n]+)["']""", script.read_text("utf-8")):
             assert found.startswith("."), (script.name, found)
@@ -48,7 +48,7 @@ def names(listed: str) -> list[str]:
     return re.findall(r"(\w+)\s*(?:,|$)", listed)
 
 
-def test_what_a_script_exports_is_asked_for_by_another_or_by_a_test() -> None:
+def test_every_export_of_a_script_is_imported_by_another_or_by_a_test() -> None:
     code = {path: stripped(path.read_text("utf-8")) for path in SCRIPTS}
     tests = "".join(path.read_text("utf-8") for path in Path(__file__).parent.glob("*.py"))
     unused = set()
@@ -61,7 +61,7 @@ def test_what_a_script_exports_is_asked_for_by_another_or_by_a_test() -> None:
     assert not unused
 
 
-def test_what_a_script_imports_is_used() -> None:
+def test_every_import_of_a_script_is_used() -> None:
     for path in SCRIPTS:
         text = stripped(path.read_text("utf-8"))
         imported = [name for kind, listed in TOGETHER.findall(text) if kind == "import" for name in names(listed)]
@@ -69,7 +69,7 @@ def test_what_a_script_imports_is_used() -> None:
 
 
 def test_the_whole_page_is_small_over_the_wire() -> None:
-    """Everything that it can ever load, in the larger language, packed as the server packs it; measured 2026-11."""
+    """All files that it can load, in the larger language, compressed as by the server; measured 2026-11."""
     files = [path for path in [*HERE.glob("static/**/*"), *VENDOR.glob("*.*")] if path.is_file()]
     sentences = max(len(_packed(json.dumps(i18n.catalogue(language)).encode())) for language in i18n.LANGUAGES)
     assert sum(len(_packed(path.read_bytes())) for path in files) + sentences <= LARGEST
@@ -80,7 +80,7 @@ def _packed(content: bytes) -> bytes:
 
 
 def stripped(text: str) -> str:
-    """Without comments; ``<//>`` is the end of a part, not the beginning of one."""
+    """Return a script without comments; ``<//>`` ends a component and begins no comment."""
     return re.sub(r"/\*.*?\*/|(?<![:\"'`<])//[^\n]*", "", text, flags=re.DOTALL)
 
 
@@ -88,14 +88,14 @@ KEYS = re.compile(r"""["'`](page\.[a-z0-9_]+)["'`]""")
 BEGINNINGS = re.compile(r"`(page\.[a-z0-9_]*)\$\{")
 
 
-def test_every_sentence_that_a_script_names_is_in_the_catalogue() -> None:
+def test_every_text_that_a_script_names_is_in_the_catalogue() -> None:
     known = i18n.catalogue("en").keys()
     named = {(path.name, key) for path in SCRIPTS for key in KEYS.findall(path.read_text("utf-8"))}
     assert len(named) > 100
     assert not {(file, key) for file, key in named if key not in known}
 
 
-def test_every_sentence_of_the_page_is_used() -> None:
+def test_every_text_of_the_page_is_used() -> None:
     text = "\n".join(stripped(path.read_text("utf-8")) for path in SCRIPTS)
     starts = {
         "page.sort_",
@@ -103,7 +103,7 @@ def test_every_sentence_of_the_page_is_used() -> None:
         "page.size_",
         "page.counter_",
         "page.error_",
-    }  # chosen by a name given to a part
+    }  # keys composed of a name
     used, beginnings = set(KEYS.findall(text)), tuple(starts | set(BEGINNINGS.findall(text)) - {"page."})
     mine = {key for key in i18n.catalogue("en") if key.startswith("page.")}
     fields = {f"page.{name}" for name in ("minimum_hz", "maximum_hz")}
@@ -116,8 +116,8 @@ SYMBOLS = {"Hz", "drivebus", "A|B"}
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
-def test_no_text_stands_in_a_script(script: Path) -> None:
-    """What a user reads is in the catalogue, in both languages; units and the name of the program are not words."""
+def test_no_script_contains_a_text_for_users(script: Path) -> None:
+    """All texts for users are in the catalogue in both languages, except units and the name of the program."""
     code = stripped(script.read_text("utf-8"))
     for template in re.findall(r"html`(.*)", code, flags=re.DOTALL):
         texts = {text.strip() for text in [*TEXT.findall(_markup(template)), *ATTRIBUTE.findall(template)]}
@@ -125,7 +125,7 @@ def test_no_text_stands_in_a_script(script: Path) -> None:
 
 
 def _markup(template: str) -> str:
-    """Arrows and comparisons are no tags."""
+    """Return a template without arrows and comparisons, which are not tags."""
     return re.sub(r"=>|>=|<=| > | < ", " ", template)
 
 
@@ -133,25 +133,27 @@ CHINESE = re.compile("[一-鿿]")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
-def test_no_chinese_stands_in_a_script_but_the_name_of_the_language(script: Path) -> None:
+def test_no_script_contains_chinese_but_the_name_of_the_language(script: Path) -> None:
     code = stripped(script.read_text("utf-8")).replace('zh: "中文"', "")
     assert not CHINESE.search(code)
 
 
 @pytest.mark.parametrize("path", [*SCRIPTS, *(HERE / "static").rglob("*.css")], ids=lambda path: path.name)
-def test_a_script_keeps_the_policy(path: Path) -> None:
-    """The browser is told to run nothing inline: no handler in text, no HTML from text."""
+def test_a_script_follows_the_content_security_policy(path: Path) -> None:
+    """The policy forbids inline code: no event handler in HTML, no HTML from text."""
     text = path.read_text("utf-8")
     if path.suffix == ".js":
         assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|dangerouslySet|document\.write|\beval\(", text)
     assert "http://" not in text and "https://" not in text
 
 
-def test_a_bus_stop_is_never_drawn_or_named_as_more_than_it_is() -> None:
-    """No red, no mushroom, and nowhere the words: it is a convenience over a wire."""
+def test_a_bus_stop_is_never_drawn_or_named_as_an_emergency_stop() -> None:
+    """The page has no red mushroom and not the words: a stop over a bus is not a safety function."""
     for language in i18n.LANGUAGES:
         for key, sentence in i18n.catalogue(language).items():
-            if key.startswith("page.") and key != "page.about_safety":  # says that a bus stop is none
+            if (
+                key.startswith("page.") and key != "page.about_safety"
+            ):  # states that a bus stop is not an emergency stop
                 assert not re.search(r"emergency[ -]stop|e-stop|紧急停|急停", sentence, re.IGNORECASE), key
     styles = (HERE / "static/css/shell.css").read_text()
     looks = re.findall(r"^\.stop \{([^}]*)\}", styles, re.MULTILINE)

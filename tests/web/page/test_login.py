@@ -1,4 +1,4 @@
-"""Coming in: the first start, an address that logs in once, a wrong password, and what an idle hand may do."""
+"""Login: first start, login code in the address, wrong password, and an idle session."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from fixtures.web_app import PASSWORD, USERS
 
 
 @pytest.fixture
-def nobody(stage: Stage) -> Iterator[Stage]:
-    """A plant that was never set up."""
+def new_plant(stage: Stage) -> Iterator[Stage]:
+    """Return a plant without users."""
     stage.access.user_file.change(lambda _: UserDatabase())
     yield stage
     stage.access.user_file.change(lambda _: USERS)
 
 
-def test_the_first_start_takes_the_printed_secret_and_makes_the_administrator(nobody: Stage, visit: Any) -> None:
-    """There is no password that anybody could know."""
+def test_the_first_start_accepts_the_printed_secret_and_adds_the_administrator(new_plant: Stage, visit: Any) -> None:
+    """There is no default password."""
     page = visit("#/fleet", role=None)
-    page.fill("input[name=secret]", nobody.access.setup_secret.issue())
+    page.fill("input[name=secret]", new_plant.access.setup_secret.issue())
     page.fill("input[name=name]", "ada")
     page.fill("input[name=password]", "a quite long sentence")
     page.click("button[type=submit]")
     page.locator(".line.live").wait_for()
     assert page.locator(".user").inner_text() == "ada"
-    assert [user.name for user in nobody.access.database.users] == ["ada"]
+    assert [user.name for user in new_plant.access.database.users] == ["ada"]
 
 
-def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) -> None:
-    """The code leaves the address bar at once, and works no second time."""
+def test_a_login_code_in_the_address_works_once(stage: Stage, visit: Any) -> None:
+    """The code is removed from the address bar at once and is rejected a second time."""
     code = stage.do(lambda: stage.access.issue_code("operator", 60.0))
     page = visit(f"#login={code}", role=None)
     page.locator(".line.live").wait_for()
@@ -45,7 +45,7 @@ def test_an_address_logs_in_once_and_forgets_its_code(stage: Stage, visit: Any) 
     assert code not in again.url
 
 
-def test_a_wrong_password_is_told_and_nothing_is_shown(stage: Stage, visit: Any) -> None:
+def test_a_wrong_password_shows_an_error_and_no_data(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet", role=None)
     page.fill("input[name=name]", "operator")
     page.fill("input[name=password]", PASSWORD + "?")
@@ -54,8 +54,8 @@ def test_a_wrong_password_is_told_and_nothing_is_shown(stage: Stage, visit: Any)
     assert page.locator(".tile, .stopbar").count() == 0
 
 
-def test_an_idle_hand_only_stops_until_it_gives_its_password_again(stage: Stage, visit: Any) -> None:
-    """The rights to control sleep, the right to stop never does."""
+def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stage, visit: Any) -> None:
+    """An idle session loses its rights to control, but never the right to stop."""
     page = visit("#/drive/fan-1", role="operator")
     page.locator("[data-do=take]:enabled").wait_for()
     for session in stage.access.sessions.of_user("operator"):
@@ -64,7 +64,7 @@ def test_an_idle_hand_only_stops_until_it_gives_its_password_again(stage: Stage,
     page.locator("form[data-do=wake]").wait_for()
     assert page.locator("[data-do=take]:enabled").count() == 0
     page.click("[data-stop=drive]")
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.good").wait_for()
     page.fill("form[data-do=wake] input[type=password]", PASSWORD)
     page.click("form[data-do=wake] button")
     page.locator("[data-do=take]:enabled").wait_for()

@@ -1,4 +1,4 @@
-"""An operator's day in a real browser, before a real plant with simulated drives, in both languages."""
+"""An operator's day in a real browser on a real plant with simulated drives, in both languages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def take(page: Any) -> None:
 
 
 def run_at(page: Any, hertz: str) -> None:
-    """Both steps, and what became of them: a stop in between would take the start away, and the page be told so."""
+    """Arm and confirm a start, and wait for its outcome, because a stop in between would void it."""
     page.fill(".control .frequency input[inputmode=decimal]", hertz)
     page.click("[data-step=first]")
     with page.expect_response("**/run"):
@@ -63,7 +63,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
     page.locator(".trend-plot canvas").wait_for()
 
     page.click("[data-stop=all]")
-    page.locator(f".told.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
+    page.locator(f".stop-status.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
     stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "the next poll does not tell it")
 
     stage.lose_server()
@@ -80,7 +80,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
 
 def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_back(stage: Stage, visit: Any) -> None:
-    """Stale data and a lost line hinder no stop; what became of it is told."""
+    """Stale data and a lost connection do not prevent a stop; its outcome is shown."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
@@ -89,15 +89,17 @@ def test_a_stop_pressed_while_the_server_is_away_reaches_the_drives_when_it_is_b
     stage.lose_server()
     page.locator(".banner.bad[role=alert]").wait_for()
     page.click("[data-stop=drive]")
-    page.locator(f".told.waiting:has-text('{i18n.text('page.stop_trying', 'en', what='Supply fan')}')").wait_for()
+    page.locator(
+        f".stop-status.waiting:has-text('{i18n.text('page.stop_trying', 'en', what='Supply fan')}')"
+    ).wait_for()
     assert running(stage, "fan-1")
     stage.regain_server()
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.good").wait_for()
     assert not running(stage, "fan-1")
 
 
-def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is_old(stage: Stage, visit: Any) -> None:
-    """Two answers that mean "not now", then the plant's own: the third is what is told."""
+def test_a_stop_is_repeated_while_the_plant_is_unavailable_or_the_token_is_old(stage: Stage, visit: Any) -> None:
+    """Two temporary errors are followed by the plant's own answer, which is shown."""
     page = visit("#/fleet", role="operator")
     problem = {"kind": "x", "text": {"en": "not now", "zh": "x"}, "params": {}, "outcome": None}
     answers = [
@@ -107,22 +109,22 @@ def test_a_stop_is_asked_for_again_while_the_plant_is_not_there_and_the_token_is
     ]
     page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)))
     page.click("[data-stop=all]")
-    page.locator(".told.waiting").wait_for()
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.waiting").wait_for()
+    page.locator(".stop-status.good").wait_for()
     assert answers == []
 
 
-def test_a_stop_needs_no_hand_and_takes_it_from_nobody(stage: Stage, visit: Any) -> None:
-    """No lease, no second step; the one who has the drive in hand keeps it."""
+def test_a_stop_needs_no_lease_and_takes_none_away(stage: Stage, visit: Any) -> None:
+    """There is no second step, and the user who controls the drive keeps the control."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
-    hers, his = visit("#/drive/fan-1"), visit("#/drive/fan-1", role="operator")
-    take(hers)
-    run_at(hers, "20")
+    owner, other = visit("#/drive/fan-1"), visit("#/drive/fan-1", role="operator")
+    take(owner)
+    run_at(owner, "20")
     stage.wait(lambda: running(stage, "fan-1"), "it does not run")
-    assert his.locator("[data-step=first]").is_disabled()
-    assert his.locator(".lease .who").inner_text() == i18n.text("page.lease_other", "en", owner="engineer")
-    his.click("[data-stop=drive]")
-    his.locator(".told.good").wait_for()
+    assert other.locator("[data-step=first]").is_disabled()
+    assert other.locator(".lease .who").inner_text() == i18n.text("page.lease_other", "en", owner="engineer")
+    other.click("[data-stop=drive]")
+    other.locator(".stop-status.good").wait_for()
     assert not running(stage, "fan-1")
     assert stage.view("fan-1")["lease"]["owner"] == "engineer"
 
@@ -133,11 +135,11 @@ def test_a_group_is_stopped_from_its_filter(stage: Stage, visit: Any) -> None:
     with page.expect_response("**/api/v1/groups/water/stop") as answered:
         page.click("[data-stop=group]")
     assert answered.value.json()["outcomes"].keys() == {"pump-1", "pump-2"}
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.good").wait_for()
 
 
-def test_a_viewer_is_offered_nothing_that_moves(stage: Stage, visit: Any) -> None:
-    """The server refuses it anyway; the page does not pretend."""
+def test_a_viewer_is_offered_no_command(stage: Stage, visit: Any) -> None:
+    """The server rejects commands anyway; the page does not offer them."""
     page = visit("#/drive/fan-1", role="viewer")
     page.locator(".control").wait_for()
     for offered in ("[data-do=take]", "[data-step=first]", "[data-jog]", ".stop", "[data-do=stop]"):
@@ -145,7 +147,7 @@ def test_a_viewer_is_offered_nothing_that_moves(stage: Stage, visit: Any) -> Non
 
 
 def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, visit: Any) -> None:
-    """Whoever narrows another limit afterwards does not give it back unawares."""
+    """A later change of another limit does not allow the direction again."""
     stage.call("drive.limits", drive="fan-2", reverse=False)
     try:
         page = visit("#/drive/fan-2")
@@ -162,15 +164,15 @@ def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, 
         stage.call("drive.limits", drive="fan-2")
 
 
-def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, visit: Any) -> None:
-    """The first step alone moves nothing, and Escape takes it back."""
+def test_a_start_needs_two_steps_within_its_seconds(stage: Stage, visit: Any) -> None:
+    """The first step alone moves nothing, and Escape cancels it."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
-    for unlawful in ("46", "-1", "2,5", "1e1", "0x10", "5²", "twenty", ""):  # a browser's number field makes 2,5 25
-        page.fill(".control .frequency input[inputmode=decimal]", unlawful)
+    for invalid in ("46", "-1", "2,5", "1e1", "0x10", "5²", "twenty", ""):  # a browser's number field makes 2,5 25
+        page.fill(".control .frequency input[inputmode=decimal]", invalid)
         page.locator("[data-step=first]:disabled").wait_for()
     page.fill(".control .frequency input[inputmode=decimal]", " ２０．５")
     page.click("[data-step=first]")
@@ -180,10 +182,10 @@ def test_a_start_is_asked_for_twice_and_only_within_its_seconds(stage: Stage, vi
     page.focus("[data-step=first]")
     page.keyboard.down("Enter")
     page.locator("[data-step=second]").wait_for()
-    for _ in range(3):  # it is held: the second step is not gone through by itself
+    for _ in range(3):  # a held key repeats: it must not take the second step
         page.keyboard.down("Enter")
     page.keyboard.up("Enter")
     page.keyboard.press("Escape")
     page.locator("[data-step=first]").wait_for()
     assert "arm" in asked and "run" not in asked
-    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "it moves, or is not heard")
+    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "it moves, or does not answer")

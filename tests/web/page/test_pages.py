@@ -1,4 +1,4 @@
-"""Buses, alarms, cases, audit and settings in a real browser, before a real plant with simulated drives."""
+"""Buses, alarms, incidents, audit and settings in a real browser on a real plant with simulated drives."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def expect() -> Any:
 # --- buses --------------------------------------------------------------------------------------------------------
 
 
-def test_a_bus_shows_its_stations_in_cable_order_and_how_they_answer(visit: Any, expect: Any) -> None:
+def test_a_bus_shows_its_stations_in_cable_order_with_their_replies(visit: Any, expect: Any) -> None:
     page = visit("#/buses/fans")
     rows = page.locator(".wide-table tbody tr")
     expect(rows).to_have_count(3)
@@ -39,12 +39,12 @@ def test_a_bus_shows_its_stations_in_cable_order_and_how_they_answer(visit: Any,
     assert names == [word("host"), "Supply fan", "Extract fan", "Flue gas fan"]
 
 
-def test_frames_go_by_decoded_until_somebody_holds_them(visit: Any, expect: Any) -> None:
+def test_decoded_frames_scroll_until_they_are_paused(visit: Any, expect: Any) -> None:
     page = visit("#/buses/pumps")
     frames = page.locator(".frames-box .frame")
     expect(frames.nth(10)).to_be_visible()
     assert re.fullmatch(r"([0-9A-F]{2} )+[0-9A-F]{2}", frames.locator(".hex").nth(0).inner_text())
-    assert page.locator(".frames-box .frame .said").first.inner_text() != ""
+    assert page.locator(".frames-box .frame .frame-text").first.inner_text() != ""
     page.click("[data-frames=pause]")
     held = frames.last.inner_text()
     expect(page.locator(".framelog [role=status]")).not_to_have_text(word("paused", n=0))
@@ -66,7 +66,7 @@ def test_frames_are_filtered_by_direction_station_and_content(visit: Any, expect
     expect(page.locator(".frames-box .help")).to_have_text(word("no_frames"))
 
 
-def test_a_bus_without_its_adapter_says_so_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
+def test_a_bus_shows_a_missing_adapter_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
     page = visit("#/buses/pumps")
     card = page.locator(".buscard[aria-current]")
     expect(card).to_contain_text(word("bus_open"))
@@ -105,7 +105,7 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
 
 
 def unread(route: Any) -> None:
-    """The case as it is where the drive was silent when its parameters were asked for."""
+    """Answer with an incident whose parameters could not be read."""
     answer = route.fetch()
     silent = {"raw": None, "value": None, "unit": "", "quality": "bad", "reason": "drives.no_answer"}
     route.fulfill(response=answer, json=answer.json() | {"parameters": {"F9.4": silent}})
@@ -130,7 +130,7 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     expect(page.locator(".alarmrow", has_text="Feed pump").first).to_be_visible()
 
 
-def test_what_was_wrong_before_is_listed_by_drive(stage: Stage, visit: Any, expect: Any) -> None:
+def test_past_alarms_are_listed_by_drive(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/alarms?tab=history", role="viewer")
     rows = page.locator(".alarms.past .alarmrow")
@@ -151,7 +151,7 @@ def test_a_viewer_may_neither_acknowledge_nor_shelve(stage: Stage, visit: Any, e
 # --- audit --------------------------------------------------------------------------------------------------------
 
 
-def test_the_trail_tells_who_did_what_with_which_frames(stage: Stage, visit: Any, expect: Any) -> None:
+def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, expect: Any) -> None:
     stage.call("drive.stop", drive="pump-1")
     page = visit("#/audit")
     page.fill(".filters input[type=search]", "drive.stop")
@@ -160,7 +160,7 @@ def test_the_trail_tells_who_did_what_with_which_frames(stage: Stage, visit: Any
     expect(entry.locator(".who")).to_have_text("tester")
     entry.locator("summary").click()
     expect(entry.locator("ol code").first).to_have_text(re.compile(r"([0-9A-F]{2} )+.* → ([0-9A-F]{2} ?)+"))
-    row = f"tester {word('did_drive_stop')} Circulation pump {word('outcome_confirmed')}"  # as it stands there
+    row = f"tester {word('did_drive_stop')} Circulation pump {word('outcome_confirmed')}"  # the text of the row
     page.fill(".filters input[type=search]", row)
     expect(page.locator(".entry").first.locator(".ended")).to_have_text(word("outcome_confirmed"))
     page.fill(".filters input[type=search]", row + " indeed")
@@ -181,7 +181,7 @@ def test_an_operator_is_not_shown_the_trail(visit: Any, expect: Any) -> None:
 # --- settings -----------------------------------------------------------------------------------------------------
 
 
-def test_language_and_theme_are_chosen_and_kept(visit: Any, expect: Any) -> None:
+def test_language_and_theme_are_chosen_and_stored(visit: Any, expect: Any) -> None:
     page = visit("#/settings", role="viewer")
     page.get_by_role("button", name="中文").last.click()
     expect(page.locator("h1")).to_have_text(i18n.text("page.nav_settings", "zh"))
@@ -192,7 +192,7 @@ def test_language_and_theme_are_chosen_and_kept(visit: Any, expect: Any) -> None
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
 
 
-def test_an_administrator_makes_changes_and_removes_a_user(visit: Any, expect: Any) -> None:
+def test_an_administrator_adds_changes_and_removes_a_user(visit: Any, expect: Any) -> None:
     page = visit("#/settings?tab=users", role="administrator")
     page.get_by_role("button", name=word("add_user")).click()
     fields = page.locator("dialog input")
@@ -234,7 +234,7 @@ def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expec
 
 
 @pytest.mark.parametrize("tab", ["users", "tokens"])
-def test_on_a_phone_what_can_be_done_with_a_row_is_in_sight(stage: Stage, visit: Any, tab: str) -> None:
+def test_the_actions_of_a_row_are_visible_on_a_phone(stage: Stage, visit: Any, tab: str) -> None:
     page = visit(f"#/settings?tab={tab}", role="administrator", size=(360, 740))
     if tab == "tokens":
         page.click(".panel .button.main")
@@ -247,7 +247,7 @@ def test_on_a_phone_what_can_be_done_with_a_row_is_in_sight(stage: Stage, visit:
     assert box["x"] + box["width"] <= edge["x"] + edge["width"] <= 360
 
 
-def test_a_password_is_changed_by_who_knows_it(visit: Any, expect: Any) -> None:
+def test_a_password_is_changed_with_the_current_one(visit: Any, expect: Any) -> None:
     page = visit("#/settings", role="viewer")
     old, new, again = (page.locator("input[type=password]").nth(n) for n in range(3))
     old.fill(PASSWORD)

@@ -1,4 +1,4 @@
-"""What the page makes of messages, losses and answers: its modules asked one by one, in the browser itself."""
+"""The page's modules for messages, lost connections and answers, called one by one in the browser."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ def page(stage: Stage, visit: Any) -> Any:
     return visit("#/settings")
 
 
-def ask(page: Any, module: str, call: str) -> Any:
+def evaluate(page: Any, module: str, call: str) -> Any:
     return page.evaluate(f"import('/static/js/{module}.js').then((m) => {call})")
 
 
 SIGNAL = "{value: 25, unit: 'Hz', quality: 'good', reason: null, source_time_ms: 800}"
 
 
-def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
-    """Top-level keys whole, signals one by one; each knows when it was read."""
+def test_a_delta_is_merged_into_the_known_values(page: Any) -> None:
+    """Top-level keys are replaced whole, signals one by one with their times."""
     old = f"{{state: 'stopped', bus: 'a', signals: {{hz: {SIGNAL}, a: {SIGNAL}}}}}"
     hz = "{value: 30, unit: 'Hz', quality: 'good', reason: null, source_time_ms: 2000}"
     change = f"{{state: 'running', signals: {{hz: {hz}}}}}"
-    found = ask(
+    found = evaluate(
         page, "store", f"m.mergeTopic('drives/x', m.mergeTopic('drives/x', null, {old}, 1, 1000), {change}, 7, 2000)"
     )
     assert (found["state"], found["bus"]) == ("running", "a")
@@ -37,15 +37,15 @@ def test_a_delta_is_laid_over_what_was_known(page: Any) -> None:
 
 
 def test_a_feed_grows_to_its_newest_five_hundred(page: Any) -> None:
-    """I12: nothing in the page grows for ever."""
+    """No list of the page grows without limit (I12)."""
     call = "m.mergeTopic('frames/a', {items: [1, 2], missed: 3}, Array.from({length: 600}, (_, n) => n), 1)"
-    found = ask(page, "store", call)
+    found = evaluate(page, "store", call)
     assert (len(found["items"]), found["items"][-1], found["missed"]) == (500, 599, 3)
 
 
-def test_a_topic_that_a_snapshot_lacks_is_gone(page: Any) -> None:
+def test_a_topic_missing_in_a_snapshot_is_removed(page: Any) -> None:
     message = "{time_ms: 0, topics: {'drives/other': {id: 'other', signals: {}}}}"
-    ask(page, "store", f"m.applySnapshot({message})")
+    evaluate(page, "store", f"m.applySnapshot({message})")
     page.wait_for_function(
         "() => import('/static/js/store.js').then((m) => m.drive('fan-1').peek() === null || m.drive('other').peek())"
     )
@@ -62,16 +62,16 @@ STOPS = (
 )
 
 
-def test_only_a_confirmed_stop_is_told_as_one(page: Any) -> None:
-    """What is not confirmed is said so, drive by drive."""
-    message = {answer: ask(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
+def test_only_a_confirmed_stop_is_shown_as_confirmed(page: Any) -> None:
+    """Unconfirmed stops are listed drive by drive."""
+    message = {answer: evaluate(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
     assert message == dict(STOPS)
 
 
-def test_a_frequency_beyond_the_limits_is_not_even_asked_for(page: Any) -> None:
+def test_a_frequency_beyond_the_limits_is_not_sent(page: Any) -> None:
     texts = {"20": True, "0": True, "45": True, "45.1": False, "-1": False, "": False, "x": False}
     call = "m.frequencyError({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
-    assert {text: ask(page, "parts/frequency", call.format(text)) for text in texts} == texts
+    assert {text: evaluate(page, "parts/frequency", call.format(text)) for text in texts} == texts
 
 
 def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_first(visit: Any) -> None:
@@ -84,14 +84,14 @@ def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_firs
 
 @pytest.mark.parametrize("state", ["running", "stopped", "unknown", "fault"])
 def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown(page: Any, state: str) -> None:
-    """A DF800 never reports one: it was in no filter but "all"."""
+    """A DF800 never reports its state; regression: only the filter "all" showed it."""
     view = f"{{presence: 'online', state: '{state}', fault: null, alarms: {{}}}}"
-    found = set(ask(page, "parts/fleet-filter", f"[...m.kindsOf({view})]")) - {"abnormal"}
+    found = set(evaluate(page, "parts/fleet-filter", f"[...m.kindsOf({view})]")) - {"abnormal"}
     assert found == {"all", state}
 
 
-def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) -> None:
-    """The socket stays open and says nothing, as behind a frozen proxy; twice the heartbeat, and all is stale."""
+def test_a_silent_connection_makes_all_values_stale(stage: Stage, visit: Any) -> None:
+    """The socket stays open without messages, as behind a frozen proxy; after two heartbeats all values are stale."""
     script = """
       const real = window.WebSocket;
       window.sockets = [];
@@ -116,13 +116,13 @@ def test_a_silent_line_makes_everything_shown_stale(stage: Stage, visit: Any) ->
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit: Any, language: str) -> None:
+def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)
     message = page.locator(".takeovers .banner")
     for taken in (False, True):
         page.click("[data-do=take]")
         page.locator(".lease.mine").wait_for()
-        if not taken:  # given back by hand, it is taken from nobody
+        if not taken:  # a released drive is not taken from the owner
             page.click(".lease.mine button")
         stage.wait(lambda taken=taken: bool(stage.view("fan-1")["lease"]) is taken, "no lease")  # type: ignore[misc]
         stage.call("lease.take", drive="fan-1")
@@ -143,7 +143,7 @@ def test_who_took_a_drive_from_here_is_told_until_it_is_read(stage: Stage, visit
     assert message.count() == 0
 
 
-def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: Any) -> None:
+def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) -> None:
     found = page.evaluate("""async () => {
       const [store, live, session, m] = await Promise.all(
         ['store', 'live', 'session', 'control-taken'].map((one) => import(`/static/js/${one}.js`)));
@@ -161,7 +161,7 @@ def test_what_changed_hands_without_a_connection_is_told_without_a_time(page: An
 
 
 def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any) -> None:
-    """What the server no longer believes, the page does not show as if."""
+    """The page shows no data of an ended session."""
     page = visit("#/drive/fan-1")
     page.context.clear_cookies()
     page.keyboard.press("Shift")
@@ -171,8 +171,8 @@ def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_why_a_value_is_doubtful_or_absent_stands_beside_it(visit: Any, language: str) -> None:
-    """No mouse is needed to ask; a good value says nothing."""
+def test_the_reason_of_an_uncertain_or_missing_value_is_beside_it(visit: Any, language: str) -> None:
+    """The reason is visible without a mouse; a good value has none."""
     page = visit("#/drive/fan-1", language=language)
     for signal, reason in (("output_voltage", "profiles.scale_unpublished"), ("output_current", "drives.not_reported")):
         row = page.locator(".values th", has_text=i18n.text(f"signal.{signal}", language))
@@ -183,7 +183,7 @@ def test_why_a_value_is_doubtful_or_absent_stands_beside_it(visit: Any, language
 
 
 def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
-    """Edit, look at the difference, write to RAM; saving is a step of its own, and taken once."""
+    """The user edits, reviews the difference and writes to RAM; saving is a separate step and happens once."""
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1?tab=parameters")
     page.click("[data-do=take]")
@@ -213,7 +213,7 @@ def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit:
 
 
 def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> None:
-    """300 drives at 1 Hz stay smooth because of this: a signal a drive, keyed tiles, no list drawn again."""
+    """300 drives at 1 Hz stay smooth because each tile has its own signal and no list is rendered again."""
     page = visit("#/fleet")
     page.locator(".tile").nth(4).wait_for()
     stage.lose_server()

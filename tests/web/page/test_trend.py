@@ -1,4 +1,4 @@
-"""A trend: what its samples become on the screen, and what hands do with it."""
+"""A trend: drawing of samples on the screen, and its gestures."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MODULES = "/static/js/trend/"
 
 
 def module(page: Any, name: str, call: str) -> Any:
-    """What a pure function of the page gives."""
+    """Return the result of a pure function of the page."""
     return page.evaluate(f"async () => {{ const m = await import('{MODULES}{name}.js'); return {call}; }}")
 
 
 @pytest.fixture(scope="module")
 def page(browser: Any, plant: Stage) -> Iterator[Any]:
-    """The page's origin, for its modules; nobody logs in."""
+    """Open the page's origin without a login, to import its modules."""
     context = browser.new_context()
     page = context.new_page()
     page.goto(plant.at)
@@ -41,16 +41,16 @@ SERIES = {
 }
 
 
-def test_nothing_is_drawn_where_nothing_is_known(page: Any) -> None:
-    """A gap is null in every column, and so is a value that is bad though it came."""
+def test_gaps_and_bad_values_are_not_drawn(page: Any) -> None:
+    """A gap is null in every column, and so is a received value of bad quality."""
     found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
     assert [value is None for value in found["high"]] == [False, False, True, False, False, True]
     assert found["good"] == [10, 10, None, None, 13, None]
     assert found["low"][5] is None and found["high"][5] is None
 
 
-def test_the_first_label_of_an_empty_chart_is_whole(page: Any) -> None:
-    """Without values there is no axis of values beside it, and its half would lie outside."""
+def test_the_first_label_of_an_empty_chart_is_not_cut_off(page: Any) -> None:
+    """Without values there is no value axis beside it, so half of the label would lie outside."""
     call = """(() => {
         const host = document.body.appendChild(document.createElement("div"));
         host.style.width = "300px";
@@ -67,13 +67,13 @@ def test_the_first_label_of_an_empty_chart_is_whole(page: Any) -> None:
     assert room >= half > 20
 
 
-def test_an_uncertain_stretch_is_a_line_of_its_own_that_reaches_its_good_neighbours(page: Any) -> None:
+def test_an_uncertain_stretch_is_its_own_line_that_reaches_its_good_neighbours(page: Any) -> None:
     found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
     assert found["uncertain"] == [None, None, None, 12, 13, None]
 
 
 def test_two_tags_keep_their_own_moments_and_gaps(page: Any) -> None:
-    """What one tag lacks because another was read then is no gap (undefined); a gap stays null."""
+    """A moment at which only another tag was read is no gap (undefined); a gap stays null."""
     one = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
     other = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
     call = (
@@ -84,13 +84,13 @@ def test_two_tags_keep_their_own_moments_and_gaps(page: Any) -> None:
     assert found[3] == [1, "none", 2] and found[7] == ["none", None, 5]
 
 
-def test_live_values_follow_the_last_stored_sample_and_a_lost_line_is_a_gap(page: Any) -> None:
+def test_live_values_follow_the_last_stored_sample_and_a_lost_connection_is_a_gap(page: Any) -> None:
     live = [{"t": 4500, "v": 99, "q": 0}, {"t": 6000, "v": 14, "q": 0}, {"t": 6500, "v": None, "q": 2}]
     found = module(page, "columns", f"m.extended({json.dumps(SERIES)}, {json.dumps(live)})")
     assert found["t"][-3:] == [5000, 6000, 6500] and found["mean"][-2:] == [14, None]
 
 
-def test_figures_of_a_window_leave_out_what_is_not_usable(page: Any) -> None:
+def test_the_statistics_of_a_window_exclude_unusable_values(page: Any) -> None:
     found = module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 1000, to: 5000}})")
     assert found == {"low": 9, "mean": pytest.approx((10 + 12 + 13) / 3), "high": 14}
     assert module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 5000, to: 9000}})") is None
@@ -99,16 +99,16 @@ def test_figures_of_a_window_leave_out_what_is_not_usable(page: Any) -> None:
 @pytest.mark.parametrize(
     ("moment", "value", "quality"), [(1400, 10, 0), (2100, None, 2), (3300, 12, 1), (4900, None, 2)]
 )
-def test_a_ruler_reads_the_nearest_sample_with_its_quality(page: Any, moment: int, value: Any, quality: int) -> None:
+def test_a_cursor_reads_the_nearest_sample_with_its_quality(page: Any, moment: int, value: Any, quality: int) -> None:
     found = module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, {moment}, 1500)")
     assert (found["value"], found["q"]) == (value, quality)
 
 
-def test_a_ruler_far_from_any_sample_reads_nothing(page: Any) -> None:
+def test_a_cursor_far_from_any_sample_reads_nothing(page: Any) -> None:
     assert module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, 9000, 1500)") is None
 
 
-def test_stretches_of_doubt_are_shown_below(page: Any) -> None:
+def test_stretches_of_uncertain_and_bad_quality_are_shown_below(page: Any) -> None:
     found = module(page, "columns", f"m.stretches({json.dumps(SERIES)})")
     assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 5000, 2)]
 
@@ -122,7 +122,7 @@ def test_zooming_keeps_the_moment_under_the_pointer_and_stays_between_5_s_and_11
     assert huge["to"] - huge["from"] == 4000 * 86_400_000
 
 
-def test_more_is_fetched_than_shown_but_nothing_of_the_future(page: Any) -> None:
+def test_a_fetch_is_wider_than_the_window_but_ends_now(page: Any) -> None:
     assert module(page, "window", "m.padded({from: 1000000, to: 1100000}, 1110000)") == {"from": 975000, "to": 1110000}
 
 
@@ -138,14 +138,14 @@ def test_more_is_fetched_than_shown_but_nothing_of_the_future(page: Any) -> None
 def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
     page: Any, window: str, is_covered: bool
 ) -> None:
-    """The last one asks for a fifth of what was fetched: finer points exist."""
+    """The last case shows a fifth of the fetched window, for which finer points exist."""
     assert module(page, "window", f"m.covers({{from: 0, to: 100}}, {window}, 1000)") is is_covered
 
 
 @pytest.mark.parametrize(
     ("span", "message"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
 )
-def test_a_duration_is_told_by_its_two_biggest_parts(page: Any, span: int, message: str) -> None:
+def test_a_duration_is_shown_with_its_two_largest_units(page: Any, span: int, message: str) -> None:
     assert module(page, "labels", f"m.duration({span}, name => name)") == message
 
 
@@ -155,7 +155,7 @@ STEADY = "fan-1.output_frequency"
 
 
 def answer(route: Any) -> None:
-    """A year of history at 20 Hz: good, then bad from a third on, then uncertain from two thirds on."""
+    """Answer with a year of history at 20 Hz: good, bad from one third on, uncertain from two thirds on."""
     asked = dict(part.split("=") for part in route.request.url.partition("?")[2].split("&"))
     begin, end = int(asked["from_ms"]), int(asked["to_ms"])
     at = [begin + (end - begin) * n // 600 for n in range(600)]
@@ -180,10 +180,10 @@ COLOURED = """([x0, x1]) => {
       columns.add((at / 4) % (to - from));
   return columns.size / (to - from);
 }"""
-"""The share of a stretch's columns of pixels in which the line is, without the strips at the foot."""
+"""Script: share of a stretch's pixel columns that contain the line, without the quality strips."""
 
 
-def test_on_the_screen_a_bad_stretch_is_empty_and_an_uncertain_one_dashed(visit: Any) -> None:
+def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> None:
     page = visit("#/fleet")
     page.route("**/api/v1/history/trend?*", answer)
     begin = 1_700_000_000_000
@@ -203,8 +203,8 @@ def window_of(page: Any) -> Any:
     return page.locator(".trend-window")
 
 
-def test_hands_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
-    """Drag, wheel, keys and rulers; whatever shows the past follows the present no more."""
+def test_gestures_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
+    """Drag, wheel, keys and cursors; a window of the past does not follow live values."""
     expect = expecting()
     page = visit(f"#/history?tags={STEADY},fan-1.output_current")
     over, following, window = page.locator(".u-over"), page.locator("[data-trend=live]"), window_of(page)
@@ -235,7 +235,7 @@ def test_hands_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
     expect(following).to_have_attribute("aria-pressed", "true")
 
 
-def test_two_rulers_tell_how_far_apart_two_moments_are(stage: Stage, visit: Any) -> None:
+def test_two_cursors_show_the_time_between_two_moments(stage: Stage, visit: Any) -> None:
     expect = expecting()
     page = visit(f"#/history?tags={STEADY}")
     span = page.get_by_role("group", name=i18n.text("page.span", "en"))
@@ -248,8 +248,8 @@ def test_two_rulers_tell_how_far_apart_two_moments_are(stage: Stage, visit: Any)
     expect(head).to_contain_text("23 s")
 
 
-def test_what_was_done_to_a_drive_stands_beside_its_values(stage: Stage, visit: Any) -> None:
-    """The trend on the drive's page follows; the stop is marked, listed, and leads to its moment."""
+def test_commands_to_a_drive_are_marked_in_its_trend(stage: Stage, visit: Any) -> None:
+    """The trend on the drive's page is live; the stop is marked, listed, and leads to its moment."""
     expect = expecting()
     stage.call("drive.stop", drive="pump-1")
     page = visit("#/drive/pump-1", language="zh")
@@ -264,7 +264,7 @@ def test_what_was_done_to_a_drive_stands_beside_its_values(stage: Stage, visit: 
     expect(window_of(page)).not_to_have_text(before)
 
 
-def test_signals_are_chosen_kept_in_the_address_and_saved_as_a_file(stage: Stage, visit: Any) -> None:
+def test_signals_are_chosen_stored_in_the_address_and_exported_as_a_file(stage: Stage, visit: Any) -> None:
     page = visit("#/history?tags=fan-1.output_frequency")
     page.locator(".trend-plot canvas").wait_for()
     page.click(".picker summary")
@@ -279,7 +279,7 @@ def test_signals_are_chosen_kept_in_the_address_and_saved_as_a_file(stage: Stage
     assert "pump-2.output_current" in saved.value.path().read_text()
 
 
-def test_a_value_of_a_lost_line_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
+def test_a_value_of_a_lost_bus_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
     page = visit("#/history?tags=pump-1.output_frequency")
     page.locator(".trend-readout td .value.good").wait_for()
     with unplugged(stage, "pumps"):

@@ -1,4 +1,4 @@
-"""Authentication middleware: how it reads the headers, and how it denies a request."""
+"""Authentication middleware: reading of headers and denial of requests."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from drivebus.web.route import RouteTable
 from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
 
 
-def test_the_numbers_of_refusals_are_those_that_the_disk_was_computed_with() -> None:
-    """25 MB a day."""
+def test_the_limits_of_the_denial_log_bound_it_to_25_megabytes_a_day() -> None:
     assert (SUMMARY_PERIOD_S, MAX_KINDS_PER_PERIOD) == (30, 16)
 
 
@@ -39,14 +38,14 @@ def test_the_numbers_of_refusals_are_those_that_the_disk_was_computed_with() -> 
         (["bad\x01name=1; ", "drivebus_session=a"], "a"),
     ],
 )
-def test_the_cookie_that_the_browser_itself_guards_counts_first(lines: list[str], secret: str | None) -> None:
-    """A page on another port can plant one without the prefix, and one that can't be read hides none."""
+def test_the_cookie_with_the_host_prefix_takes_precedence(lines: list[str], secret: str | None) -> None:
+    """A page on another port can set a cookie without the prefix; an unreadable cookie hides no valid one."""
     assert session_cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
 
 
-@pytest.mark.parametrize(("client", "message"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
-def test_an_address_is_the_connections(client: tuple[str, int] | None, message: str) -> None:
-    assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == message
+@pytest.mark.parametrize(("client", "expected"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])
+def test_the_address_of_a_client_is_that_of_its_connection(client: tuple[str, int] | None, expected: str) -> None:
+    assert client_address({"client": client, "headers": [(b"x-forwarded-for", b"::1")]}) == expected
     assert client_address({}) == "local"
 
 
@@ -66,7 +65,7 @@ def test_a_denied_request_gets_a_reason_and_is_recorded(
 ) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         answer = await harness.client().request(method, path)
         assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
         assert answer.headers["connection"] == "close"
@@ -80,13 +79,13 @@ def test_a_denied_request_gets_a_reason_and_is_recorded(
         }
         assert (message[1].name, message[1].rights, message[1].remote) == ("", frozenset(), True)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_path: Path) -> None:
+def test_a_token_reaches_routes_with_a_right_and_not_those_of_browser_sessions(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         secret = await harness.token("operator", "view", "stop")
         for scheme in ("Bearer", "bearer", "BEARER"):
             client = harness.client(authorization=f"{scheme}  {secret} ")
@@ -99,27 +98,27 @@ def test_a_token_is_for_what_needs_a_right_and_not_for_what_needs_a_browser(tmp_
         wrong = harness.client(authorization=f"Basic {secret}")
         assert (await wrong.get("/api/v1/drives")).status_code == 401
 
-    run(story())
+    run(scenario())
 
 
-def test_what_only_looks_is_answered_wherever_its_link_was_and_read_by_no_other_page(tmp_path: Path) -> None:
+def test_a_read_is_answered_from_any_link_and_is_readable_by_no_other_page(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("viewer")
         answer = await client.get("/api/v1/session", headers={"origin": "http://evil.example"})
         assert answer.status_code == 200 and "access-control-allow-origin" not in answer.headers
         refused = await client.post("/api/v1/session/activity", headers={"origin": "http://evil.example"})
         assert (refused.status_code, refused.json()["error"]["code"]) == (403, "auth.foreign_origin")
 
-    run(story())
+    run(scenario())
 
 
 def test_a_login_with_an_old_cookie_needs_no_csrf_token(tmp_path: Path) -> None:
-    """A page that was closed has forgotten it; the cookie is still there."""
+    """A closed page has lost its CSRF token, but the browser still has the cookie."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         del client.headers["X-Drivebus-CSRF"]
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
@@ -127,10 +126,10 @@ def test_a_login_with_an_old_cookie_needs_no_csrf_token(tmp_path: Path) -> None:
         answer = await client.post("/api/v1/stop")
         assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.csrf")
 
-    run(story())
+    run(scenario())
 
 
-def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_origin(tmp_path: Path) -> None:
+def test_the_middleware_forwards_lifespan_and_denies_a_handshake_without_an_origin(tmp_path: Path) -> None:
     harness, received = WebAppHarness(tmp_path), list[str]()
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -139,7 +138,7 @@ def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_ori
     async def nothing(*_: Any) -> Any:
         raise AssertionError
 
-    async def story() -> None:
+    async def scenario() -> None:
         guard = AuthMiddleware(
             app,
             auth=harness.auth,
@@ -156,13 +155,13 @@ def test_the_middleware_passes_lifespan_on_and_denies_a_handshake_without_an_ori
         await wire.route
         assert wire.close_code == 4403 and harness.service.records[-1][0]["outcome"] == "auth.foreign_origin"
 
-    run(story())
+    run(scenario())
 
 
-def test_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(tmp_path: Path) -> None:
+def test_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_open(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
-    async def story() -> None:
+    async def scenario() -> None:
         for method, path, status in (
             ("POST", "/stop", 409),
             ("GET", "/drives", 409),
@@ -173,26 +172,26 @@ def test_before_the_set_up_every_command_is_a_conflict_and_the_set_up_is_there(t
             assert answer.status_code == status
             assert status == 200 or answer.json()["error"]["code"] == "auth.setup_needed"
 
-    run(story())
+    run(scenario())
 
 
 def test_an_idle_session_is_denied_with_that_reason(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         harness.clock.now += 900.0
         for path, status, code in (("reset", 403, "auth.idle"), ("stop", 200, None)):
             answer = await client.post(f"/api/v1/drives/fan-1/{path}")
             assert (answer.status_code, answer.json().get("error", {}).get("code")) == (status, code)
 
-    run(story())
+    run(scenario())
 
 
-def test_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
+def test_only_a_persons_actions_keep_a_session_active(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         (session,) = harness.auth.sessions.of_user("operator")
         for method, path, awake in (
@@ -205,15 +204,15 @@ def test_only_what_a_person_does_keeps_a_session_awake(tmp_path: Path) -> None:
             assert (await client.request(method, f"/api/v1{path}")).status_code == 200
             assert session.active == (harness.clock.now if awake else before)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_token_that_is_no_good_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
+def test_an_invalid_token_does_not_fall_back_to_the_cookie(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         answer = await client.post("/api/v1/stop", headers={"authorization": "Bearer dbt_x"})
         assert answer.status_code == 401 and harness.service.calls == []
 
-    run(story())
+    run(scenario())

@@ -20,11 +20,11 @@ from drivebus.web.route import WEBSOCKET, AccessLevel
 from fixtures.service import ServiceKit, running_service
 from fixtures.web_app import WebAppHarness
 
-Story = Callable[[ServiceKit, WebAppHarness], Awaitable[None]]
+Scenario = Callable[[ServiceKit, WebAppHarness], Awaitable[None]]
 
 
-def on_a_plant(directory: Path, story: Story) -> None:
-    """Run ``story`` when every drive was heard."""
+def on_a_plant(directory: Path, scenario: Scenario) -> None:
+    """Run ``scenario`` once every drive has answered."""
 
     async def whole() -> None:
         async with running_service() as kit:
@@ -32,20 +32,20 @@ def on_a_plant(directory: Path, story: Story) -> None:
             harness.denials.__init__(kit.service, harness.clock)  # type: ignore[misc]
             await asyncio.sleep(5)
             await kit.grant_waivers()
-            await story(kit, harness)
+            await scenario(kit, harness)
 
     run(whole())
 
 
 async def started(client: AsyncClient, drive: str = "fan-1", hz: float = 20.0) -> Any:
-    """Lease, arm, run: as the page does it."""
+    """Take the lease, arm and run as the page does."""
     assert (await client.post(f"/api/v1/drives/{drive}/lease")).status_code == 200
     arm = (await client.post(f"/api/v1/drives/{drive}/arm")).json()["arm_token"]
     return await client.post(f"/api/v1/drives/{drive}/run", json={"frequency_hz": hz, "arm_token": arm})
 
 
-class Heard:
-    """Every frame that left on any bus, by its octets: polls are the same ones again and again."""
+class SentFrames:
+    """Set of distinct frames sent on all buses; polls repeat the same frames."""
 
     def __init__(self, kit: ServiceKit) -> None:
         self.sent: set[bytes] = set()
@@ -58,12 +58,12 @@ class Heard:
 
 
 def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
-    """Every route with nothing, with something forged, and as each weaker role: the buses carry their polls only."""
+    """Requests without credential, with a forged one and as each weaker role leave only polls on the buses."""
 
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
-        received = Heard(kit)
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        frames = SentFrames(kit)
         await asyncio.sleep(10)
-        polls = set(received.sent)
+        polls = set(frames.sent)
         assert polls
         strangers = [
             harness.client(),
@@ -84,16 +84,16 @@ def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
                 answer = await client.request(entry.method, path, json={"frequency_hz": 20.0, "values": {"F0.1": 1.0}})
                 assert answer.status_code == (401 if rights is None else 403), (entry, answer.text)
         await asyncio.sleep(2)
-        assert received.sent == polls
+        assert frames.sent == polls
         assert [entry for entry in kit.trail.entries if entry.what == "refused"]
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
-def test_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path: Path) -> None:
-    """The very same octets, cookie, CSRF token and all, after the drive was stopped, and from another session."""
+def test_a_replayed_start_starts_nothing(tmp_path: Path) -> None:
+    """The same bytes with cookie and CSRF token are sent after the drive was stopped, and from another session."""
 
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         done = await started(client)
         assert done.json()["outcome"]["status"] == "confirmed", done.text
@@ -113,11 +113,11 @@ def test_a_start_that_was_recorded_and_is_sent_again_starts_nothing(tmp_path: Pa
         again = await harness.client().request("POST", recorded.url, content=recorded.content, headers=cookies)
         assert again.status_code == 401
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
-def test_an_arm_token_serves_its_own_session_only(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+def test_an_arm_token_is_valid_in_its_own_session_only(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         ann, eve = await harness.log_in("operator"), await harness.log_in("engineer")
         assert (await ann.post("/api/v1/drives/fan-1/lease")).status_code == 200
         arm = (await ann.post("/api/v1/drives/fan-1/arm")).json()["arm_token"]
@@ -127,14 +127,14 @@ def test_an_arm_token_serves_its_own_session_only(tmp_path: Path) -> None:
             assert answer.status_code == 409, answer.text
         assert [kit.station(drive).motor.starts for drive in ("fan-1", "fan-2")] == [0, 0]
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
 @pytest.mark.parametrize("skew_s", [-86_400, 86_400])
 def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) -> None:
-    """The client's, told in any header or body, and the server's own wall clock: only monotonic time counts."""
+    """Neither the client's clock in a header or body nor the server's wall clock counts, only monotonic time."""
 
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         real = kit.service.plant.wall_ms
         kit.service.plant.wall_ms = lambda: real() + skew_s * 1000
@@ -142,14 +142,14 @@ def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) 
         client.headers.update({"date": when, "x-request-time": when, "if-unmodified-since": when})
         assert (await started(client)).json()["outcome"]["status"] == "confirmed"
         message = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0, "time_ms": 0})
-        assert message.status_code == 422, "nobody tells the plant what time it is"
+        assert message.status_code == 422, "no client sets the plant's time"
         await client.post("/api/v1/drives/fan-1/lease/renew")
         kit.service.plant.wall_ms = real
         message = await client.post("/api/v1/drives/fan-1/set-frequency", json={"frequency_hz": 21.0})
         assert message.status_code == 200 and kit.station("fan-1").motor.target_hz == 21.0, message.text
         assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
 FIELDS: list[tuple[str, str, Any]] = [
@@ -171,25 +171,25 @@ FIELDS: list[tuple[str, str, Any]] = [
 ]
 
 
-def test_who_may_change_the_setpoint_may_change_nothing_else_with_it(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+def test_the_right_to_change_a_setpoint_changes_nothing_else(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
-        received = Heard(kit)
+        frames = SentFrames(kit)
         await asyncio.sleep(5)
-        polls = set(received.sent)
+        polls = set(frames.sent)
         await client.post("/api/v1/drives/fan-1/lease/renew")
         for method, path, body in FIELDS:
             answer = await client.request(method, f"/api/v1{path}", json=body)
             assert answer.status_code in (403, 422), (path, body, answer.text)
         await asyncio.sleep(1)
-        assert received.sent == polls
+        assert frames.sent == polls
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
-def test_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+def test_the_lease_of_an_idle_session_stays_and_its_owner_can_only_stop(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await started(client)).status_code == 200
         harness.clock.now += 900.0
@@ -201,13 +201,13 @@ def test_the_lease_of_an_idle_session_lives_on_and_its_hand_can_only_stop(tmp_pa
         assert kit.station("fan-1").motor.output_hz == pytest.approx(20.0)
         assert (await client.post("/api/v1/drives/fan-1/stop")).json()["outcome"]["status"] == "confirmed"
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
-def test_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Path) -> None:
-    """The questions wait for their turn; the first step of a start does not, or it would be younger than the stop."""
+def test_a_stop_voids_starts_armed_before_it_while_other_requests_wait(tmp_path: Path) -> None:
+    """Reads wait for their turn; the first step of a start does not, else it would be newer than the stop."""
 
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
         questions = [client.get("/api/v1/buses") for _ in range(20)]
@@ -218,11 +218,11 @@ def test_a_stop_voids_what_was_armed_before_it_whatever_else_waits(tmp_path: Pat
         assert answer.json()["error"]["kind"] == "ArmRequired"
         assert kit.station("fan-1").motor.starts == 0
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)
 
 
 def test_a_stop_of_everything_outlasts_a_release_requested_before_it(tmp_path: Path) -> None:
-    async def story(kit: ServiceKit, harness: WebAppHarness) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")
         assert (await client.post("/api/v1/drives/fan-1/lease")).status_code == 200
         questions = [client.get("/api/v1/buses") for _ in range(20)]
@@ -231,4 +231,4 @@ def test_a_stop_of_everything_outlasts_a_release_requested_before_it(tmp_path: P
         )
         assert (await client.get("/api/v1/drives/fan-1")).json()["start_inhibited"]
 
-    on_a_plant(tmp_path, story)
+    on_a_plant(tmp_path, scenario)

@@ -1,4 +1,4 @@
-"""Denial log: the first of a kind is recorded at once, the others as a number, and no request waits long."""
+"""Denial log: the first denial of a kind is recorded at once, the others as a count, and no request waits long."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ EVE = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
 ENTRY = {"what": "refused"}
 
 
-class Fails(CountingService):
-    """A plant whose record fails, or takes so long."""
+class FailingService(CountingService):
+    """A plant whose audit record fails or takes a given time."""
 
     def __init__(self, how: BaseException | float) -> None:
         super().__init__()
@@ -31,8 +31,8 @@ class Fails(CountingService):
         await super().record(entry, actor)
 
 
-def told(plant: CountingService) -> list[tuple[str, str, int, str]]:
-    """Target, who, how often, why."""
+def recorded_denials(plant: CountingService) -> list[tuple[str, str, int, str]]:
+    """Return target, actor, count and reason of each record."""
     return [(one["target"], one["params"]["who"], one["params"]["times"], one["outcome"]) for one, _ in plant.records]
 
 
@@ -45,24 +45,24 @@ def test_the_anonymous_actor_is_remote_and_has_no_rights() -> None:
 
 
 @pytest.mark.parametrize("error", [OSError(28, "full"), ServiceUnavailable("plant.gone"), TimeoutError()])
-def test_a_trail_that_can_not_be_reached_is_no_error(error: BaseException) -> None:
-    assert run(try_record(Fails(error), ENTRY, EVE)) is False
+def test_an_unavailable_audit_trail_raises_no_error(error: BaseException) -> None:
+    assert run(try_record(FailingService(error), ENTRY, EVE)) is False
 
 
 def test_recording_a_denial_takes_at_most_two_seconds() -> None:
-    async def story() -> tuple[bool, bool, float]:
-        in_time = await try_record(Fails(1.99), ENTRY, EVE)
+    async def scenario() -> tuple[bool, bool, float]:
+        in_time = await try_record(FailingService(1.99), ENTRY, EVE)
         begun = asyncio.get_running_loop().time()
-        too_late = await try_record(Fails(60.0), ENTRY, EVE)
+        too_late = await try_record(FailingService(60.0), ENTRY, EVE)
         return in_time, too_late, asyncio.get_running_loop().time() - begun
 
-    assert run(story()) == (True, False, 2.0)
+    assert run(scenario()) == (True, False, 2.0)
 
 
-def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_number() -> None:
+def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_count() -> None:
     plant = CountingService()
 
-    async def story() -> None:
+    async def scenario() -> None:
         door = refusals(plant)
         for _ in range(3):
             await door.record_denial("POST", "/stop", "auth.csrf", EVE)
@@ -77,23 +77,23 @@ def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_numb
             ("POST /stop", "eve@10.0.0.9", 1, "auth.forbidden"),
             ("POST /stop", "@", 1, "auth.csrf"),
         ]
-        assert told(plant) == once
+        assert recorded_denials(plant) == once
         await asyncio.sleep(SUMMARY_PERIOD_S - 0.1)
-        assert told(plant) == once
+        assert recorded_denials(plant) == once
         await asyncio.sleep(0.2)
-        assert told(plant) == [*once, ("POST /stop", "eve@10.0.0.9", 2, "auth.csrf")]
+        assert recorded_denials(plant) == [*once, ("POST /stop", "eve@10.0.0.9", 2, "auth.csrf")]
         assert [who for _, who in plant.records] == [EVE] * 4 + [ANONYMOUS] * 2
         assert {one["what"] for one, _ in plant.records} == {"refused"}
         await asyncio.sleep(10 * SUMMARY_PERIOD_S)
-        assert len(plant.records) == 6, "nothing is told twice"
+        assert len(plant.records) == 6, "nothing is recorded twice"
 
-    run(story())
+    run(scenario())
 
 
-def test_the_number_is_recorded_before_a_new_period() -> None:
+def test_the_count_is_recorded_before_a_new_period() -> None:
     plant = CountingService()
 
-    async def story() -> None:
+    async def scenario() -> None:
         door = refusals(plant)
         now = 100.0
         door.clock = lambda: now
@@ -106,40 +106,43 @@ def test_the_number_is_recorded_before_a_new_period() -> None:
         await door.record_denial("POST", "/stop", "k", EVE)
         now += SUMMARY_PERIOD_S - 0.1
         await door.record_denial("POST", "/stop", "k", EVE)
-        assert [times for _, _, times, _ in told(plant)] == [1, 2, 1]
+        assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1]
         await door.flush()
-        assert [times for _, _, times, _ in told(plant)] == [1, 2, 1, 1]
+        assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 1]
 
-    run(story())
+    run(scenario())
 
 
 def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 
-    async def story() -> None:
+    async def scenario() -> None:
         door = refusals(plant)
         for n in range(MAX_KINDS_PER_PERIOD + 5):
             await door.record_denial("POST", f"/{n}", "k", EVE)
         await door.record_denial("POST", "/0", "k", EVE)
-        assert [target for target, *_ in told(plant)] == [f"POST /{n}" for n in range(MAX_KINDS_PER_PERIOD)]
+        assert [target for target, *_ in recorded_denials(plant)] == [f"POST /{n}" for n in range(MAX_KINDS_PER_PERIOD)]
         assert sum(task.get_name() == "denial log" for task in asyncio.all_tasks()) == 1
         await door.flush()
-        assert told(plant)[MAX_KINDS_PER_PERIOD:] == [("POST /0", "eve@10.0.0.9", 1, "k"), ("* *", "*", 5, "*")]
+        assert recorded_denials(plant)[MAX_KINDS_PER_PERIOD:] == [
+            ("POST /0", "eve@10.0.0.9", 1, "k"),
+            ("* *", "*", 5, "*"),
+        ]
         await door.record_denial("POST", "/0", "k", EVE)
-        assert told(plant)[-1] == ("POST /0", "eve@10.0.0.9", 1, "k"), "what was told begins anew"
+        assert recorded_denials(plant)[-1] == ("POST /0", "eve@10.0.0.9", 1, "k"), "a recorded kind begins a new period"
 
-    run(story())
+    run(scenario())
 
 
-def test_a_second_flood_is_counted_as_the_first() -> None:
+def test_a_second_flood_is_counted_like_the_first() -> None:
     plant = CountingService()
 
-    async def story() -> None:
+    async def scenario() -> None:
         door = refusals(plant)
         for _ in range(2):
             for _ in range(3):
                 await door.record_denial("POST", "/stop", "k", EVE)
             await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        assert [times for _, _, times, _ in told(plant)] == [1, 2, 1, 2]
+        assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 2]
 
-    run(story())
+    run(scenario())

@@ -1,4 +1,4 @@
-"""Host and Origin: under which names this service is reached, and which pages may send requests."""
+"""Host and Origin: the names of this service, and the pages that may send requests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WEB = WebConfig(host="Plant-PC", origins=("https://Plant.example/", "http://othe
 
 
 def headers(**given: str | tuple[str, ...]) -> Headers:
-    """With several of one name where several are given."""
+    """Return headers; a tuple of values is a repeated header."""
     many = {name: [value] if isinstance(value, str) else value for name, value in given.items()}
     return Headers(raw=[(name.encode(), value.encode()) for name, values in many.items() for value in values])
 
@@ -33,7 +33,7 @@ def headers(**given: str | tuple[str, ...]) -> Headers:
         socket.gethostname(),
     ],
 )
-def test_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
+def test_own_names_and_numeric_addresses_are_accepted(host: str) -> None:
     assert HostCheck(WEB).is_known_host(headers(host=host))
 
 
@@ -52,8 +52,8 @@ def test_our_own_names_and_addresses_in_digits_are_known(host: str) -> None:
         "localhost@evil.example",
     ],
 )
-def test_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ...]) -> None:
-    """Of two Host headers nobody knows which the browser meant."""
+def test_a_missing_repeated_or_foreign_host_is_denied(host: str | tuple[str, ...]) -> None:
+    """Two Host headers are ambiguous."""
     assert HostCheck(WEB).is_known_host(headers(host=host)) is False
 
 
@@ -71,7 +71,7 @@ def test_no_name_two_names_and_a_strangers_are_not(host: str | tuple[str, ...]) 
         ("https://linux", "http"),
     ],
 )
-def test_the_page_of_this_service_and_those_of_the_configuration_may_send(origin: str, scheme: str) -> None:
+def test_the_page_of_this_service_and_configured_origins_are_accepted(origin: str, scheme: str) -> None:
     assert HostCheck(WEB).is_allowed_origin(headers(host="Plant-PC:8080", origin=origin), scheme)
 
 
@@ -89,5 +89,5 @@ def test_the_page_of_this_service_and_those_of_the_configuration_may_send(origin
         ("null", "http"),
     ],
 )
-def test_no_page_two_pages_and_a_strangers_may_not(origin: str | tuple[str, ...], scheme: str) -> None:
+def test_a_missing_repeated_or_foreign_origin_is_denied(origin: str | tuple[str, ...], scheme: str) -> None:
     assert HostCheck(WEB).is_allowed_origin(headers(host="Plant-PC:8080", origin=origin), scheme) is False

@@ -1,4 +1,4 @@
-"""Limits of a request: size, time, depth, one meaning; and texts that try to be more than texts."""
+"""Limits of a request: size, time, depth, one meaning; and texts that contain control characters or markup."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ JSON = {"content-type": "application/json"}
     ],
     ids=range(12),
 )
-def test_a_body_that_two_readers_could_read_in_two_ways_is_refused(body: bytes, status: int, tmp_path: Path) -> None:
+def test_an_ambiguous_body_is_rejected(body: bytes, status: int, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         answer = await client.post(RUN, content=body, headers=JSON)
         assert answer.status_code == status, answer.text[:300]
         assert answer.json()["error"]["text"].keys() == {"en", "zh"}
         assert harness.service.calls == []
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -70,24 +70,24 @@ def test_a_body_that_two_readers_could_read_in_two_ways_is_refused(body: bytes, 
     ids=range(5),
 )
 def test_a_public_body_with_two_meanings_is_rejected_before_its_route(body: bytes, code: str, tmp_path: Path) -> None:
-    """No library behind the door takes the last of two, or half of it."""
+    """No library behind the middleware takes the last of two values, or a part of the body."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         answer = await harness.client().post("/api/v1/login", content=body, headers=JSON)
         assert (answer.status_code, answer.json()["error"]["code"]) == (422, code), answer.text
         if code == "auth.twice":
             assert answer.json()["error"]["params"]["names"] in ("name, name, password", "a, a, b")
 
-    run(story())
+    run(scenario())
 
 
-def test_the_sizes_are_those_that_were_measured() -> None:
+def test_the_size_limits_are_those_that_were_measured() -> None:
     assert (MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES, BODY_TIMEOUT_S) == (1024 * 1024, 4096, 10.0)
 
 
 def coming(*parts: bytes) -> Any:
-    """A request's body in so many parts, and the end of its connection."""
+    """Return an ASGI ``receive`` of a body in parts, followed by the end of the connection."""
     messages = [{"type": "http.request", "body": part, "more_body": part is not parts[-1]} for part in parts]
     waiting = iter([*messages, {"type": "http.disconnect"}])
 
@@ -98,7 +98,7 @@ def coming(*parts: bytes) -> Any:
 
 
 @pytest.mark.parametrize("length", [b"\xb2", b"\xb9\xb9", b"+1", b"-1", b"1_0", b" 1", b"0x1", b"", b"9" * 5000])
-def test_a_length_that_is_none_is_refused_before_it_is_computed_with(length: bytes) -> None:
+def test_an_invalid_content_length_is_rejected(length: bytes) -> None:
     headers = Headers(raw=[(b"content-length", length)])
     with pytest.raises(RequestError) as refused:
         run(read_body(coming(b""), headers))
@@ -107,7 +107,7 @@ def test_a_length_that_is_none_is_refused_before_it_is_computed_with(length: byt
 
 
 @pytest.mark.parametrize("length", [b"3", None])
-def test_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) -> None:
+def test_the_size_of_a_body_is_counted_and_not_taken_from_its_header(length: bytes | None) -> None:
     kind = (b"content-type", b"application/json")
     headers = Headers(raw=[kind] if length is None else [kind, (b"content-length", length)])
     assert run(read_body(coming(b"[1", b"]"), headers, 3)) == [1]
@@ -117,7 +117,7 @@ def test_a_body_is_as_large_as_it_is_and_not_as_it_says(length: bytes | None) ->
 
 
 def test_a_message_without_more_body_is_the_last() -> None:
-    """ASGI's default."""
+    """``more_body`` is false by default in ASGI."""
 
     async def whole() -> Any:
         return {"type": "http.request", "body": b"{}"}
@@ -125,7 +125,7 @@ def test_a_message_without_more_body_is_the_last() -> None:
     assert run(read_body(whole, Headers({"content-type": "application/json"}), 3)) == {}
 
 
-def test_a_body_that_is_cut_off_is_none() -> None:
+def test_an_incomplete_body_is_rejected() -> None:
     async def gone() -> Any:
         return {"type": "http.disconnect"}
 
@@ -138,14 +138,14 @@ def test_a_body_has_ten_seconds() -> None:
     async def never() -> Any:
         await asyncio.sleep(3600)
 
-    async def story() -> float:
+    async def scenario() -> float:
         begun = asyncio.get_running_loop().time()
         with pytest.raises(RequestError) as refused:
             await read_body(never, Headers())
         assert (refused.value.key, refused.value.params) == ("auth.too_slow", {"longest_s": 10.0})
         return asyncio.get_running_loop().time() - begun
 
-    assert run(story()) == 10.0
+    assert run(scenario()) == 10.0
 
 
 @pytest.mark.parametrize(
@@ -172,20 +172,20 @@ def test_only_json_in_utf_8_is_read(kind: str | None, more: dict[str, str], fits
     assert refused.value.params == {"found": kind or ""}
 
 
-def test_no_body_is_an_empty_object() -> None:
+def test_a_missing_body_is_an_empty_object() -> None:
     assert run(read_body(coming(b""), Headers())) == {}
 
 
 @pytest.mark.parametrize(("text", "value"), [(b"60.0", 60), (b"60.5", 60.5), (b"-0.0", 0), (b"1e300", 1e300)])
-def test_a_whole_number_is_an_integer_however_it_is_written(text: bytes, value: float) -> None:
+def test_a_whole_number_is_an_integer_in_any_notation(text: bytes, value: float) -> None:
     found = parse_json(text)
     assert (found, type(found)) == (value, type(value))
 
 
-def test_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
+def test_a_body_of_one_mebibyte_is_accepted(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("engineer")
         body = json.dumps({"text": ""}).encode()
         for more in ({}, {"content-length": str(MAX_BODY_BYTES)}):
@@ -193,16 +193,16 @@ def test_a_whole_mebibyte_is_still_read(tmp_path: Path) -> None:
             answer = await client.post("/api/v1/configuration/check", content=whole, headers={**JSON, **more})
             assert answer.status_code == 200, answer.text
 
-    run(story())
+    run(scenario())
 
 
-def test_where_no_right_is_needed_little_is_read(tmp_path: Path) -> None:
-    """A mebibyte of braces takes the page's process 0.3 s: nobody's stop waits for a stranger's."""
+def test_public_routes_accept_only_small_bodies(tmp_path: Path) -> None:
+    """Parsing a mebibyte of braces takes the web process 0.3 s, which would delay a stop."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
-        body = json.dumps({"name": "nobody", "password": "x"}).encode()
+        body = json.dumps({"name": "unknown", "password": "x"}).encode()
         fits = await client.post("/api/v1/login", content=body.ljust(MAX_PUBLIC_BODY_BYTES), headers=JSON)
         assert fits.status_code == 401, fits.text
         too_much = await client.post("/api/v1/login", content=body.ljust(MAX_PUBLIC_BODY_BYTES + 1), headers=JSON)
@@ -212,11 +212,11 @@ def test_where_no_right_is_needed_little_is_read(tmp_path: Path) -> None:
         too_much = await viewer.post("/api/v1/tokens", content=b"{}".ljust(MAX_PUBLIC_BODY_BYTES + 1), headers=JSON)
         assert too_much.status_code == 413, too_much.text
 
-    run(story())
+    run(scenario())
 
 
-async def told(harness: WebAppHarness, headers: dict[str, str], parts: Any) -> int:
-    """The status that a request gets whose body comes in ``parts``: (octets, seconds before them)."""
+async def status_of(harness: WebAppHarness, headers: dict[str, str], parts: Any) -> int:
+    """Return the status of a request whose body comes in ``parts``: (bytes, seconds before them)."""
     statuses: list[int] = []
 
     async def receive() -> Any:
@@ -263,38 +263,38 @@ def test_a_hundred_megabytes_and_a_slow_drip_end_early(
 ) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         token = await harness.token("operator", "operate")
         headers = {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}", **JSON} | more
         begun = asyncio.get_running_loop().time()
-        assert await told(harness, headers, parts) == status
+        assert await status_of(harness, headers, parts) == status
         assert asyncio.get_running_loop().time() - begun <= BODY_TIMEOUT_S
         assert harness.service.calls == []
 
-    run(story())
+    run(scenario())
 
 
-def test_the_body_of_a_stranger_is_not_even_read(tmp_path: Path) -> None:
+def test_the_body_of_an_unauthenticated_request_is_not_read(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         def never() -> Any:
             raise AssertionError("read")
             yield
 
-        assert await told(harness, {"host": "127.0.0.1:8080", **JSON}, never()) == 401
+        assert await status_of(harness, {"host": "127.0.0.1:8080", **JSON}, never()) == 401
 
-    run(story())
+    run(scenario())
 
 
 HOSTILE = 'x"\r\n{"what":"login","outcome":"done"}\x1b[2J\u202e<script>alert(1)</script>=cmd|\'/c calc\'!A0'
 
 
-def test_no_text_of_a_user_makes_a_line_of_its_own_in_the_audit_trail(tmp_path: Path) -> None:
-    """Names, passwords, headers and addresses as somebody hostile sends them: each stays one JSON string."""
+def test_no_text_of_a_client_adds_a_line_to_the_audit_trail(tmp_path: Path) -> None:
+    """Hostile names, passwords, headers and addresses stay one JSON string each."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
         body = {"name": HOSTILE[:60], "password": HOSTILE}
         assert (await client.post("/api/v1/login", json=body)).status_code == 401
@@ -308,23 +308,23 @@ def test_no_text_of_a_user_makes_a_line_of_its_own_in_the_audit_trail(tmp_path: 
             assert "\n" not in line and "\r" not in line and "\x1b" not in line
             assert json.loads(line)[0]["what"] == "refused"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
     "path", ["/api/v1/%0d%0aSet-Cookie:x=1", "/static/%3Cscript%3E", "/i18n/<b>.json", "/api/v1/drives/<b>"]
 )
-def test_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_path: Path) -> None:
+def test_an_error_about_an_address_is_not_html(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("viewer")
         answer = await client.get(path)
         assert answer.headers["content-type"].startswith("application/json")
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert "x=1" not in answer.headers.get("set-cookie", "")
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -347,10 +347,10 @@ def test_what_is_wrong_with_an_address_is_not_shown_as_a_page(path: str, tmp_pat
         "/static/none.js",
     ],
 )
-def test_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
+def test_only_files_of_the_page_are_served(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         from httpx import InvalidURL
 
         try:
@@ -359,16 +359,16 @@ def test_no_file_but_the_pages_own_is_served(path: str, tmp_path: Path) -> None:
             return
         assert answer.status_code in (403, 404), path
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
     "path", ["/", "/static/js/app.js", "/i18n/en.json", "/i18n/zh.json", "/api/v1/session", "/nothing"]
 )
-def test_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: Path) -> None:
+def test_every_response_has_the_security_headers(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         answer = await harness.client().get(path)
         assert answer.headers["content-security-policy"] == CSP
         assert "unsafe" not in CSP and "*" not in CSP and CSP.startswith("default-src 'none'")
@@ -383,13 +383,13 @@ def test_every_answer_says_what_the_browser_may_do_with_it(path: str, tmp_path: 
             assert answer.headers.get_list(name) == [value], name
         assert "server" not in answer.headers
 
-    run(story())
+    run(scenario())
 
 
-def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
+def test_a_file_is_compressed_and_cached(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
         first = await client.get("/i18n/en.json", headers={"accept-encoding": "gzip"})
         assert first.headers["content-encoding"] == "gzip" and first.json()["auth.not_logged_in"]
@@ -398,10 +398,10 @@ def test_a_file_comes_packed_and_only_once(tmp_path: Path) -> None:
         again = await client.get("/i18n/en.json", headers={"if-none-match": first.headers["etag"]})
         assert (again.status_code, again.content) == (304, b"")
 
-    run(story())
+    run(scenario())
 
 
-def test_an_unexpected_error_shows_nothing_of_the_inside(tmp_path: Path) -> None:
+def test_an_unexpected_error_shows_no_internals(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
     async def failing(*_: Any) -> Any:
@@ -409,14 +409,14 @@ def test_an_unexpected_error_shows_nothing_of_the_inside(tmp_path: Path) -> None
 
     harness.service.call = failing  # type: ignore[method-assign]
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         answer = await client.post("/api/v1/stop")
         assert answer.status_code == 500 and "secret" not in answer.text
         assert answer.headers["content-security-policy"] == CSP
 
     try:
-        run(story())
+        run(scenario())
     finally:
         del harness.service.call
 
@@ -424,10 +424,10 @@ def test_an_unexpected_error_shows_nothing_of_the_inside(tmp_path: Path) -> None
 COMMANDS: list[tuple[str, Any]] = [("run", {"frequency_hz": 5.0}), ("stop", {})]
 
 
-def test_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) -> None:
+def test_a_stop_overtakes_reads_that_were_sent_before_it(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         harness.service.calls.clear()
         questions = [client.get("/api/v1/buses") for _ in range(20)]
@@ -436,23 +436,25 @@ def test_a_stop_goes_before_the_questions_that_came_before_it(tmp_path: Path) ->
         assert {answer.status_code for answer in answers} == {200}
         asked = [call[0] for call in harness.service.calls]
         assert len(asked) == 22 and asked.index("drive.stop") < 10, asked
-        assert asked.index("drive.run") < asked.index("drive.stop")  # no start that comes after its stop
+        assert asked.index("drive.run") < asked.index(
+            "drive.stop"
+        )  # a start never executes after the stop that followed it
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_goes_before_the_refusals_of_strangers(tmp_path: Path) -> None:
-    """They may ask for stops and starts as often as they like."""
+def test_a_stop_overtakes_the_denials_of_unauthenticated_requests(tmp_path: Path) -> None:
+    """Unauthenticated stops and starts do not delay a user's stop."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
-        client, stranger, told = await harness.log_in("operator"), harness.client(), list[int]()
+    async def scenario() -> None:
+        client, anonymous, statuses = await harness.log_in("operator"), harness.client(), list[int]()
 
-        async def ask(who: httpx.AsyncClient, what: str) -> None:
-            told.append((await who.post(f"/api/v1/drives/fan-1/{what}", json={})).status_code)
+        async def send(sender: httpx.AsyncClient, command: str) -> None:
+            statuses.append((await sender.post(f"/api/v1/drives/fan-1/{command}", json={})).status_code)
 
-        asked = [ask(stranger, what) for what in ("stop", "run") * 10]
-        await asyncio.gather(*asked, ask(client, "stop"))
-        assert len(told) == 21 and told.index(200) < 10, told
+        flood = [send(anonymous, command) for command in ("stop", "run") * 10]
+        await asyncio.gather(*flood, send(client, "stop"))
+        assert len(statuses) == 21 and statuses.index(200) < 10, statuses
 
-    run(story())
+    run(scenario())

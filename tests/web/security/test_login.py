@@ -19,7 +19,7 @@ HOUR_S = 3600.0
 
 
 async def guess(harness: WebAppHarness, name: str, host: str = "10.0.0.9") -> int:
-    """The status of a login with a wrong password, from an address of its own."""
+    """Return the status of a login with a wrong password, from its own address."""
     import httpx
 
     transport = httpx.ASGITransport(app=harness.app, client=(host, 40000))
@@ -31,11 +31,11 @@ async def guess(harness: WebAppHarness, name: str, host: str = "10.0.0.9") -> in
         return answer.status_code
 
 
-def test_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Path) -> None:
-    """1,200 guesses from 1,200 addresses: at most 100 are looked at, and the user who is logged in stops at will."""
+def test_a_user_can_stop_drives_during_an_hour_of_guesses_at_the_password(tmp_path: Path) -> None:
+    """Of 1,200 guesses from 1,200 addresses at most 100 are checked; stops of the logged-in user are not delayed."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         mine = await harness.log_in("operator")
         looked_at = 0
         for n in range(1200):
@@ -47,24 +47,24 @@ def test_an_hour_of_guesses_at_a_user_and_stops_of_that_user_go_on(tmp_path: Pat
         assert 10 < looked_at <= 100
         assert [call[0] for call in harness.service.calls] == ["plant.stop"] * 10
 
-    run(story())
+    run(scenario())
 
 
-def test_an_address_that_tries_names_is_held_and_others_are_not(tmp_path: Path) -> None:
+def test_an_address_that_tries_names_is_throttled_and_others_are_not(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         statuses = [await guess(harness, f"user{n}") for n in range(300)]
         assert statuses.count(401) == 10
         await harness.log_in("operator")
 
-    run(story())
+    run(scenario())
 
 
 def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         for n in range(500):
             await guess(harness, f"user{n % 100}")
         message = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
@@ -74,13 +74,13 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
         message = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
         assert sum(entry["params"]["times"] for entry in message) == 500
 
-    run(story())
+    run(scenario())
 
 
-def test_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> None:
+def test_before_the_set_up_only_the_set_up_is_reachable(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
         for entry in declared_routes():
             if entry.access is AccessLevel.PUBLIC or entry.method == WEBSOCKET:
@@ -94,13 +94,13 @@ def test_before_the_set_up_nothing_but_the_set_up_is_there(tmp_path: Path) -> No
             assert answer.status_code == 401
         assert (await client.get("/api/v1/session")).json()["setup"] is True
 
-    run(story())
+    run(scenario())
 
 
 def test_the_set_up_secret_works_once(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, users=False)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
         body = {"secret": "guess", "name": "ann", "password": PASSWORD}
         assert (await client.post("/api/v1/setup", json=body)).status_code == 401
@@ -112,27 +112,27 @@ def test_the_set_up_secret_works_once(tmp_path: Path) -> None:
         assert [entry["what"] for entry, _ in harness.service.records] == ["refused", "set-up", "refused"]
         assert body["secret"] not in repr(harness.service.records) and PASSWORD not in repr(harness.service.records)
 
-    run(story())
+    run(scenario())
 
 
 def test_before_the_set_up_an_operator_may_only_stop(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         harness.auth.user_file.change(lambda register: type(register)(register.users[:2]))
         assert harness.auth.needs_setup
         assert (await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5})).status_code == 409
         assert (await client.post("/api/v1/stop")).status_code == 200
 
-    run(story())
+    run(scenario())
 
 
 def test_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None:
-    """A secret that somebody planted before the login is worth nothing after it."""
+    """A secret that an attacker set before the login is invalid after it."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         before = client.cookies["drivebus_session"]
         answer = await client.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
@@ -142,7 +142,7 @@ def test_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None
         answer = await planted.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
         assert answer.cookies["drivebus_session"] != "planted"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_a_login_makes_a_new_secret_and_ends_the_old_one(tmp_path: Path) -> None
 def test_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client(base)
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         first, *rest = answer.headers["set-cookie"].split("; ")
@@ -162,14 +162,14 @@ def test_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tm
         gone = await client.post("/api/v1/logout")
         assert all("Max-Age=0" in line for line in gone.headers.get_list("set-cookie"))
 
-    run(story())
+    run(scenario())
 
 
-def test_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: Path) -> None:
-    """What the page does by itself (it looks, it renews leases) is nobody's hand."""
+def test_after_fifteen_idle_minutes_a_session_can_only_view_and_stop(tmp_path: Path) -> None:
+    """Requests that the page sends by itself (reads, renewals of leases) are not activity."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         run_it: dict[str, Any] = {"url": "/api/v1/drives/fan-1/run", "json": {"frequency_hz": 5.0}}
         for _ in range(15):
@@ -187,14 +187,14 @@ def test_fifteen_idle_minutes_take_away_all_but_looking_and_stopping(tmp_path: P
         client.headers["X-Drivebus-CSRF"] = again.json()["csrf"]
         assert (await client.post(**run_it)).status_code == 200
 
-    run(story())
+    run(scenario())
 
 
-def test_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
-    """Its leases belong to it; its secret is a new one; a wrong password takes nothing away and is counted."""
+def test_a_password_unlocks_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
+    """Its leases stay and its secret is new; a wrong password changes nothing and is counted."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         old, before = client.cookies["drivebus_session"], (await client.get("/api/v1/session")).json()
         harness.clock.now += SESSION_IDLE_TIMEOUT_S
@@ -215,26 +215,26 @@ def test_a_password_wakes_an_idle_session_which_stays_the_same_one(tmp_path: Pat
         ]
         assert message == [("unlock", "done")]
 
-    run(story())
+    run(scenario())
 
 
-def test_an_idle_session_is_not_woken_by_guessing(tmp_path: Path) -> None:
+def test_an_idle_session_is_not_unlocked_by_guessing(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         harness.clock.now += SESSION_IDLE_TIMEOUT_S
         guesses = [await client.post("/api/v1/session/unlock", json={"password": f"wrong {n}"}) for n in range(15)]
         assert [answer.status_code for answer in guesses] == [403] * 10 + [429] * 5
         assert (await client.post("/api/v1/stop")).status_code == 200
 
-    run(story())
+    run(scenario())
 
 
 def test_reported_activity_keeps_a_session_from_becoming_idle(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         for _ in range(5):
             harness.clock.now += SESSION_IDLE_TIMEOUT_S - 1
@@ -242,15 +242,15 @@ def test_reported_activity_keeps_a_session_from_becoming_idle(tmp_path: Path) ->
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path) -> None:
-    """who administers waits for the trail, who logs in, looks or stops does not."""
+def test_a_stop_is_executed_while_the_audit_trail_cannot_be_written(tmp_path: Path) -> None:
+    """Administration waits for the trail; login, reads and stops do not."""
     harness = WebAppHarness(tmp_path)
     harness.service.audit_fails = True
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("administrator")
         assert (await client.post("/api/v1/stop")).status_code == 200
         before = harness.auth.database
@@ -262,26 +262,26 @@ def test_a_stop_comes_through_while_the_record_can_not_be_written(tmp_path: Path
         assert harness.auth.database == before
         assert (await client.post("/api/v1/logout")).status_code == 200
 
-    run(story())
+    run(scenario())
 
 
-def test_a_code_of_the_demo_logs_in_once(tmp_path: Path) -> None:
+def test_a_login_code_works_once(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         code = await harness.auth.issue_code("operator", 3600)
         client = harness.client()
         assert (await client.get(f"/api/v1/login/code?code={code}")).status_code == 405
         assert (await client.post("/api/v1/login/code", json={"code": code})).json()["user"] == "operator"
         assert (await harness.client().post("/api/v1/login/code", json={"code": code})).status_code == 401
 
-    run(story())
+    run(scenario())
 
 
-def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) -> None:
+def test_users_and_tokens_are_added_shown_changed_and_recorded(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin = await harness.log_in("administrator")
         body = {"name": "王伟", "role": "operator", "password": PASSWORD}
         made = (await admin.post("/api/v1/users", json=body)).json()["user"]
@@ -316,13 +316,13 @@ def test_users_and_tokens_are_made_shown_changed_and_recorded(tmp_path: Path) ->
         ]
         assert PASSWORD not in repr(harness.service.records) and "another pass" not in repr(harness.service.records)
 
-    run(story())
+    run(scenario())
 
 
-def test_a_new_password_of_ones_own(tmp_path: Path) -> None:
+def test_a_user_changes_the_own_password(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client, elsewhere = await harness.log_in("viewer"), await harness.log_in("viewer")
         wrong = await client.post("/api/v1/password", json={"old": "wrong", "new": "another pass phrase"})
         assert wrong.status_code == 403, "401 would say that the session is over"
@@ -331,4 +331,4 @@ def test_a_new_password_of_ones_own(tmp_path: Path) -> None:
         assert (await client.get("/api/v1/drives")).status_code == 200
         assert (await elsewhere.get("/api/v1/drives")).status_code == 401
 
-    run(story())
+    run(scenario())

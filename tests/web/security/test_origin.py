@@ -1,4 +1,4 @@
-"""Requests that a foreign page makes a browser send have no effect; a connection ends with its session."""
+"""Requests that a foreign page sends through a browser have no effect; a connection ends with its session."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def effects(harness: WebAppHarness) -> list[Any]:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
-    """As a foreign page's form, fetch or link: the cookie comes along, the CSRF token does not."""
+    """A foreign page's form, fetch or link sends the cookie, but not the CSRF token."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("administrator")
         del client.headers["X-Drivebus-CSRF"]
         before = harness.auth.database
@@ -60,14 +60,14 @@ def test_a_cookie_alone_changes_nothing(form: str, tmp_path: Path) -> None:
                 assert answer.status_code == 403, (entry, origin, answer.text)
         assert effects(harness) == [] and harness.auth.database == before
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
 def test_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("administrator")
         token = await harness.token("administrator", "view", "stop", "operate")
         for entry in CHANGING:
@@ -78,14 +78,14 @@ def test_a_foreign_origin_changes_nothing_even_with_everything_else(origin: str,
         own = await client.post("/api/v1/stop", headers={"origin": BASE})
         assert own.status_code == 200 and len(effects(harness)) == 1
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("path", ["/api/v1/login", "/api/v1/setup", "/api/v1/login/code"])
 def test_a_foreign_page_cannot_log_a_user_in(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         body = {"name": "operator", "password": "correct horse battery"}
         for headers in ({"origin": "http://evil.example"}, {"origin": "null"}):
             assert (await harness.client().post(path, json=body, headers=headers)).status_code == 403
@@ -94,29 +94,29 @@ def test_a_foreign_page_cannot_log_a_user_in(path: str, tmp_path: Path) -> None:
         assert (form.status_code, text.status_code) == (415, 415)
         assert harness.auth.sessions.of_user("operator") == []
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "application/json-patch+json"])
 def test_only_json_is_read_also_from_our_own_page(kind: str, tmp_path: Path) -> None:
-    """What a form can send is never JSON: a browser asks first before it sends that elsewhere."""
+    """A form cannot send JSON: a browser sends it to another origin only after a preflight request."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         for headers in ({"content-type": kind}, {"content-type": "application/json", "content-encoding": "gzip"}):
             answer = await client.post("/api/v1/drives/fan-1/run", content='{"frequency_hz": 50}', headers=headers)
             assert answer.status_code == 415
         assert effects(harness) == []
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "TRACE", "FOO"])
-def test_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Path) -> None:
+def test_no_other_method_reaches_a_command(method: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("administrator")
         readable = {entry.path for entry in declared_routes() if entry.method == "GET"}
         for entry in CHANGING:
@@ -127,7 +127,7 @@ def test_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Pat
             assert "access-control-allow-origin" not in answer.headers
         assert effects(harness) == []
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -147,23 +147,23 @@ def test_no_other_verb_reaches_what_changes_something(method: str, tmp_path: Pat
     ],
 )
 def test_a_foreign_name_that_resolves_to_this_machine_is_denied(host: str, status: int, tmp_path: Path) -> None:
-    """DNS rebinding: for the browser that page and this service are one origin, and only Host tells."""
+    """DNS rebinding: for the browser that page and this service are one origin; only Host shows the difference."""
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client()
         assert (await client.get("/api/v1/session", headers={"host": host})).status_code == status
         page = await client.get("/", headers={"host": host})
         assert page.status_code == status
         assert status == 200 or page.json()["error"]["code"] == "auth.foreign_host"
 
-    run(story())
+    run(scenario())
 
 
-def test_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(tmp_path: Path) -> None:
+def test_the_origin_of_a_reverse_proxy_is_accepted_where_it_is_configured(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client(host="plant.example", origin="https://plant.example")
         body = {"name": "operator", "password": "correct horse battery"}
         answer = await client.post("/api/v1/login", json=body)
@@ -172,7 +172,7 @@ def test_the_origin_of_a_reverse_proxy_is_ours_where_the_configuration_says_so(t
         csrf = {"x-drivebus-csrf": answer.json()["csrf"], "cookie": cookie.partition(";")[0]}
         assert (await client.post("/api/v1/stop", headers=csrf)).status_code == 200
 
-    run(story())
+    run(scenario())
 
 
 async def cookie_of(harness: WebAppHarness, role: str = "operator") -> tuple[Any, dict[str, str]]:
@@ -181,32 +181,32 @@ async def cookie_of(harness: WebAppHarness, role: str = "operator") -> tuple[Any
     return client, headers
 
 
-def test_a_handshake_from_our_own_page_is_let_in(tmp_path: Path) -> None:
+def test_a_handshake_from_our_own_page_is_accepted(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         _, headers = await cookie_of(harness)
         wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(1)
         assert wire.is_open
         await wire.disconnect()
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("origin", [None, *FOREIGN])
-def test_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Path) -> None:
+def test_a_handshake_from_another_origin_is_refused(origin: str | None, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         _, headers = await cookie_of(harness)
         wire = AppWebSocket(harness.app, headers if origin is None else headers | {"origin": origin})
         await wire.route
         assert (wire.is_open, wire.close_code, harness.service.calls) == (False, 4403, [])
-        target = "/api/v1/live" if origin is None else "-"  # a foreign one is refused before its address is looked at
+        target = "/api/v1/live" if origin is None else "-"  # a foreign origin is refused before routing
         assert harness.service.records[-1][0]["target"] == f"WEBSOCKET {target}"
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -215,18 +215,18 @@ def test_a_handshake_from_elsewhere_is_refused(origin: str | None, tmp_path: Pat
 def test_a_handshake_without_a_session_is_refused(credential: dict[str, str], tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         wire = AppWebSocket(harness.app, {"host": "127.0.0.1:8080", "origin": BASE} | credential)
         await wire.route
         assert (wire.is_open, wire.close_code, harness.service.calls) == (False, 4401, [])
 
-    run(story())
+    run(scenario())
 
 
 def test_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         token = await harness.token("operator", "view")
         wire = AppWebSocket(harness.app, {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}"})
         await asyncio.sleep(1)
@@ -237,7 +237,7 @@ def test_a_program_with_a_token_needs_no_origin(tmp_path: Path) -> None:
         await asyncio.sleep(1)
         assert wire.close_code == 4401
 
-    run(story())
+    run(scenario())
 
 
 async def log_out(harness: WebAppHarness, client: Any) -> None:
@@ -294,26 +294,26 @@ async def log_in_again(harness: WebAppHarness, client: Any) -> None:
 def test_an_open_connection_ends_within_a_second_of_its_session(end: Any, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client, headers = await cookie_of(harness)
         wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
         assert wire.is_open
         await end(harness, client)
-        message = len(wire.sent)
+        sent_before = len(wire.sent)
         await asyncio.sleep(1)
         assert wire.close_code == 4401 and wire.route.done()
         last = json.loads(wire.sent[-2]["text"])
         assert last["type"] == "closed" and last["text"].keys() == {"en", "zh"}
-        assert len(wire.sent) - message <= 2, "nothing of the plant is told any more"
+        assert len(wire.sent) - sent_before <= 2, "no data of the plant is sent any more"
 
-    run(story())
+    run(scenario())
 
 
-def test_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) -> None:
+def test_a_connection_ends_when_its_session_expires_after_twelve_hours(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         _, headers = await cookie_of(harness)
         wire = AppWebSocket(harness.app, headers | {"origin": BASE})
         await asyncio.sleep(5)
@@ -321,4 +321,4 @@ def test_a_connection_ends_with_the_twelve_hours_of_its_session(tmp_path: Path) 
         await asyncio.sleep(1)
         assert wire.close_code == 4401
 
-    run(story())
+    run(scenario())

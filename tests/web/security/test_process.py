@@ -1,4 +1,4 @@
-"""The web process, ``python -m drivebus.web``, while the service runs, is away, and returns."""
+"""The web process, ``python -m drivebus.web``, while the service runs, is down, and returns."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PATIENCE_S = 30.0
 
 @contextmanager
 def web(directory: Path, parent: bool = False) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """The web process and its address; ``parent``: the process of a parent that can be killed, and the address."""
+    """Run the web process; yields it and its address. ``parent``: yields a parent of it that can be killed."""
     settings = WebConfig(port=0)
     arguments = GatewayArguments(
         socket=directory / "plant.sock", directory=directory, user_file=directory / "users.json", settings=settings
@@ -61,15 +61,15 @@ def web(directory: Path, parent: bool = False) -> Iterator[tuple[subprocess.Pope
 
 
 async def answered(client: httpx.AsyncClient, method: str, path: str, status: int, **more: Any) -> httpx.Response:
-    """The answer, asked for until it has this status."""
+    """Repeat a request until its answer has this status."""
     async with asyncio.timeout(PATIENCE_S):
         while (answer := await client.request(method, path, **more)).status_code != status:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
     return answer
 
 
-async def test_the_plant_may_come_and_go_behind_the_page(tmp_path: Path) -> None:
-    """Without it: a clear 503, and logging in works; with it: its drives, without anybody logging in again."""
+async def test_sessions_survive_a_restart_of_the_plant(tmp_path: Path) -> None:
+    """Without the plant a read is a clear 503 and logging in works; with it the drives are back without a login."""
     with web(tmp_path) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
             secret = (tmp_path / SETUP_SECRET_FILE).read_text().strip()
@@ -113,7 +113,7 @@ async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_pat
 
 
 async def test_the_web_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
-    """A plant that starts again starts one of its own, at the same address."""
+    """A restarted plant starts its own web process at the same address."""
     with web(tmp_path, parent=True) as (process, at):
         async with httpx.AsyncClient(base_url=at) as client:
             assert (await client.get("/api/v1/health")).json() == {"ok": True}

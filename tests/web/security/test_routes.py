@@ -49,8 +49,8 @@ def test_no_operation_that_changes_anything_is_reached_by_get() -> None:
     assert not [operation for operation in OPERATIONS.values() if operation.mutates and operation.method == "GET"]
 
 
-def test_no_command_and_no_renewal_waits_for_its_turn() -> None:
-    """A stop that overtook a command sent before it would not void that command."""
+def test_commands_and_renewals_do_not_wait_in_the_read_queue() -> None:
+    """A stop that overtakes a command sent before it would not void that command."""
     yields = {(route.method, route.path): route.yields for route in ROUTES}
     urgent = [operation for operation in OPERATIONS.values() if not operation.yields]
     assert urgent and not [one for one in urgent if yields[one.method, API_PREFIX + one.path]]
@@ -59,7 +59,7 @@ def test_no_command_and_no_renewal_waits_for_its_turn() -> None:
     )
 
 
-def test_public_is_only_what_a_login_needs() -> None:
+def test_only_routes_that_a_login_needs_are_public() -> None:
     assert {(route.method, route.path) for route in ROUTES if route.access is AccessLevel.PUBLIC} == {
         ("GET", "/"),
         ("GET", "/static/{path:path}"),
@@ -81,15 +81,15 @@ def test_a_route_without_declared_access_never_reaches_the_framework(tmp_path: P
         harness.service.calls.append(("forgotten", {}, None))  # type: ignore[arg-type]
         return {}
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("administrator")
         assert (await client.post("/api/v1/forgotten")).status_code == 404
         assert harness.service.calls == []
 
-    run(story())
+    run(scenario())
 
 
-def test_the_router_takes_no_route_without_its_access() -> None:
+def test_the_router_rejects_a_route_without_declared_access() -> None:
     with pytest.raises(TypeError, match="access"):
         AccessRouter().add("GET", "/open", address)  # type: ignore[call-arg, arg-type]
 
@@ -135,10 +135,10 @@ BAD = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: str, tmp_path: Path) -> None:
+def test_without_a_valid_credential_every_route_is_401_and_calls_no_operation(kind: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client(**BAD[kind])
         for route in CLOSED_ROUTES:
             answer = await client.request(route.method, address(route))
@@ -149,11 +149,11 @@ def test_without_a_good_credential_every_address_is_401_and_asks_nothing(kind: s
         assert counted(harness) == len(CLOSED_ROUTES)
         assert message[0] == f"{CLOSED_ROUTES[0].method} {CLOSED_ROUTES[0].path}"
 
-    run(story())
+    run(scenario())
 
 
 def counted(harness: WebAppHarness) -> int:
-    """Refusals that the audit trail has, repetitions and what is still being counted among them."""
+    """Return the number of denials: recorded ones with their repetitions, and those still being counted."""
     refusals = harness.denials
     message = sum(entry["params"]["times"] for entry, _ in harness.service.records if entry["what"] == "refused")
     return message + sum(refusals._counts.values())
@@ -195,10 +195,10 @@ async def withdrawn_token(harness: WebAppHarness) -> AsyncClient:
 @pytest.mark.parametrize(
     "spent", [expired_session, ended_session, session_of_one_removed, expired_token, withdrawn_token]
 )
-def test_a_credential_that_is_spent_is_401_everywhere(spent, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_an_ended_credential_is_401_everywhere(spent, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await spent(harness)
         harness.service.calls.clear()
         for route in CLOSED_ROUTES:
@@ -206,14 +206,14 @@ def test_a_credential_that_is_spent_is_401_everywhere(spent, tmp_path: Path) -> 
             assert answer.status_code == 401, (route, answer.text)
         assert harness.service.calls == []
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("role", list(Role))
 def test_a_role_reaches_what_its_rights_allow_and_nothing_more(role: Role, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in(role)
         for route in CLOSED_ROUTES:
             if not isinstance(route.access, Right):
@@ -226,14 +226,14 @@ def test_a_role_reaches_what_its_rights_allow_and_nothing_more(role: Role, tmp_p
                 assert (answer.status_code, harness.service.calls) == (403, []), route
         assert role is Role.ADMINISTRATOR or counted(harness) > 0
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("right", list(Right))
-def test_a_token_reaches_what_its_scope_says_though_its_user_may_more(right: Right, tmp_path: Path) -> None:
+def test_a_token_reaches_only_its_scope_though_its_user_has_more_rights(right: Right, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client(authorization=f"Bearer {await harness.token('administrator', right)}")
         for route in CLOSED_ROUTES:
             harness.service.calls.clear()
@@ -243,13 +243,13 @@ def test_a_token_reaches_what_its_scope_says_though_its_user_may_more(right: Rig
             else:
                 assert (answer.status_code, harness.service.calls) == (403, []), route
 
-    run(story())
+    run(scenario())
 
 
-def test_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
+def test_a_token_loses_the_rights_that_its_user_loses(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = harness.client(
             authorization=f"Bearer {await harness.token('engineer', 'view', 'stop', 'write_parameters')}"
         )
@@ -262,14 +262,14 @@ def test_a_token_loses_what_its_user_loses(tmp_path: Path) -> None:
         assert (await admin.patch("/api/v1/users/engineer", json={"disabled": True})).status_code == 200
         assert (await client.post("/api/v1/stop")).status_code in (401, 403)
 
-    run(story())
+    run(scenario())
 
 
-def test_one_users_session_can_not_do_what_another_may(tmp_path: Path) -> None:
-    """The actor is who the credential says, not who the request claims to be."""
+def test_one_users_session_has_no_right_of_another_user(tmp_path: Path) -> None:
+    """The actor is that of the credential, not the one that the request names."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         operator, engineer = await harness.log_in("operator"), await harness.log_in("engineer")
         operator.headers["X-Drivebus-CSRF"] = engineer.headers["X-Drivebus-CSRF"]
         assert (await operator.post("/api/v1/stop")).status_code == 403, "another's CSRF token"
@@ -281,13 +281,13 @@ def test_one_users_session_can_not_do_what_another_may(tmp_path: Path) -> None:
         await operator.post("/api/v1/stop", headers=claims)
         assert [(call[2].name, call[2].address) for call in harness.service.calls] == [("operator", "127.0.0.1")]
 
-    run(story())
+    run(scenario())
 
 
 def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         operator = await harness.log_in("operator")
         answer = await operator.post("/api/v1/tokens", json={"name": "t", "rights": ["view", "write_parameters"]})
         assert answer.status_code == 403
@@ -299,7 +299,7 @@ def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
             assert (await admin.patch("/api/v1/users/administrator", json=change)).status_code == 409
         assert (await admin.delete("/api/v1/users/administrator")).status_code == 409
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -319,12 +319,12 @@ def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
         ("POST", "/login", None),
     ],
 )
-def test_a_body_of_another_shape_is_refused_and_changes_nothing(
+def test_a_body_of_another_shape_is_rejected_and_changes_nothing(
     method: str, path: str, body: object, tmp_path: Path
 ) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin = await harness.log_in("administrator")
         before = harness.auth.database
         answer = await admin.request(method, f"/api/v1{path}", json=body)
@@ -333,7 +333,7 @@ def test_a_body_of_another_shape_is_refused_and_changes_nothing(
         assert error["text"].keys() == {"en", "zh"} and error["kind"] == "InvalidParameters"
         assert harness.auth.database == before
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_a_body_of_another_shape_is_refused_and_changes_nothing(
 def test_a_rejected_body_is_explained_in_both_languages(body: str, path: str, chinese: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin = await harness.log_in("administrator")
         kind = {"content-type": "application/json"}
         error = (await admin.post("/api/v1/tokens", content=body, headers=kind)).json()["error"]
@@ -355,4 +355,4 @@ def test_a_rejected_body_is_explained_in_both_languages(body: str, path: str, ch
         assert (message["path"], message["expected"]["zh"][: len(chinese)]) == (path, chinese)
         assert chinese in error["text"]["zh"] and message["expected"]["en"] in error["text"]["en"]
 
-    run(story())
+    run(scenario())

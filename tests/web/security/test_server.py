@@ -29,7 +29,7 @@ from fixtures.web_app import PASSWORD, WebAppHarness
 
 @contextlib.asynccontextmanager
 async def serving(harness: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
-    """The addresses that it listened at, the newest last."""
+    """Return the addresses that the server listened at, the newest last."""
     text: list[str] = []
     message = asyncio.Event()
 
@@ -55,7 +55,7 @@ def where(at: str) -> tuple[str, int]:
 
 @pytest.fixture
 def certificate(tmp_path: Path) -> tuple[WebConfig, ssl.SSLContext]:
-    """TLS for 127.0.0.1, and a client that trusts it."""
+    """Return TLS settings for 127.0.0.1, and a client context that trusts them."""
     authority = trustme.CA()
     made = authority.issue_cert("127.0.0.1", "localhost")
     certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
@@ -67,7 +67,7 @@ def certificate(tmp_path: Path) -> tuple[WebConfig, ssl.SSLContext]:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "127.0.0.53", "localhost", "0.0.0.0", "::", "10.1.2.3", "plant"])
-def test_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
+def test_the_server_is_on_loopback_unless_there_is_tls_and_an_administrator(host: str, tmp_path: Path) -> None:
     certificate = tmp_path / "cert.pem"
     for users in (False, True):
         access = WebAppHarness(tmp_path / str(users), users=users).auth
@@ -77,7 +77,7 @@ def test_only_this_machine_unless_there_is_tls_and_an_administrator(host: str, t
             assert found == (host if is_loopback(host) or (tls and users) else "127.0.0.1")
 
 
-async def test_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(tmp_path: Path) -> None:
+async def test_the_real_socket_is_on_loopback_without_tls_whatever_the_setting(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     async with serving(harness, WebConfig(host="0.0.0.0", port=0)) as text:
         assert where(text[0])[0] == "127.0.0.1"
@@ -87,10 +87,10 @@ async def test_the_real_socket_is_on_loopback_though_the_setting_says_otherwise(
         assert [one.partition(":")[0] for one in listening if one.endswith(port)] == ["0100007F"]
 
 
-async def test_it_moves_to_its_address_when_the_first_administrator_is_there(
+async def test_the_server_moves_to_its_address_when_the_first_administrator_exists(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
-    """127.0.0.2 stands for an address beyond: no test binds to one that others reach."""
+    """127.0.0.2 stands for an external address: no test binds to one that others reach."""
     web, trusting = certificate
     harness = WebAppHarness(tmp_path / "state", users=False, web=web)
     moved = replace(web, host="127.0.0.2")
@@ -108,7 +108,7 @@ async def test_it_moves_to_its_address_when_the_first_administrator_is_there(
 
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
-async def test_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
+async def test_only_tls_1_2_and_newer_is_accepted_with_hsts(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
 ) -> None:
     web, trusting = certificate
@@ -132,13 +132,13 @@ async def test_tls_1_2_and_newer_with_hsts_and_nothing_in_the_clear(
                 continue
             assert works
             writer.close()
-        assert not await answered(host, port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert not await raw_response(host, port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
 
 
-async def answered(host: str, port: int, said: bytes) -> bytes:
-    """What a raw connection gets until it is closed, by force too."""
+async def raw_response(host: str, port: int, request: bytes) -> bytes:
+    """Return the bytes that a raw connection gets until it is closed or reset."""
     reader, writer = await asyncio.open_connection(host, port)
-    writer.write(said)
+    writer.write(request)
     try:
         return await asyncio.wait_for(reader.read(), 5)
     except ConnectionError:
@@ -162,7 +162,7 @@ async def test_unfinished_headers_end_the_connection(head: bytes, tmp_path: Path
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 0.2)
         async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
             begun = asyncio.get_running_loop().time()
-            found = await answered(*where(text[0]), head)
+            found = await raw_response(*where(text[0]), head)
             assert asyncio.get_running_loop().time() - begun < 4
             assert found.count(b"200 OK") == head.count(b"\r\n\r\n")
 
@@ -170,20 +170,20 @@ async def test_unfinished_headers_end_the_connection(head: bytes, tmp_path: Path
 async def test_a_head_without_end_is_cut(tmp_path: Path) -> None:
     async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
         head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-A: " + b"a" * (connection_limits.MAX_HEADER_BYTES + 1)
-        assert await answered(*where(text[0]), head) == b""
+        assert await raw_response(*where(text[0]), head) == b""
         fits = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nX-A: " + b"a" * 20_000
-        assert b"200 OK" in await answered(*where(text[0]), fits + b"\r\n\r\n")
+        assert b"200 OK" in await raw_response(*where(text[0]), fits + b"\r\n\r\n")
 
 
-async def test_a_large_body_that_comes_together_with_its_head_is_read(tmp_path: Path) -> None:
-    """A mebibyte is allowed where a right is needed, however the system cuts it up."""
+async def test_a_large_body_sent_together_with_its_head_is_read(tmp_path: Path) -> None:
+    """A mebibyte is allowed where a right is needed, in whatever pieces it arrives."""
     harness = WebAppHarness(tmp_path)
     secret = await harness.token("operator", "stop")
     async with serving(harness, WebConfig(port=0)) as text:
         body = b"{" + b" " * 200_000 + b"}"
         kind = b"Content-Type: application/json\r\nConnection: close\r\n"
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer %b\r\n" % secret.encode() + kind
-        found = await answered(*where(text[0]), head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
+        found = await raw_response(*where(text[0]), head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
         assert found.startswith(b"HTTP/1.1 200 ")
 
 
@@ -191,9 +191,9 @@ async def test_an_unwanted_body_is_not_awaited(tmp_path: Path) -> None:
     async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
         begun = asyncio.get_running_loop().time()
         head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
-        assert b" 401 " in await answered(*where(text[0]), head)
+        assert b" 401 " in await raw_response(*where(text[0]), head)
         get = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 104857600\r\n\r\n" + b"x" * 1000
-        assert b" 200 " in await answered(*where(text[0]), get)
+        assert b" 200 " in await raw_response(*where(text[0]), get)
         assert asyncio.get_running_loop().time() - begun < 4
 
 
@@ -201,24 +201,24 @@ async def test_an_unread_response_ends_the_connection(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "WRITE_STALL_TIMEOUT_S", 0.2)
         async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
-            lazy = socket.socket()  # its kernel takes 4 kB, the server's a few hundred: then nothing moves
-            lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            lazy.setblocking(False)
-            await asyncio.get_running_loop().sock_connect(lazy, where(text[0]))
+            unread = socket.socket()  # its kernel buffers 4 kB, the server's a few hundred: then nothing moves
+            unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            unread.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(unread, where(text[0]))
             ask = b"GET /i18n/zh.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
             for _ in range(200):
                 with contextlib.suppress(OSError):
-                    lazy.send(ask)
+                    unread.send(ask)
                 await asyncio.sleep(0.02)
-                if lazy.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                if unread.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                     break
             else:
                 pytest.fail("still connected")
-            lazy.close()
+            unread.close()
 
 
-def talker() -> FastAPI:
-    """WebSockets: ``/flood`` tells without end, ``/closed`` is closed at once."""
+def flooding_app() -> FastAPI:
+    """Return an app with the WebSockets ``/flood``, which sends without end, and ``/closed``, closed at once."""
     app = FastAPI()
 
     async def flood(socket: WebSocket) -> None:
@@ -240,32 +240,32 @@ def talker() -> FastAPI:
     ("path", "limit"), [("/flood", "WRITE_STALL_TIMEOUT_S"), ("/closed", "WEBSOCKET_CLOSE_TIMEOUT_S")]
 )
 async def test_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(path: str, limit: str) -> None:
-    """However long what waits for it can't be sent."""
+    """The connection ends although the data that waits for it cannot be sent."""
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, limit, 0.2)
         listener = bind_listener("127.0.0.1", 0)
-        server = EmbeddedServer(server_config(talker(), WebConfig(port=0)))
+        server = EmbeddedServer(server_config(flooding_app(), WebConfig(port=0)))
         serving = asyncio.create_task(server.serve([listener]))
-        lazy = socket.socket()  # never read
-        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        lazy.setblocking(False)
-        await asyncio.get_running_loop().sock_connect(lazy, listener.getsockname())
+        unread = socket.socket()  # never read
+        unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        unread.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(unread, listener.getsockname())
         more = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13"
         key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
-        lazy.send(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n{key}\r\n\r\n".encode())
+        unread.send(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n{key}\r\n\r\n".encode())
         async with asyncio.timeout(5):
             for there in (True, False):
                 while bool(server.server_state.connections) is not there:  # noqa: ASYNC110
                     await asyncio.sleep(0.01)
-        lazy.close()
+        unread.close()
         server.should_exit = True
         await serving
 
 
-async def test_a_collection_of_garbage_does_not_look_through_the_whole_app(
+async def test_a_garbage_collection_does_not_traverse_the_whole_app(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Which takes 0.1 s, and a stop over the web waited for it."""
+    """A full traversal takes 0.1 s, which would delay a stop over the web."""
     frozen: list[int] = []
 
     async def run(_: HttpServer) -> None:
@@ -285,7 +285,7 @@ async def test_a_collection_of_garbage_does_not_look_through_the_whole_app(
 
 
 async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
-    """They are let go when they have said nothing for a while; until then there is room for others."""
+    """Idle connections are closed after a timeout; until then there is capacity for others."""
     harness = WebAppHarness(tmp_path)
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, "HEADER_TIMEOUT_S", 1.0)
@@ -318,7 +318,7 @@ async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
     ],
 )
 def test_one_address_does_not_take_every_connection(mine: str | None, others: str | None, too_many: bool) -> None:
-    """This machine itself may: a reverse proxy comes from here."""
+    """This machine itself is exempt, because a reverse proxy connects from it."""
 
     class Other:
         client = others and (others, 1)
@@ -331,7 +331,7 @@ def test_one_address_does_not_take_every_connection(mine: str | None, others: st
     assert not protocol._exceeds_address_limit()
 
 
-async def test_a_taken_port_and_a_certificate_that_is_none_are_named(tmp_path: Path) -> None:
+async def test_a_used_port_and_an_invalid_certificate_are_named_in_the_error(tmp_path: Path) -> None:
     taken = bind_listener("127.0.0.1", 0)
     with pytest.raises(ConfigurationError) as raised:
         bind_listener("127.0.0.1", taken.getsockname()[1])

@@ -1,4 +1,4 @@
-"""A WebSocket ends with the credential that opened it, whatever its route is doing."""
+"""A WebSocket ends with the credential that opened it, independent of its route."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Message = dict[str, Any]
 GONE = {"type": "websocket.disconnect", "code": 4401}
 
 
-class Guest:
-    """A visitor whose credential ends when a test says so."""
+class FakeCredential:
+    """A credential that ends when a test ends it."""
 
     def __init__(self) -> None:
         self.over = asyncio.Event()
@@ -33,8 +33,8 @@ class Guest:
         return "expired"
 
 
-class Line:
-    """What came and what was sent."""
+class FakeConnection:
+    """An ASGI connection: received and sent messages."""
 
     def __init__(self) -> None:
         self.coming: asyncio.Queue[Message] = asyncio.Queue()
@@ -44,11 +44,13 @@ class Line:
         self.sent.append(message)
 
 
-def begun(guest: Guest, line: Line, route: Any) -> asyncio.Task[None]:
+def begun(credential: FakeCredential, line: FakeConnection, route: Any) -> asyncio.Task[None]:
     async def app(scope: Any, receive: Any, send: Any) -> None:
         await route(receive, send)
 
-    return asyncio.create_task(run_until_credential_ends(app, cast(Credential, guest), {}, line.coming.get, line.send))
+    return asyncio.create_task(
+        run_until_credential_ends(app, cast(Credential, credential), {}, line.coming.get, line.send)
+    )
 
 
 @pytest.mark.parametrize("accepted", [True, False])
@@ -65,14 +67,14 @@ def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(acce
         got.append(await receive())
         await send({"type": "websocket.send", "text": "something of the plant"})
 
-    async def story() -> None:
-        guest, line = Guest(), Line()
-        watching = begun(guest, line, route)
+    async def scenario() -> None:
+        credential, line = FakeCredential(), FakeConnection()
+        watching = begun(credential, line, route)
         line.coming.put_nowait({"type": "websocket.receive", "text": "a"})
         await asyncio.sleep(1)
         before = list(line.sent)
         assert [one["type"] for one in before] == ["websocket.accept"] * accepted + ["websocket.send"]
-        guest.over.set()
+        credential.over.set()
         await watching
         assert got == [{"type": "websocket.receive", "text": "a"}, GONE, GONE]
         *text, closed = line.sent[len(before) :]
@@ -84,39 +86,39 @@ def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(acce
             assert report["text"]["en"] != "auth.closed.expired"
             assert "\\u" not in one["text"], "as short as it can be"
 
-    run(story(), max_s=60.0)
+    run(scenario(), max_s=60.0)
 
 
-def test_a_route_that_ends_by_itself_ends_the_watching() -> None:
+def test_a_route_that_ends_by_itself_ends_the_supervision() -> None:
     async def route(receive: Any, send: Any) -> None:
         assert (await receive())["type"] == "websocket.disconnect"
         await send({"type": "websocket.close", "code": 1000})
 
-    async def story() -> None:
-        guest, line = Guest(), Line()
-        watching = begun(guest, line, route)
+    async def scenario() -> None:
+        credential, line = FakeCredential(), FakeConnection()
+        watching = begun(credential, line, route)
         line.coming.put_nowait({"type": "websocket.disconnect", "code": 1000})
         await watching
-        assert line.sent == [{"type": "websocket.close", "code": 1000}] and guest.let_go
+        assert line.sent == [{"type": "websocket.close", "code": 1000}] and credential.let_go
 
-    run(story(), max_s=60.0)
+    run(scenario(), max_s=60.0)
 
 
-def test_a_route_that_fails_fails_outside_too() -> None:
+def test_a_failure_of_the_route_is_raised() -> None:
     async def route(receive: Any, send: Any) -> None:
         raise ZeroDivisionError
 
-    async def story() -> None:
-        guest = Guest()
+    async def scenario() -> None:
+        credential = FakeCredential()
         with pytest.raises(ZeroDivisionError):
-            await begun(guest, Line(), route)
-        assert guest.let_go
+            await begun(credential, FakeConnection(), route)
+        assert credential.let_go
 
-    run(story(), max_s=60.0)
+    run(scenario(), max_s=60.0)
 
 
 def test_cancelling_the_connection_cancels_its_route() -> None:
-    """The server goes: nothing is left running behind it."""
+    """No task keeps running when the server ends."""
     ends: list[str] = []
 
     async def route(receive: Any, send: Any) -> None:
@@ -126,37 +128,37 @@ def test_cancelling_the_connection_cancels_its_route() -> None:
             ends.append("route")
             raise
 
-    async def story() -> None:
-        guest, line = Guest(), Line()
-        watching = begun(guest, line, route)
+    async def scenario() -> None:
+        credential, line = FakeCredential(), FakeConnection()
+        watching = begun(credential, line, route)
         await asyncio.sleep(1)
         watching.cancel()
         with pytest.raises(asyncio.CancelledError):
             await watching
         await asyncio.sleep(1)
-        assert ends == ["route"] and guest.let_go
+        assert ends == ["route"] and credential.let_go
         assert len(asyncio.all_tasks()) == 1, "what was waited for is let go, too"
 
-    run(story(), max_s=60.0)
+    run(scenario(), max_s=60.0)
 
 
-def test_what_the_route_does_not_wait_for_any_more_is_let_go() -> None:
-    """A message that comes after the end is for nobody, and one that was waited for keeps no task."""
+def test_messages_after_the_end_of_the_route_are_dropped() -> None:
+    """A message after the end is ignored, and a pending receive leaves no task."""
 
     async def route(receive: Any, send: Any) -> None:
         for _ in range(3):
             await receive()
 
-    async def story() -> None:
-        guest, line = Guest(), Line()
-        watching = begun(guest, line, route)
+    async def scenario() -> None:
+        credential, line = FakeCredential(), FakeConnection()
+        watching = begun(credential, line, route)
         for _ in range(2):
             line.coming.put_nowait({"type": "websocket.receive", "text": "a"})
             await asyncio.sleep(0.1)
             assert len(asyncio.all_tasks()) == 6, "this one, three of the watching, two of the waiting"
-        guest.over.set()
+        credential.over.set()
         await watching
         await asyncio.sleep(0.1)
         assert len(asyncio.all_tasks()) == 1
 
-    run(story(), max_s=60.0)
+    run(scenario(), max_s=60.0)

@@ -20,9 +20,9 @@ DAY_MS = 86_400_000
 NEW = "a quite new pass phrase"
 
 
-def told(harness: WebAppHarness, *besides: str) -> list[tuple[str, str, str, Json, str]]:
-    """Who did what to whom, with what, and what came of it; without what was told ``besides``."""
-    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in besides]
+def audit_entries(harness: WebAppHarness, *excluded: str) -> list[tuple[str, str, str, Json, str]]:
+    """Return actor, operation, target, parameters and outcome of the audit records, without ``excluded`` operations."""
+    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in excluded]
     return [(name, one["what"], one["target"], one["params"], one["outcome"]) for name, one in entries]
 
 
@@ -41,7 +41,7 @@ def test_the_health_check_needs_no_credential(tmp_path: Path) -> None:
 def test_every_login_and_logout_is_in_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         assert await done(client, "POST", "/logout") == {"ended": 1}
         code = await harness.auth.issue_code("viewer", 60)
@@ -53,7 +53,7 @@ def test_every_login_and_logout_is_in_the_audit_trail(tmp_path: Path) -> None:
         found = await done(viewer, "POST", "/password", {"old": PASSWORD, "new": NEW})
         viewer.headers["X-Drivebus-CSRF"] = found["csrf"]
         assert await done(viewer, "POST", "/logout?all=true") == {"ended": 1}
-        assert told(harness) == [
+        assert audit_entries(harness) == [
             ("operator", "login", "operator", {}, "done"),
             ("operator", "logout", "operator", {}, "done"),
             ("viewer", "login-code", "viewer", {}, "done"),
@@ -64,13 +64,13 @@ def test_every_login_and_logout_is_in_the_audit_trail(tmp_path: Path) -> None:
             ("viewer", "logout", "viewer", {"sessions": 1}, "done"),
         ]
 
-    run(story())
+    run(scenario())
 
 
 def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         harness.service.records.clear()
         tries: list[tuple[str, Json, int]] = [
@@ -82,7 +82,9 @@ def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path
         ]
         for path, body, status in tries:
             assert (await client.post(f"/api/v1/{path}", json=body)).status_code == status
-        assert [(name, what, target, params.get("who"), why) for name, what, target, params, why in told(harness)] == [
+        assert [
+            (name, what, target, params.get("who"), why) for name, what, target, params, why in audit_entries(harness)
+        ] == [
             ("operator", "refused", "login operator", "operator@127.0.0.1", "auth.wrong_password"),
             ("", "refused", "login-code ", "@127.0.0.1", "auth.wrong_code"),
             ("eve", "refused", "set-up eve", "eve@127.0.0.1", "auth.is_set_up"),
@@ -92,13 +94,13 @@ def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path
         ]
         assert all(who.rights == frozenset() for one, who in harness.service.records if one["what"] == "refused")
 
-    run(story())
+    run(scenario())
 
 
 def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin = await harness.log_in("administrator")
         made = await done(admin, "POST", "/users", {"name": "Bob", "role": "viewer", "password": PASSWORD})
         bob = {"name": "bob", "created_ms": harness.clock.wall_ms(), "sessions": 0, "tokens": 0}
@@ -114,20 +116,20 @@ def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
             ("user.change", "bob", {"disabled": True, "end_sessions": False}),
             ("user.remove", "bob", {}),
         ]
-        assert told(harness, "login") == [
+        assert audit_entries(harness, "login") == [
             ("administrator", *change, outcome) for change in changes for outcome in ("requested", "done")
         ]
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
 @pytest.mark.parametrize("by_token", [False, True])
 def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, tmp_path: Path) -> None:
-    """However the name is spelt, and not by a program of one's own either; a password of one's own may be new."""
+    """Neither another spelling of the name nor an own token allows it; the own password may be changed."""
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin, path = await harness.log_in("administrator"), f"/api/v1/users/{name}"
         second = {"name": "second", "role": "administrator", "password": PASSWORD}
         await done(admin, "POST", "/users", second)
@@ -140,13 +142,13 @@ def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, 
         await done(admin, "PATCH", f"/users/{name}", {"password": NEW})
         assert harness.auth.sessions.of_user("administrator") == [], "one's own too"
 
-    run(story())
+    run(scenario())
 
 
-def test_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) -> None:
+def test_a_changed_user_stays_logged_in_and_one_who_loses_rights_is_logged_out(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         admin, client = await harness.log_in("administrator"), await harness.log_in("operator")
         (session,) = harness.auth.sessions.of_user("operator")
         await done(admin, "PATCH", "/users/operator", {})
@@ -163,13 +165,13 @@ def test_who_is_only_changed_stays_and_who_loses_something_goes(tmp_path: Path) 
         await done(admin, "DELETE", "/users/operator")
         assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
 
-    run(story())
+    run(scenario())
 
 
 def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         await harness.token("operator", "view")
         await harness.token("operator", "view")
         admin = await harness.log_in("administrator")
@@ -177,13 +179,13 @@ def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path
         counted = {user["name"]: (user["sessions"], user["tokens"]) for user in users}
         assert counted == {"viewer": (0, 0), "operator": (2, 2), "engineer": (0, 0), "administrator": (1, 0)}
 
-    run(story())
+    run(scenario())
 
 
 def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         body = {"name": "scada", "rights": ["view", "stop", "view"], "days": 30}
         made = await done(client, "POST", "/tokens", body)
@@ -202,7 +204,7 @@ def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path
         assert harness.auth.database.tokens == ()
         params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
         asked = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
-        assert told(harness, "login") == [
+        assert audit_entries(harness, "login") == [
             ("operator", *one, outcome) for one in asked for outcome in ("requested", "done")
         ]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
@@ -215,31 +217,31 @@ def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path
         assert answer.json()["error"]["code"] == "auth.beyond_own"
         assert answer.json()["error"]["params"] == {"rights": "audit, write_parameters"}
 
-    run(story())
+    run(scenario())
 
 
-def test_an_administrator_sees_and_withdraws_everybodys_tokens(tmp_path: Path) -> None:
+def test_an_administrator_sees_and_revokes_the_tokens_of_all_users(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         await harness.token("operator", "view")
         admin, other = await harness.log_in("administrator"), await harness.log_in("engineer")
         ((token,),) = (await done(admin, "GET", "/tokens")).values()
         assert await done(other, "GET", "/tokens") == {"tokens": []}
         refused = await other.delete(f"/api/v1/tokens/{token['id']}")
         assert (refused.status_code, refused.json()["error"]["code"]) == (404, "auth.no_such_token")
-        assert told(harness, "login", "token.add") == [], "there is no such token for that one"
+        assert audit_entries(harness, "login", "token.add") == [], "there is no such token for that one"
         await done(admin, "DELETE", f"/tokens/{token['id']}")
         assert harness.auth.database.tokens == ()
 
-    run(story())
+    run(scenario())
 
 
 def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     no_user = {"setup": False, "user": None, "rights": [], "csrf": None}
 
-    async def story() -> None:
+    async def scenario() -> None:
         assert await done(harness.client(), "GET", "/session") == no_user
         client = await harness.log_in("operator")
         harness.clock.now += 0.25
@@ -260,41 +262,41 @@ def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path)
         found = await done(client, "POST", "/session/activity")
         assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["stop", "view"])
         token = harness.client(authorization=f"Bearer {await harness.token('operator', 'view')}")
-        told = await done(token, "GET", "/session")
-        assert (told.keys(), told["user"]) == ({*no_user, "session"}, "operator/t")
+        session = await done(token, "GET", "/session")
+        assert (session.keys(), session["user"]) == ({*no_user, "session"}, "operator/t")
 
-    run(story())
+    run(scenario())
 
 
 def test_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         (before,) = harness.auth.sessions.of_user("operator")
         await done(client, "POST", "/login", {"name": "viewer", "password": PASSWORD})
         assert before.end_reason == "replaced"
         assert [one.user for one in harness.auth.session_store.read()] == ["viewer"]
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize("path", ["/logout", "/logout?all=true"])
 def test_a_logout_deletes_the_cookies(path: str, tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 
-    async def story() -> None:
+    async def scenario() -> None:
         client = await harness.log_in("operator")
         (session,) = harness.auth.sessions.of_user("operator")
         gone = await client.post(f"/api/v1{path}")
-        assert session.end_reason == "logout", "what an open page is told"
+        assert session.end_reason == "logout", "the reason that an open page shows"
         lines = gone.headers.get_list("set-cookie")
         assert [line.partition("=")[0] for line in lines] == ["__Host-drivebus", "drivebus_session"]
         for line, secure in zip(lines, (True, False), strict=True):
             assert {"Max-Age=0", "HttpOnly", "SameSite=strict", "Path=/"} <= set(line.split("; "))
             assert ("Secure" in line) is secure
 
-    run(story())
+    run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -307,7 +309,7 @@ def test_a_logout_deletes_the_cookies(path: str, tmp_path: Path) -> None:
         ("http", "http://plant.example/https://", False),
     ],
 )
-def test_over_tls_also_a_reverse_proxys_the_browser_guards_the_cookie(
+def test_over_tls_the_cookie_has_the_host_prefix_behind_a_reverse_proxy_too(
     scheme: str, origin: str | None, secure: bool
 ) -> None:
     headers = [] if origin is None else [(b"origin", origin.encode())]

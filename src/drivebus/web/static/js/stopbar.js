@@ -55,9 +55,9 @@ function stopText(entry) {
 
 function StopStatus() {
   const [entry] = stops.value;
-  if (!entry) return html`<p class="told" role="status">${t("page.stop_note")}</p>`;
+  if (!entry) return html`<p class="stop-status" role="status">${t("page.stop_note")}</p>`;
   const kind = entry.phase === "sending" || entry.phase === "trying" ? "waiting" : entry.good ? "good" : "bad";
-  return html`<p class=${`told ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
+  return html`<p class=${`stop-status ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
     ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${stopText(entry)}
       </span></p>`;
 }
@@ -77,7 +77,7 @@ function useBarHeight() {
 
 export function StopBar() {
   const bar = useBarHeight();
-  if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="told">${t("page.stop_no_right")}</p></footer>`;
+  if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="stop-status">${t("page.stop_no_right")}</p></footer>`;
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;
   const offered = groups.length ? groups : every;

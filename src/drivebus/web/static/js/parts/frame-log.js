@@ -108,7 +108,7 @@ function row(frame, gap) {
       class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>
     <span class="station">${frame.station ?? ""}</span>
     <code class="hex">${frame.hex || NO_VALUE}</code>
-    <span class="said">${localized(frame.text)}${frame.error && html` <strong>${localized(frame.error.text)}</strong>`}</span>
+    <span class="frame-text">${localized(frame.text)}${frame.error && html` <strong>${localized(frame.error.text)}</strong>`}</span>
       </div>`;
 }
 

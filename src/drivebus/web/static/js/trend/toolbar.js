@@ -29,7 +29,7 @@ export function Toolbar({ view, source }) {
         title=${t("page.rulers_title")} aria-label=${t("page.rulers_title")}
         onClick=${() => view.toggleRulers()}>${t("page.rulers")}<//>
     </div>
-    <p class="trend-said"><${Shown} view=${view} source=${source} /></p></div>`;
+    <p class="trend-summary"><${Shown} view=${view} source=${source} /></p></div>`;
 }
 
 const tool = (key, sign, act, disabled = false) => html`<${Button} key=${key} class="sign" onClick=${act}

@@ -1,4 +1,4 @@
-"""A jog goes on only while a hand holds it (T13): before a real plant."""
+"""A jog runs only while its button is held (T13), on a real plant."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HOLD = "[data-jog=forward]"
 
 @pytest.fixture
 def page(stage: Stage, visit: Any) -> Any:
-    """A drive in hand, with a jog enabled."""
+    """Open the page of a drive under control, with the jog enabled."""
     return enabled(stage, visit("#/drive/pump-1"), "pump-1")
 
 
@@ -30,9 +30,12 @@ def enabled(stage: Stage, page: Any, drive: str) -> Any:
     return page
 
 
-def test_a_jog_frequency_is_asked_for_only_where_the_bus_can_say_one(stage: Stage, visit: Any) -> None:
+def test_a_jog_frequency_is_entered_only_where_the_bus_can_set_one(stage: Stage, visit: Any) -> None:
     page = enabled(stage, visit("#/drive/fan-1"), "fan-1")
-    for text, state in (("5,5", "disabled"), ("", "enabled")):  # what is no number is not the drive's own frequency
+    for text, state in (
+        ("5,5", "disabled"),
+        ("", "enabled"),
+    ):  # an invalid number does not mean the drive's own frequency
         page.fill(".jog input[inputmode=decimal]", text)
         page.locator(f"{HOLD}:{state}").wait_for()
     page.goto(f"{stage.at}/#/drive/pump-1")
@@ -41,9 +44,9 @@ def test_a_jog_frequency_is_asked_for_only_where_the_bus_can_say_one(stage: Stag
     assert page.locator(".jog input").count() == 0
 
 
-def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Stage, page: Any) -> None:
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url.partition("/drives/pump-1")[2]))
+def test_a_jog_is_renewed_while_the_button_is_held_and_ends_when_it_is_released(stage: Stage, page: Any) -> None:
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url.partition("/drives/pump-1")[2]))
     page.hover(HOLD)
     page.mouse.down()
     for _ in range(3):
@@ -51,8 +54,8 @@ def test_a_jog_is_renewed_while_it_is_held_and_ends_when_it_is_let_go(stage: Sta
             pass
     with page.expect_response("**/jog/end"):
         page.mouse.up()
-    asked = [way for way in asked if way.startswith("/jog")]  # the page may ask for its values in between
-    assert asked[0] == "/jog" and asked[-1] == "/jog/end" and asked.count("/jog") == 1
+    requests = [way for way in requests if way.startswith("/jog")]  # the page may read values in between
+    assert requests[0] == "/jog" and requests[-1] == "/jog/end" and requests.count("/jog") == 1
     page.locator(".jog .notice strong", has_text=i18n.text("page.jog_ended", "en")).wait_for()
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
@@ -69,30 +72,31 @@ def blurred(page: Any) -> None:
     page.evaluate("dispatchEvent(new Event('blur'))")
 
 
-@pytest.mark.parametrize("gone", [released_key, left, blurred])
-def test_whatever_takes_the_hand_away_ends_the_jog(stage: Stage, page: Any, gone: Callable[[Any], None]) -> None:
-    """The key is let go, the page is left, the window is no longer the one in front."""
+@pytest.mark.parametrize("release", [released_key, left, blurred])
+def test_a_released_key_a_left_page_and_a_hidden_window_end_the_jog(
+    stage: Stage, page: Any, release: Callable[[Any], None]
+) -> None:
     page.focus(HOLD)
     with page.expect_request("**/jog/renew"):
         page.keyboard.down("Space")
     with page.expect_request("**/jog/end"):
-        gone(page)
+        release(page)
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 
-def test_a_jog_whose_renewal_fails_is_given_up_and_said_so(stage: Stage, page: Any) -> None:
-    """The page never goes on as if it were turning; a stop goes after it."""
+def test_a_jog_whose_renewal_fails_ends_with_an_error(stage: Stage, page: Any) -> None:
+    """The page does not show the jog as running any more; a stop follows."""
     page.route("**/jog/renew", lambda route: route.abort())
     page.focus(HOLD)
     with page.expect_request("**/drives/pump-1/stop"):
         page.keyboard.down("Space")
     page.locator(".jog .notice.bad").wait_for()
-    page.locator(".told.good").wait_for()
+    page.locator(".stop-status.good").wait_for()
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 
 def test_a_hold_without_its_first_step_moves_nothing(stage: Stage, visit: Any) -> None:
-    """Nobody jogs by leaning on the keyboard."""
+    """A pressed key alone does not jog."""
     stage.call("waiver.grant", drive="pump-1", reason="watched bench")
     page = visit("#/drive/pump-1")
     page.click("[data-do=take]")

@@ -1,4 +1,4 @@
-"""After its machine slept, and after the plant was away: nothing old is live, and what was asked in vain comes."""
+"""After sleep and after an outage of the plant: old values are not live, and failed requests are repeated."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fixtures.browser import Stage
 
 SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
-"""The wall's clock has gone on, the browser's own has not: as on a laptop whose lid was closed."""
+"""Script that advances the wall clock but not the monotonic clock, as after closing a laptop's lid."""
 
 TAKE = (
     "async () => { const { takeControl } = await import('/static/js/control-leases.js'); await takeControl('fan-1'); }"
@@ -18,20 +18,20 @@ TAKE = (
 
 
 @pytest.mark.parametrize(("language", "message"), [("en", "Connection lost for 3 h."), ("zh", "连接已断开 3 小时。")])
-def test_after_sleep_the_page_tells_how_long_it_heard_nothing(
+def test_after_sleep_the_page_shows_the_time_without_messages(
     stage: Stage, visit: Any, language: str, message: str
 ) -> None:
     page = visit(language=language)
     stage.lose_server()
     page.wait_for_selector(".line.lost")
     page.evaluate(SLEEP, SLEPT_MS)
-    page.wait_for_function("(told) => document.querySelector('[role=timer]').textContent === told", arg=message)
+    page.wait_for_function("(text) => document.querySelector('[role=timer]').textContent === text", arg=message)
     stage.regain_server()
     page.wait_for_selector(".line.live")
 
 
-def test_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
-    """Not even for the two seconds in which a silent line still counts as live."""
+def test_values_from_before_a_sleep_are_not_live_afterwards(visit: Any) -> None:
+    """They are stale at once, without the two seconds for which a silent connection counts as live."""
     page = visit()
     page.evaluate(
         """async () => { const { connection } = await import("/static/js/live.js");
@@ -51,7 +51,7 @@ def test_what_was_live_before_a_sleep_is_live_no_more(visit: Any) -> None:
         ("#/drive/fan-2?tab=profile", "[role=tabpanel] .facts"),
     ],
 )
-def test_what_was_opened_while_the_plant_was_away_comes_when_it_is_back(
+def test_a_page_opened_while_the_plant_was_away_loads_when_it_is_back(
     stage: Stage, visit: Any, way: str, there: str
 ) -> None:
     page = visit(role="administrator")
@@ -68,8 +68,8 @@ def test_what_was_opened_while_the_plant_was_away_comes_when_it_is_back(
     assert page.locator("text=The server does not answer.").count() == 0
 
 
-def test_a_stop_without_an_answer_is_not_told_as_one_that_the_drives_are_at(stage: Stage, visit: Any) -> None:
-    """The service hangs; the page must not say that it waits for the drives."""
+def test_a_stop_without_an_answer_is_not_shown_as_received_by_the_drives(stage: Stage, visit: Any) -> None:
+    """The service hangs; the page must not show that it waits for the drives."""
     page = visit()
     page.route("**/api/v1/stop", lambda route: None)
     stage.lose_server()
@@ -80,9 +80,7 @@ def test_a_stop_without_an_answer_is_not_told_as_one_that_the_drives_are_at(stag
     page.wait_for_selector(".line.live")
 
 
-def test_that_nothing_is_live_or_yours_any_more_is_in_sight_wherever_the_page_is_scrolled_to(
-    stage: Stage, visit: Any
-) -> None:
+def test_lost_connection_and_lost_control_are_visible_at_any_scroll_position(stage: Stage, visit: Any) -> None:
     page = visit("#/drive/fan-1", size=(1280, 700))
     page.click("[data-do=take]")
     page.wait_for_selector(".lease.mine")

@@ -1,4 +1,4 @@
-"""S07 on the page: after idle minutes it looks and stops; the password gives the rest back, and leases stay."""
+"""Idle sessions on the page: they can view and stop, the password restores the other rights, and leases stay."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def fall_idle(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_an_idle_page_stops_and_its_password_wakes_it(stage: Stage, visit: Any, language: str) -> None:
+def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", language=language, role="operator")
     page.click("[data-do=take]")
     page.wait_for_selector(".lease.mine")

@@ -1,4 +1,4 @@
-"""What the pages show only when asked: for who hears them, for who has a phone, and in both languages."""
+"""Details that pages show on demand: accessibility, phones, and both languages."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def look(page: Any) -> None:
     page.locator("main h1").wait_for()
 
 
-DEPTHS: dict[str, Callable[[Any], None]] = {
+DETAILS: dict[str, Callable[[Any], None]] = {
     "history?tags=fan-1.output_frequency,fan-1.dc_bus_voltage": open_history,
     "alarms?tab=incidents": open_incident,
     "alarms?tab=active": shelve,
@@ -63,19 +63,19 @@ DEPTHS: dict[str, Callable[[Any], None]] = {
 
 
 FIRST_ROWS = {"exclude": [[".case-frames tbody tr:nth-child(n + 4)"], [".frames-box .frame:nth-child(n + 4)"]]}
-"""Two hundred rows of one make are looked at for minutes and say the same."""
+"""Selectors that axe skips: rows beyond the third are all alike and take minutes."""
 
 
-def dive(page: Any, way: str) -> None:
+def open_detail(page: Any, way: str) -> None:
     page.evaluate("way => { location.hash = '#/fleet'; }", way)
     page.locator(".tile").first.wait_for()
     page.evaluate("way => { location.hash = '#/' + way; }", way)
-    DEPTHS[way](page)
+    DETAILS[way](page)
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_the_depths(stage: Stage, visit: Any, theme: str) -> None:
-    """A theme changes colours only, so the second asks for contrast alone."""
+def test_axe_finds_nothing_serious_in_the_details(stage: Stage, visit: Any, theme: str) -> None:
+    """Themes differ only in colours, so the second theme checks contrast alone."""
     peers.need_module("axe_playwright_python", "axe-playwright-python")
     from axe_playwright_python.sync_playwright import Axe
 
@@ -84,8 +84,8 @@ def test_axe_finds_nothing_serious_in_the_depths(stage: Stage, visit: Any, theme
     rules = {"runOnly": everything if theme == "light" else ["color-contrast"]}
     page = visit("#/fleet", role="administrator", theme=theme, bypass_csp=True)
     found = {}
-    for way in DEPTHS:
-        dive(page, way)
+    for way in DETAILS:
+        open_detail(page, way)
         violations = Axe().run(page, context=FIRST_ROWS, options=rules).response["violations"]
         grave = [one for one in violations if one["impact"] in ("serious", "critical")]
         found[way] = [(one["id"], one["nodes"][0]["html"][:160]) for one in grave]
@@ -93,12 +93,12 @@ def test_axe_finds_nothing_serious_in_the_depths(stage: Stage, visit: Any, theme
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_nothing_in_the_depths_is_wider_than_a_phone(stage: Stage, visit: Any, language: str) -> None:
+def test_no_detail_is_wider_than_a_phone(stage: Stage, visit: Any, language: str) -> None:
     trip(stage, "fan-3")
     page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
     wide, broken = {}, 0
-    for way in DEPTHS:
-        dive(page, way)
+    for way in DETAILS:
+        open_detail(page, way)
         broken += page.evaluate("[...document.querySelectorAll('td .button')].filter(b => b.offsetHeight > 40).length")
         wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert page.locator("[data-stop=all]").is_visible()
@@ -106,8 +106,8 @@ def test_nothing_in_the_depths_is_wider_than_a_phone(stage: Stage, visit: Any, l
     assert broken == 0
 
 
-def test_fingers_move_and_stretch_a_trend(visit: Any) -> None:
-    """One finger moves through time, two stretch it; a page's own scrolling stays upright."""
+def test_touch_pans_and_zooms_a_trend(visit: Any) -> None:
+    """One finger pans through time, two zoom; the page still scrolls vertically."""
     page = visit("#/history?tags=fan-1.output_frequency", size=(360, 740), has_touch=True)
     over, window = page.locator(".u-over"), page.locator(".trend-window")
     over.scroll_into_view_if_needed()
@@ -131,15 +131,15 @@ def test_fingers_move_and_stretch_a_trend(visit: Any) -> None:
     assert over.evaluate("element => getComputedStyle(element).touchAction") == "pan-y"
 
 
-# --- words --------------------------------------------------------------------------------------------------------
+# --- texts --------------------------------------------------------------------------------------------------------
 
 
 def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
 
 
-def test_whatever_the_trail_records_has_words() -> None:
-    """``audit.opened`` tells an auditor who reads Chinese nothing."""
+def test_every_audited_action_has_a_text_in_both_languages() -> None:
+    """An identifier such as ``audit.opened`` means nothing to an auditor."""
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
     own = set(re.findall(r'(?:Entry\(|what=|RECORDS_MISSING: Final = )"(audit\.[a-z]+)"', source))
     recorded = own | {name for name, operation in OPERATIONS.items() if operation.mutates}
@@ -147,7 +147,7 @@ def test_whatever_the_trail_records_has_words() -> None:
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
 
 
-def test_every_word_for_an_error_class_is_of_one_that_there_is() -> None:
+def test_every_text_of_an_error_class_belongs_to_an_existing_class() -> None:
     classes = {snake(name) for name in dir(errors) if isinstance(getattr(errors, name), type)}
     classes.add(snake(UntrustedReply.__name__))
     words = {key.removeprefix("page.error_") for key in i18n.catalogue("en") if key.startswith("page.error_")}
