@@ -21,7 +21,7 @@ from fixtures.browser_actions import expecting, trip
 def open_history(page: Any) -> None:
     page.locator(".trend-plot canvas").wait_for()
     page.click(".picker summary")
-    page.click("[data-trend=rulers]")
+    page.click("[data-trend=cursors]")
     page.click(".trend-events summary")
 
 
@@ -62,7 +62,7 @@ DETAILS: dict[str, Callable[[Any], None]] = {
 }
 
 
-FIRST_ROWS = {"exclude": [[".case-frames tbody tr:nth-child(n + 4)"], [".frames-box .frame:nth-child(n + 4)"]]}
+FIRST_ROWS = {"exclude": [[".incident-frames tbody tr:nth-child(n + 4)"], [".frames-box .frame:nth-child(n + 4)"]]}
 """Selectors that axe skips: rows beyond the third are all alike and take minutes."""
 
 

@@ -61,10 +61,10 @@ def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stag
     for session in stage.access.sessions.of_user("operator"):
         session.active -= 3600.0
     page.evaluate("import('/static/js/session.js').then((m) => m.loadSession())")
-    page.locator("form[data-do=wake]").wait_for()
+    page.locator("form[data-do=unlock]").wait_for()
     assert page.locator("[data-do=take]:enabled").count() == 0
     page.click("[data-stop=drive]")
     page.locator(".stop-status.good").wait_for()
-    page.fill("form[data-do=wake] input[type=password]", PASSWORD)
-    page.click("form[data-do=wake] button")
+    page.fill("form[data-do=unlock] input[type=password]", PASSWORD)
+    page.click("form[data-do=unlock] button")
     page.locator("[data-do=take]:enabled").wait_for()

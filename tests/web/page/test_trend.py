@@ -241,10 +241,10 @@ def test_two_cursors_show_the_time_between_two_moments(stage: Stage, visit: Any)
     span = page.get_by_role("group", name=i18n.text("page.span", "en"))
     span.get_by_role("button", name=i18n.text("page.span_60", "en"), exact=True).click()
     expect(window_of(page)).to_have_text(re.compile("· 1 min$"))
-    page.click("[data-trend=rulers]")
+    page.click("[data-trend=cursors]")
     head = page.locator(".trend-readout caption")
     expect(head).to_contain_text("20 s")
-    page.locator(".trend-ruler[data-name=B]").press("Shift+ArrowRight")
+    page.locator(".trend-cursor[data-name=B]").press("Shift+ArrowRight")
     expect(head).to_contain_text("23 s")
 
 

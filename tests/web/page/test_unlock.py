@@ -24,11 +24,11 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.wait_for_selector(".lease.mine")
     fall_idle(stage)
     page.reload()
-    page.wait_for_selector("[data-do=wake]")
+    page.wait_for_selector("[data-do=unlock]")
     assert page.locator("[data-step=first]:enabled").count() == 0
     assert page.locator(".stopbar button:enabled").count() > 0
 
-    page.fill("[data-do=wake] input[type=password]", PASSWORD)
-    page.click("[data-do=wake] button")
-    page.wait_for_selector("[data-do=wake]", state="detached")
+    page.fill("[data-do=unlock] input[type=password]", PASSWORD)
+    page.click("[data-do=unlock] button")
+    page.wait_for_selector("[data-do=unlock]", state="detached")
     page.wait_for_selector(".lease.mine")

@@ -26,7 +26,7 @@ class ApiError extends Error {
     return this.status === 0;
   }
 
-  /** The sentence in the reader's language. */
+  /** Text of the error in the reader's language. */
   get sentence() {
     return this.text === null ? t(this.code, this.params) : localized(this.text);
   }
@@ -52,11 +52,11 @@ function urlOf(path, query) {
   return `${API_ROOT}${path}${search.size ? `?${search}` : ""}`;
 }
 
-async function send(method, path, { body, query, patience_ms = REQUEST_TIMEOUT_MS, signal: given } = {}) {
+async function send(method, path, { body, query, timeout_ms = REQUEST_TIMEOUT_MS, signal: given } = {}) {
   const headers = { Accept: "application/json" };
   if (body !== undefined) headers["Content-Type"] = "application/json";
   if (method !== "GET" && session.peek()?.csrf) headers["X-Drivebus-CSRF"] = session.peek().csrf;
-  const limit = AbortSignal.timeout(patience_ms);
+  const limit = AbortSignal.timeout(timeout_ms);
   const stop = given ? AbortSignal.any([limit, given]) : limit;
   const how = {
     method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
@@ -67,7 +67,7 @@ async function send(method, path, { body, query, patience_ms = REQUEST_TIMEOUT_M
   return answer;
 }
 
-/** 401 anywhere: the session is over, the login page comes. */
+/** End the session of the page on any 401, which shows the login page. */
 function endSessionOn401(error) {
   if (error.status === 401 && session.peek()?.user) session.value = { ...session.peek(), user: null, rights: [] };
   return error;

@@ -30,7 +30,7 @@ function CurrentPage() {
       () => { loadProblem.value = { wasLost: connection.peek() !== "live" }; },
     );
   }, [page]);
-  // A browser may remember that a module could not be fetched: only a new start of the page forgets it.
+  // A browser caches the failure to fetch a module; only a reload of the page retries it.
   const isOver = Boolean(loadProblem.value?.wasLost) && connection.value === "live";
   useEffect(() => { if (isOver) location.reload(); }, [isOver]);
   if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;

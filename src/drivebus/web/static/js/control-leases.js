@@ -5,7 +5,7 @@ import { isMine, may, session } from "./session.js";
 import { drive, idsOf } from "./store.js";
 import { ownReleases } from "./control-taken.js";
 
-/** A lease lives ten seconds. */
+/** A lease expires after ten seconds without a renewal. */
 const RENEW_EVERY_MS = 3000;
 
 export function takeControl(id) {
@@ -34,7 +34,7 @@ function renewAll() {
   if (drives.length === 0) return;
   // Without a live connection the leases are renewed by REST; the result shows after the reconnect.
   if (connection.peek() === "live" && renew(drives)) return;
-  for (const id of drives) api.post(drivePath(id, "/lease/renew"), {}, { patience_ms: 2500 }).catch(() => null);
+  for (const id of drives) api.post(drivePath(id, "/lease/renew"), {}, { timeout_ms: 2500 }).catch(() => null);
 }
 
 export function startLeaseRenewal() {

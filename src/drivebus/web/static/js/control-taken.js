@@ -5,14 +5,15 @@ import { connection } from "./live.js";
 import { isMine, session } from "./session.js";
 import { drive, idsOf, serviceNow } from "./store.js";
 
-/** The oldest are dropped first. */
+/** Takeovers kept; the oldest are dropped first. */
 const MAX_TAKEOVERS = 20;
 /** `{drive, owner, time_ms}`, the newest last; the time is null where the page had no connection meanwhile. */
 export const takeovers = signal([]);
 /** Drive → the session that held it when it was last seen. */
 const holder = new Map();
-/** Drives that this session released itself, or whose lease may have expired while disconnected: no takeover. */
+/** Drives that this session held when the connection was lost: the time of a takeover is unknown. */
 const whileAway = new Set();
+/** Drives that this session released itself: another owner is no takeover. */
 export const ownReleases = new Set();
 
 const ownSession = () => session.value?.session ?? null;

@@ -1,7 +1,7 @@
-// Numbers, ages and times as a reader wants them. Ages come from this page's clock and the server's own ages;
-// times of day are labels only.
+// Numbers, ages and times as text. Ages are computed here from the time of each reply on this page's clock; times of
+// day are labels only.
 import { signal } from "./lib.js";
-import { localized, hasKey, language, t } from "./i18n.js";
+import { localized, hasKey, locale, t } from "./i18n.js";
 import { now, isLive } from "./live.js";
 
 const DIGITS = { Hz: 2, A: 2, V: 0, "°C": 0, "%": 1, kW: 2, kWh: 1, h: 1, s: 1, rpm: 0, "r/min": 0 };
@@ -18,8 +18,8 @@ export function number(value, unit = "", digits = DIGITS[unit]) {
 const FULLWIDTH = /[\uFF10-\uFF19\uFF0E\uFF0B\uFF0D]/g;
 const toHalfwidth = (wide) => String.fromCharCode(wide.charCodeAt(0) - 0xFEE0);
 
-/** The number that a text is, also in a Chinese keyboard's wide digits; null for anything else. "1,5" is nothing:
- * the browser's own number fields drop the comma, and 1.5 Hz would be 15. */
+/** The number of a text, also in fullwidth digits; null for anything else. "1,5" is rejected, because the browser's
+ * own number fields drop the comma and would make 15 of it. */
 export function numberOf(text) {
   const plain = String(text).trim().replace(FULLWIDTH, toHalfwidth);
   return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(plain) ? Number(plain) : null;
@@ -40,7 +40,6 @@ export function duration(seconds) {
   return t("page.days", { n: Math.floor(seconds / 86_400) });
 }
 
-const locale = () => (language.value === "zh" ? "zh-CN" : "en-GB");
 const TIME = { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false };
 const DAY = { year: "numeric", month: "2-digit", day: "2-digit" };
 
@@ -56,9 +55,8 @@ export const clock = (ms) => (ms === null || ms === undefined ? NO_VALUE : forma
 /** Date and time. */
 export const moment = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, { ...DAY, ...TIME }));
 
-/** A value of a drive's view as it may be shown now: its age has grown since it came, and without a live line it is
- * bad whatever it was. `{value, unit, quality, reason, source_time_ms, age_s}`; null where the drive has no such
- * signal. */
+/** A value of a drive as it may be shown now, with its present age; without a live connection its quality is bad.
+ * `{value, unit, quality, reason, source_time_ms, age_s}`; null where the drive has no such signal. */
 export const reading = (view, name) => readingWithAge(view, name, ageOf);
 
 /** The same without its age, for hundreds of tiles that must not be redrawn at every tick. */
@@ -71,20 +69,15 @@ function readingWithAge(view, name, age) {
   return { ...found, age_s: age(found) };
 }
 
-/** Seconds since a value was true on the drive. Follows the page's tick. */
+/** Seconds since the reply that a value came from. Follows the page's tick. */
 export function ageOf(found) {
   return found.readAt === null ? null : Math.max(0, now.value - found.readAt) / 1000;
 }
 
-const STALE_PRESENCES = new Set(["offline", "never_seen"]);
+/** The drive's state as it may be shown now; `lost` without a live connection. */
+export const stateOf = (view) => ({ state: view.state, presence: view.presence, lost: !isLive.value });
 
-/** The drive's state as it may be shown now: `stale` without a live line, and where the drive does not answer. */
-export function stateOf(view) {
-  const stale = !isLive.value || STALE_PRESENCES.has(view.presence);
-  return { state: view.state, presence: view.presence, stale, lost: !isLive.value };
-}
-
-/** Drive signals in the order in which people ask for them. */
+/** The most used signals, in the order in which they are shown. */
 const FIRST_SIGNALS = [
   "output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency",
 ];
@@ -94,13 +87,13 @@ export const signalRank = (name) => (FIRST_SIGNALS.includes(name) ? FIRST_SIGNAL
 
 const profileSignalNames = signal({});
 
-/** Remembers how profiles call their signals: a list of {signal or name, text}. */
+/** Add the names of a profile's signals: a list of {signal or name, text}. */
 export function addSignalNames(list) {
   const news = list.filter((one) => one.text).map((one) => [one.signal ?? one.name, one.text]);
   profileSignalNames.value = { ...profileSignalNames.peek(), ...Object.fromEntries(news) };
 }
 
-/** A signal's name in the reader's language, as the catalogue has it, else as its profile does. */
+/** Name of a signal in the reader's language: the catalogue's, else the profile's. */
 export function signalName(name) {
   const key = `signal.${name}`;
   return hasKey(key) ? t(key) : localized(profileSignalNames.value[name]) || name.replaceAll("_", " ");

@@ -1,4 +1,4 @@
-// Every sentence that the page shows comes from here: the server's catalogue of the chosen language.
+// Texts of the page: the server's catalogue of the chosen language.
 import { signal } from "./lib.js";
 import { loadPreference, savePreference } from "./preferences.js";
 
@@ -17,14 +17,14 @@ async function fetchCatalogue(name) {
   return answer.json();
 }
 
-/** Loads the catalogue and changes every sentence on the page at once. */
+/** Load the catalogue of a language and change every text on the page at once. */
 export async function loadLanguage(name) {
   sentences.value = await fetchCatalogue(name);
   language.value = name;
   document.documentElement.lang = name === "zh" ? "zh-CN" : "en";
 }
 
-/** The user's choice, kept for the next visit. */
+/** Change the language and store the choice for the next visit. */
 export async function chooseLanguage(name) {
   await loadLanguage(name);
   savePreference("language", name);
@@ -32,7 +32,7 @@ export async function chooseLanguage(name) {
 
 export const hasKey = (key) => key in sentences.value;
 
-/** The sentence for `key` with its `{places}` filled; the key itself where there is none. */
+/** Text of `key` with its `{placeholders}` filled; the key itself where the catalogue has none. */
 export function t(key, params = {}) {
   const sentence = sentences.value[key];
   if (sentence === undefined) return key;
@@ -49,3 +49,6 @@ export function localized(text) {
 
 /** A title in both languages, else the id of the thing. */
 export const titleOf = (thing) => localized(thing.title) || thing.id;
+
+/** Locale of the language for Intl; English dates have the day first and 24 hours. */
+export const locale = () => (language.value === "zh" ? "zh-CN" : "en-GB");

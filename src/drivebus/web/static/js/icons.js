@@ -2,7 +2,7 @@
 import { html } from "./lib.js";
 
 const PATHS = {
-  // States: ▶ turning, ■ standing, ✖ in a diamond: fault, ? unknown, ⌁ silent.
+  // States: ▶ turning, ■ standing, ! in a diamond: fault, ? unknown, ⌁ offline.
   turning: "M6 3.5v17l15-8.5z",
   standing: "M5 5h14v14H5z",
   ramp_up: "M3 20 21 20 21 4z",
@@ -28,7 +28,7 @@ const PATHS = {
 };
 const SOLID = new Set(["turning", "standing", "stop", "ramp_up", "ramp_down"]);
 
-/** An svg, hidden from screen readers: a word always stands beside it. */
+/** An svg, hidden from screen readers: a text is always beside it. */
 export function Icon({ name, size = 20 }) {
   return html`<svg class=${`icon icon-${name}${SOLID.has(name) ? " solid" : ""}`} width=${size} height=${size}
     viewBox="0 0 24 24" aria-hidden="true" focusable="false"><path d=${PATHS[name]} /></svg>`;

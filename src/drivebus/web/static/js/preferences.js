@@ -1,4 +1,4 @@
-// What this browser remembers for its user: small choices, never a secret. Works without storage too.
+// Preferences of the user stored in this browser; no secrets. Works without storage too.
 const PREFIX = "drivebus.";
 
 export function loadPreference(name, otherwise = null) {
@@ -14,6 +14,6 @@ export function savePreference(name, value) {
   try {
     localStorage.setItem(PREFIX + name, JSON.stringify(value));
   } catch {
-    // A browser that keeps nothing forgets the choice with the page.
+    // Without storage the choice lasts as long as the page.
   }
 }

@@ -40,7 +40,7 @@ export async function logout() {
 /** True while the server has suspended the rights to control after inactivity; the right to stop stays. */
 export const idle = computed(() => Boolean(session.value?.idle));
 
-/** The password again: the same session, with its leases, has all its rights back. */
+/** Enter the password again: the same session, with its leases, regains all its rights. */
 export async function unlock(password) {
   session.value = await api.post("/session/unlock", { password });
   return true;
@@ -58,7 +58,7 @@ const nowMs = () => performance.now();
 const ACTIVITY_INTERVAL_MS = 60_000;
 let activitySentAt = 0;
 
-/** Follows the user's hands, and looks now and then whether the rights are still the same. */
+/** Report the user's activity, and reload the rights every minute. */
 export function watchActivity() {
   for (const event of ["pointerdown", "keydown"]) addEventListener(event, onActivity, { passive: true, capture: true });
   setInterval(() => { if (loggedIn.peek()) loadSession().catch(() => null); }, ACTIVITY_INTERVAL_MS);

@@ -103,9 +103,9 @@ function AlarmStrip() {
 function Takeovers() {
   return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
     const view = drive(one.drive).value;
-    const told = { owner: one.owner, name: view ? titleOf(view) : one.drive, time: clock(one.time_ms) };
+    const params = { owner: one.owner, name: view ? titleOf(view) : one.drive, time: clock(one.time_ms) };
     return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
-      <a href=${href("drive", one.drive)}>${t(one.time_ms === null ? "page.taken_unseen" : "page.taken", told)}</a>
+      <a href=${href("drive", one.drive)}>${t(one.time_ms === null ? "page.taken_unseen" : "page.taken", params)}</a>
       <${Button} onClick=${() => dismiss(one)} data-do="read">${t("page.taken_read")}<//></div>`;
   })}</div>`;
 }

@@ -1,5 +1,5 @@
-// The stop bar: at the foot of every page. A bus stop is a convenience over a wire; it must never look like the red
-// button on the machine, so it has neither its colours nor its shape.
+// Stop bar at the foot of every page. A bus stop is not an emergency stop, so it has neither the colours nor the shape
+// of the red button on the machine.
 import { html, signal, useEffect, useRef } from "./lib.js";
 import { t, titleOf } from "./i18n.js";
 import { clock } from "./format.js";
@@ -18,7 +18,7 @@ function StopButton({ kind, id, children, ...rest }) {
       </button>`;
 }
 
-/** What the page is about: the drive of its address, the groups of that drive or of the filter. */
+/** Scope of the page: the drive of its address, the groups of that drive or of the filter. */
 function scope() {
   const { page, id, query } = route.value;
   const view = page === "drive" ? drive(id).value : null;
@@ -50,7 +50,7 @@ function stopText(entry) {
   if (entry.phase === "sending") return t(isLive.value ? "page.stop_sending" : "page.stop_waiting", { what });
   if (entry.phase === "trying") return t("page.stop_trying", { what });
   const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";
-  return t(key, { what, why: entry.tell() });
+  return t(key, { what, why: entry.text() });
 }
 
 function StopStatus() {
@@ -66,9 +66,9 @@ function StopStatus() {
 function useBarHeight() {
   const bar = useRef(null);
   useEffect(() => {
-    const element = bar.current; // told once more after it has gone, when the reference is empty
-    const tell = () => document.documentElement.style.setProperty("--bar", `${element.offsetHeight}px`);
-    const watch = new ResizeObserver(tell);
+    const element = bar.current; // the observer is called once more after the removal, when the reference is empty
+    const publish = () => document.documentElement.style.setProperty("--bar", `${element.offsetHeight}px`);
+    const watch = new ResizeObserver(publish);
     watch.observe(element);
     return () => watch.disconnect();
   }, []);

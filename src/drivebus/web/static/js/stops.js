@@ -10,10 +10,10 @@ import { drive, group, nowMs } from "./store.js";
 const STOP_TIMEOUT_MS = 120_000;
 /** Retry window of a stop while the server cannot be reached: a stop of minutes ago is no longer expected. */
 const RETRY_WINDOW_MS = 30_000;
-const MAX_COUNTED_PAUSE_MS = 700;
+const RETRY_PAUSE_MS = 700;
 const MAX_ENTRIES = 5;
 
-/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text, time_ms}. */
+/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text(), time_ms}. */
 export const stops = signal([]);
 let count = 0;
 
@@ -33,28 +33,27 @@ function change(id, fields) {
   stops.value = stops.peek().map((one) => (one.id === id ? { ...one, ...fields } : one));
 }
 
-/** Stops a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
+/** Stop a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
  * "quick_stop". Never raises. */
 export async function stop(kind, id = null, how = "stop") {
   const mine = ++count;
-  const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, tell: null, time_ms: Date.now() };
+  const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, text: null, time_ms: Date.now() };
   stops.value = [entry, ...stops.peek()].slice(0, MAX_ENTRIES);
-  const end = await ended(mine, PATHS[kind](id), kind === "drive" ? { how } : {});
-  batch(() => change(mine, end));
+  const result = await sendUntilAnswered(mine, PATHS[kind](id), kind === "drive" ? { how } : {});
+  batch(() => change(mine, result));
 }
 
-/** Nobody answered, the plant's own process is just not there, or the page's token is an old server's: asking again can
- * do no harm and may help. */
+/** No answer, no plant process, or the CSRF token of an earlier server process: the stop is repeated. */
 const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
-async function ended(mine, path, body) {
+async function sendUntilAnswered(mine, path, body) {
   const until = nowMs() + RETRY_WINDOW_MS;
   let renewed = false;
   for (;;) {
     try {
-      return evaluateStop(await api.post(path, body, { patience_ms: STOP_TIMEOUT_MS }));
+      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }));
     } catch (error) {
-      // Another tab logged in meanwhile: refused at the door, so nothing was done yet.
+      // Another tab logged in meanwhile: the request was denied before it had any effect.
       if (error.code === "auth.csrf" && !renewed) {
         renewed = true;
         await loadSession().catch(() => null);
@@ -62,8 +61,8 @@ async function ended(mine, path, body) {
       }
       if (!isTransient(error) || nowMs() > until) return failed(error);
       change(mine, { phase: "trying" });
-      await new Promise((resolve) => { setTimeout(resolve, MAX_COUNTED_PAUSE_MS); });
-      // Another server process may want another CSRF token.
+      await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
+      // Another server process may need another CSRF token.
       await loadSession().catch(() => null);
     }
   }
@@ -71,20 +70,20 @@ async function ended(mine, path, body) {
 
 /** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
 function failed(error) {
-  return { phase: error.outcome ? "done" : "failed", good: false, tell: () => error.sentence ?? String(error) };
+  return { phase: error.outcome ? "done" : "failed", good: false, text: () => error.sentence ?? String(error) };
 }
 
 const isConfirmed = (found) => found.status === "confirmed" || found.status === "acknowledged";
 
-/** The three shapes of an answer: one outcome, outcomes by drive, buses. */
+/** Result of a stop from any of the three shapes of an answer: one outcome, outcomes by drive, buses. */
 export function evaluateStop(answer) {
-  if (answer.outcome) return { phase: "done", good: isConfirmed(answer.outcome), tell: () => localized(answer.outcome.text) };
+  if (answer.outcome) return { phase: "done", good: isConfirmed(answer.outcome), text: () => localized(answer.outcome.text) };
   const outcomes = Object.entries(answer.outcomes ?? {});
   const named = new Set(Object.values(answer.buses ?? {}).flatMap((bus) => bus.unconfirmed ?? []));
   for (const [id, one] of outcomes) if (!isConfirmed(one)) named.add(id);
   const unnamed = Object.entries(answer.buses ?? {}).filter(([, bus]) => !bus.confirmed && !bus.unconfirmed?.length);
   for (const [id] of unnamed) named.add(id);
-  if (named.size === 0) return { phase: "done", good: true, tell: () => t("page.stop_all_confirmed") };
+  if (named.size === 0) return { phase: "done", good: true, text: () => t("page.stop_all_confirmed") };
   const names = () => [...named].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
-  return { phase: "done", good: false, tell: () => t("page.stop_unconfirmed", { names: names() }) };
+  return { phase: "done", good: false, text: () => t("page.stop_unconfirmed", { names: names() }) };
 }

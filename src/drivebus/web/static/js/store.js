@@ -1,9 +1,9 @@
-// What the plant looks like now: one signal per topic, so that a change redraws only what shows that topic.
+// Current state of the plant: one signal per topic, so that a change redraws only what shows that topic.
 import { batch, computed, signal } from "./lib.js";
 
 /** Topics drawn in one frame of the screen: 300 drives change in one message and the page stays smooth. */
 const TOPICS_PER_FRAME = 40;
-/** Lines that grow (frames, events) keep their newest so many. */
+/** Newest items kept of a feed (frames, events). */
 const MAX_FEED_ITEMS = 500;
 
 const topics = new Map();
@@ -35,13 +35,13 @@ export const group = (id) => topic(`groups/${id}`);
 /** Milliseconds of this page's own clock, never of the server's. */
 export const nowMs = () => performance.now() + slept_ms;
 
-/** More than a clock is corrected by while nobody looks. */
+/** A difference of the clocks beyond this is a sleep; smaller ones are corrections of the wall clock. */
 const SLEEP_THRESHOLD_MS = 5000;
 let slept_ms = 0;
 let lastClocks = { page_ms: performance.now(), wall_ms: Date.now() };
 
-/** A browser's clock may stand while its machine sleeps, the wall's goes on: what was heard before is that much older.
- * To be called often. */
+/** Add a sleep of the machine to the page's clock: the browser's clock may stop meanwhile, the wall clock does not.
+ * Called at every tick. */
 export function noticeSleep() {
   const at = { page_ms: performance.now(), wall_ms: Date.now() };
   const missed_ms = at.wall_ms - lastClocks.wall_ms - (at.page_ms - lastClocks.page_ms);
@@ -61,7 +61,7 @@ const withReadTime = (signals, at, time_ms) => Object.fromEntries(
   }]),
 );
 
-/** A feed's signal holds {items, missed}: the newest items, and how many were left out on the way. */
+/** Append to a feed, {items, missed}: the newest items, and the number of items dropped on the way. */
 function appendItems(old, news) {
   const items = [...(old?.items ?? []), ...news].slice(-MAX_FEED_ITEMS);
   return { items, missed: old?.missed ?? 0 };
@@ -69,7 +69,7 @@ function appendItems(old, news) {
 
 const isFeed = (name) => name === "events" || name.startsWith("frames/");
 
-/** `change` laid over `old`: top-level keys whole, signals one by one, feeds appended. */
+/** Merge `change` into `old`: top-level keys whole, signals one by one, feeds appended. */
 export function mergeTopic(name, old, change, at, time_ms) {
   if (isFeed(name)) return appendItems(old, change);
   const now = { ...old, ...change };
@@ -90,7 +90,7 @@ function draw() {
   if (pending.size) schedule();
 }
 
-/** Topic → its place in the plant's file: a page may have asked for one of them before any came. */
+/** Topic → its place in the configuration; topics may be requested before the first snapshot. */
 let topicOrder = new Map();
 const orderOf = (name) => topicOrder.get(name) ?? topicOrder.size;
 
@@ -107,7 +107,7 @@ function schedule() {
   else requestAnimationFrame(draw);
 }
 
-// A hidden page gets no frames of the screen: what waits for one is drawn at once.
+// A hidden page gets no animation frames: pending topics are drawn at once.
 document.addEventListener("visibilitychange", () => { if (scheduled) draw(); });
 
 function queueTopic(name, value) {
@@ -118,14 +118,14 @@ function queueTopic(name, value) {
 
 const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
 
-/** Everything that we asked for, as it is: what it lacks is gone. */
+/** Apply a snapshot of all subscribed topics; topics that it lacks are removed. */
 export function applySnapshot(message) {
   topicOrder = new Map(Object.keys(message.topics).map((name, n) => [name, n]));
   for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) queueTopic(name, null);
   addTopics(message, () => null);
 }
 
-/** A later message. */
+/** Apply a delta. */
 export function applyDelta(message) {
   addTopics(message, newest);
   for (const [name, n] of Object.entries(message.missed ?? {})) {

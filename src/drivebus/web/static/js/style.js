@@ -1,7 +1,7 @@
-// Style sheets that only some pages need: loaded with the page's module, before it is drawn.
+// Style sheets of single pages: loaded with the page's module, before it is drawn.
 const stylesheetUrls = new Map();
 
-/** Resolves when `/static/css/<name>.css` is in force; a page without it is still usable. */
+/** Load `/static/css/<name>.css`; resolves also where it cannot be loaded, because the page is usable without it. */
 export function styled(name) {
   if (!stylesheetUrls.has(name)) stylesheetUrls.set(name, loaded(name.startsWith("/") ? name : `/static/css/${name}.css`));
   return stylesheetUrls.get(name);

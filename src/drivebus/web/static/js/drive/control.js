@@ -9,11 +9,11 @@ import { releaseControl, hasControl, takeControl } from "../control-leases.js";
 import { stop } from "../stops.js";
 import { number, numberOf } from "../format.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
-import { TwoStep } from "../parts/arm-start.js";
+import { ArmStart } from "../parts/arm-start.js";
 import { JogPanel } from "./jog.js";
 
-/** A start is confirmed by later reads. */
-const START_OPTIONS = { patience_ms: 60_000 };
+/** A start is answered after the reads that confirm it. */
+const START_OPTIONS = { timeout_ms: 60_000 };
 const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Reason why only stops are possible now; null where commands are. */
@@ -23,7 +23,7 @@ function controlBlocker(view) {
   if (!may("operate")) return t("page.view_only");
   if (view.presence !== "online") return t("page.not_online");
   if (hasControl(view)) return null;
-  return t(view.lease ? "page.not_in_hand_other" : "page.not_in_hand");
+  return t(view.lease ? "page.not_controlled_other" : "page.not_controlled");
 }
 
 function TakeOver({ view, onClose }) {
@@ -65,23 +65,23 @@ function Motion({ view, disabled }) {
   const isWrong = frequencyError(hertz, view) !== null;
   const turning = MOVING_STATES.has(view.state);
   const reversible = view.capabilities.includes("reverse");
-  const way = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
+  const chosen = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
   // The outcome of a start stays until the motor is at rest.
   useEffect(() => { if (!turning) setStarted(null); }, [turning]);
 
   const frequency_hz = numberOf(hertz);
-  const ways = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
+  const directions = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
-  const direction = reversible ? way : null;
+  const direction = reversible ? chosen : null;
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
-  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${way}`) };
+  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
     limits=${view} disabled=${disabled} />
-    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${way} onChange=${setSelectedDirection}
-        options=${ways} disabled=${disabled} />`}
+    <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${chosen} onChange=${setSelectedDirection}
+        options=${directions} disabled=${disabled} />`}
       <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
         data-do="set">${t("page.set_frequency")}<//></div>
-    <${TwoStep} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
+    <${ArmStart} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
       kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.start_blockers.length > 0}
       first=${t("page.run")} second=${t("page.run_now")}>
       <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
@@ -89,10 +89,10 @@ function Motion({ view, disabled }) {
     ${started?.outcome && html`<${OutcomeNote} outcome=${started.outcome} />`}</div>`;
 }
 
-/** Every way to stop this drive; never disabled. */
+/** Stops of this drive; never disabled. */
 function Stops({ view }) {
-  const ways = ["stop", ...["coast", "quick_stop"].filter((how) => view.capabilities.includes(how))];
-  return html`<div class="row" role="group" aria-label=${t("page.bus_stop")}>${ways.map((how) => html`
+  const kinds = ["stop", ...["coast", "quick_stop"].filter((how) => view.capabilities.includes(how))];
+  return html`<div class="row" role="group" aria-label=${t("page.bus_stop")}>${kinds.map((how) => html`
     <${Button} key=${how} icon="stop" onClick=${() => stop("drive", view.id, how)} data-do=${how}>
       ${t(`page.how_${how}`)}<//>`)}</div>`;
 }

@@ -1,15 +1,14 @@
-// Faults: the one of now, those of the past, and every code that the model knows with cause and remedy.
+// Faults: the present one, past ones, and every fault code of the model with cause and remedy.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { moment } from "../format.js";
+import { NO_VALUE, moment } from "../format.js";
 import { Icon } from "../icons.js";
 import { ErrorNote, Field, Table, useLoaded } from "../ui.js";
 
-const NONE = "–";
 const PAST_FAULT_COUNT = 50;
 
-/** Its text, with the keypad's label before it where the text does not say it itself. */
+/** Text of a fault, preceded by the keypad's label where the text does not contain it. */
 export function faultText({ label, text }) {
   const words = localized(text);
   return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
@@ -53,7 +52,7 @@ function KnownFaults({ view, profile }) {
     <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view.fault?.code === one.code ? "changed" : undefined)} columns=${[
         [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],
-        [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NONE, "wide"],
-        [t("page.remedy"), (one) => localized(one.remedy) || NONE, "wide"],
+        [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NO_VALUE, "wide"],
+        [t("page.remedy"), (one) => localized(one.remedy) || NO_VALUE, "wide"],
       ]} /></div>`;
 }

@@ -4,52 +4,52 @@ import { stop } from "../stops.js";
 import { nowMs } from "../store.js";
 
 const RENEW_EVERY_MS = 150;
-/** The drive's lease is 500 ms; an answer that takes longer than this comes too late to rely on. */
+/** The jog's lease in the service is 500 ms; a renewal that takes longer than this has failed. */
 const RENEW_TIMEOUT_MS = 400;
 
 const sleep = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0, ms)); });
 
-/** One jog from press to release. `tell(phase, detail)`: "asking", "turning", "ending", "ended", "lost". */
+/** One jog from press to release. `notify(phase, detail)`: "starting", "turning", "ending", "ended", "lost". */
 export class JogSession {
   constructor(drive, body, notify) {
     this.drive = drive;
     this.path = (rest) => drivePath(drive, rest);
     this.body = body;
-    this.tell = notify;
+    this.notify = notify;
     this.isHeld = true;
-    this.word = null;
-    this.gone = new Promise((resolve) => { this.resolveRelease = resolve; });
+    this.token = null;
+    this.released = new Promise((resolve) => { this.resolveRelease = resolve; });
   }
 
-  /** Begins, and renews while it is held. Never raises. */
+  /** Start the jog and renew it while it is held. Never raises. */
   async run() {
-    this.tell("asking");
+    this.notify("starting");
     try {
       const { jog, outcome } = await api.post(this.path("/jog"), this.body);
-      this.word = jog;
-      if (this.isHeld) this.tell("turning", outcome);
+      this.token = jog;
+      if (this.isHeld) this.notify("turning", outcome);
       await this.renewWhileHeld();
       await this.end();
     } catch (error) {
       this.isHeld = false;
-      this.tell("lost", error);
-      // The motor may still turn: the drive's own lease ends it in half a second, and a stop follows.
-      if (this.word !== null || error.unreachable) stop("drive", this.drive);
+      this.notify("lost", error);
+      // The motor may still turn: the service ends the jog after half a second, and a stop follows.
+      if (this.token !== null || error.unreachable) stop("drive", this.drive);
     }
   }
 
   async renewWhileHeld() {
     while (this.isHeld) {
       const begun = nowMs();
-      await api.post(this.path("/jog/renew"), { jog: this.word }, { patience_ms: RENEW_TIMEOUT_MS });
-      await Promise.race([sleep(RENEW_EVERY_MS - (nowMs() - begun)), this.gone]);
+      await api.post(this.path("/jog/renew"), { jog: this.token }, { timeout_ms: RENEW_TIMEOUT_MS });
+      await Promise.race([sleep(RENEW_EVERY_MS - (nowMs() - begun)), this.released]);
     }
   }
 
   async end() {
-    this.tell("ending");
-    const { outcome } = await api.post(this.path("/jog/end"), { jog: this.word });
-    this.tell("ended", outcome);
+    this.notify("ending");
+    const { outcome } = await api.post(this.path("/jog/end"), { jog: this.token });
+    this.notify("ended", outcome);
   }
 
   /** End the jog at the release. Idempotent. */

@@ -1,4 +1,5 @@
-// Jog: enabled by one press, then turning while a second press is held. Letting go, leaving, or a late renewal ends it.
+// Jog: enabled by one press, then turning while a second press is held. A release, leaving the page or a late renewal
+// ends it.
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -12,7 +13,7 @@ import { JogSession } from "./jog-session.js";
 
 const HOLD_KEYS = new Set([" ", "Enter"]);
 
-/** A button that is held: `onHold` at the press, `onRelease` at whatever ends it. */
+/** A button that is held: `onHold` at the press, `onRelease` at a release, a lost focus or a hidden page. */
 function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
   const button = useRef(null);
   useEffect(() => {
@@ -50,42 +51,42 @@ function JogStatus({ phase, detail }) {
   return html`<${Notice} kind=${phase === "turning" ? "warning" : "info"} live>${t(`page.jog_${phase}`)}<//>`;
 }
 
-/** The frequency where the bus can say one; else what decides it. */
+/** Input of the jog frequency where the bus can set it; else a note about the drive's own. */
 function JogFrequency({ view, ...rest }) {
   if (view.jog_frequency === "drive") return html`<${Notice}>${t("page.jog_own_frequency")}<//>`;
   const label = t(view.jog_frequency === "command" ? "page.jog_frequency_required" : "page.jog_frequency");
   return html`<${Frequency} label=${label} limits=${view} ...${rest} />`;
 }
 
-/** `view` is the drive's; `disabled` where it may not be commanded now. */
+/** `disabled`: the drive may not be commanded now. */
 export function JogPanel({ view, disabled }) {
   const [run, busy, error] = useRequest();
   const [armed, setArmed] = useState(null);
   const [hertz, setHertz] = useState("");
-  const [told, setTold] = useState({ phase: null, detail: null });
+  const [status, setStatus] = useState({ phase: null, detail: null });
   const jog = useRef(null);
   const release = useRef(() => jog.current?.release()).current;
   useEffect(() => release, []);
   useEffect(() => { if (disabled) { release(); setArmed(null); } }, [disabled]);
 
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
-  const unsaid = hertz.trim() === "";
-  const wrong = unsaid ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
+  const isEmpty = hertz.trim() === "";
+  const wrong = isEmpty ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
   const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
-  const isHeld = told.phase === "asking" || told.phase === "turning";
+  const isHeld = status.phase === "starting" || status.phase === "turning";
 
-  const ways = [...view.directions].reverse();
+  const directions = [...view.directions].reverse();
   const arm = async () => {
-    const asked = nowMs();
+    const requestedAt = nowMs();
     const found = await run(() => api.post(drivePath(view.id, "/arm")));
-    if (found) setArmed({ word: found.arm_token, until: asked + found.expires_s * 1000 });
+    if (found) setArmed({ token: found.arm_token, until: requestedAt + found.expires_s * 1000 });
   };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
-    const frequency_hz = unsaid ? null : numberOf(hertz);
+    const frequency_hz = isEmpty ? null : numberOf(hertz);
     setArmed(null);
-    jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.word }, (phase, detail = null) => {
-      setTold({ phase, detail });
+    jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.token }, (phase, detail = null) => {
+      setStatus({ phase, detail });
     });
     jog.current.run();
   };
@@ -98,6 +99,6 @@ export function JogPanel({ view, disabled }) {
     <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />
     <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
       ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
-      ${ways.map(button)}</div>
-    <${ErrorNote} error=${error} /><${JogStatus} ...${told} /></section>`;
+      ${directions.map(button)}</div>
+    <${ErrorNote} error=${error} /><${JogStatus} ...${status} /></section>`;
 }

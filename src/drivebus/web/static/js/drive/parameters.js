@@ -1,9 +1,9 @@
-// Parameters as a table: notation, wire address, raw, value, unit, range, help, caveat. Reading costs the bus time, so
-// it is asked for; edits wait for a look at all of them together.
+// Parameters as a table: notation, wire address, raw, value, unit, range, help, caveat. They are read on demand, because
+// reading takes bus time; edits are reviewed together before they are written.
 import { html, useMemo, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { number, numberOf } from "../format.js";
+import { NO_VALUE, number, numberOf } from "../format.js";
 import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
@@ -11,14 +11,13 @@ import { hasControl } from "../control-leases.js";
 import { Button, ErrorNote, Field, Table } from "../ui.js";
 import { Review } from "./review.js";
 
-/** So many are read by one request: a bus at 9,600 baud answers these in about a second. */
+/** Parameters of one request: a bus at 9,600 baud reads these in about a second. */
 const READ_BATCH = 16;
-const NONE = "–";
 
 export function rangeOf(parameter) {
   const choices = Object.keys(parameter.choices);
   if (choices.length) return t("page.choices", { n: choices.length });
-  if (parameter.minimum === null && parameter.maximum === null) return NONE;
+  if (parameter.minimum === null && parameter.maximum === null) return NO_VALUE;
   return `${number(parameter.minimum)} … ${number(parameter.maximum)}`;
 }
 
@@ -29,12 +28,12 @@ export function shownValue(parameter, value, raw) {
 }
 
 function Cell({ parameter, found }) {
-  if (!found) return NONE;
-  if (found.value === null) return html`<span class="soft">${found.reason ? t(found.reason) : NONE}</span>`;
+  if (!found) return NO_VALUE;
+  if (found.value === null) return html`<span class="soft">${found.reason ? t(found.reason) : NO_VALUE}</span>`;
   return html`<b>${shownValue(parameter, found.value, found.raw)}</b>`;
 }
 
-/** Reads parameters a part at a time: {values, reading, error, read, stop}. */
+/** Read parameters in batches: {values, left, error, read, stop}. */
 function useReadings(id) {
   const [state, setState] = useState({ values: {}, left: 0, error: null });
   const going = useRef(0);
@@ -45,7 +44,7 @@ function useReadings(id) {
       try {
         const part = names.slice(at, at + READ_BATCH);
         const { parameters } = await api.post(drivePath(id, "/parameters/read"), { names: part }, {
-        patience_ms: 60_000 });
+        timeout_ms: 60_000 });
         setState((old) => ({ ...old, values: { ...old.values, ...parameters } }));
       } catch (error) {
         setState((old) => ({ ...old, error }));
@@ -62,15 +61,15 @@ function Edit({ parameter, value, onChange }) {
   const choices = Object.entries(parameter.choices);
   const put = (event) => onChange(event.currentTarget.value);
   if (choices.length) {
-    return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NONE}</option>
+    return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NO_VALUE}</option>
       ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${localized(text)}</option>`)}</select>`;
   }
   return html`<input inputmode="decimal" autocomplete="off" maxlength="16" aria-label=${name} value=${value}
-    onInput=${put} aria-invalid=${value !== "" && isAllowed(parameter, value) === null ? "true" : undefined} />`;
+    onInput=${put} aria-invalid=${value !== "" && allowedValue(parameter, value) === null ? "true" : undefined} />`;
 }
 
-/** The number that a text of the table's inputs stands for, or null where it is none within the range. */
-function isAllowed(parameter, text) {
+/** The number of an input's text, or null where it is not one within the range. */
+function allowedValue(parameter, text) {
   const value = numberOf(text);
   if (value === null) return null;
   const { minimum, maximum } = parameter;
@@ -91,27 +90,27 @@ function ParameterDetails({ parameter, caveats }) {
 
 function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
   const found = (parameter) => values[parameter.notation];
-  const found_columns = [
+  const shown = [
     [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
     [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`],
     [t("page.parameter"), (one) => html`<${ParameterDetails} parameter=${one} caveats=${profile.caveats} />`, "wide"],
-    [t("page.raw"), (one) => found(one)?.raw ?? NONE, "right"],
+    [t("page.raw"), (one) => found(one)?.raw ?? NO_VALUE, "right"],
     [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
     [t("page.unit"), (one) => one.unit],
     [t("page.range"), rangeOf, "right"],
-    [t("page.factory"), (one) => (one.factory === null ? NONE : shownValue(one, one.factory)), "right"],
+    [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : shownValue(one, one.factory)), "right"],
   ];
   if (canRead) {
-    found_columns.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
+    shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
       onClick=${() => read([one.notation])}
       aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`]);
   }
   if (canEdit) {
-    found_columns.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
+    shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
       value=${edits[one.notation] ?? ""}
       onChange=${(text) => edit(one.notation, text)} />`]);
   }
-  return found_columns;
+  return shown;
 }
 
 function matching(profile, text) {
@@ -138,7 +137,7 @@ export function ParametersTab({ view, profile }) {
   });
   const changes = Object.entries(edits).map(([notation, text]) => {
     const parameter = byName.get(notation);
-    return { parameter, text, value: isAllowed(parameter, text), before: values[notation] ?? null };
+    return { parameter, text, value: allowedValue(parameter, text), before: values[notation] ?? null };
   });
   const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
   return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search"
@@ -150,7 +149,7 @@ export function ParametersTab({ view, profile }) {
       ${canEdit && html`<${Button} kind="main" disabled=${changes.length === 0} onClick=${() => setReviewing(true)}
         data-do="review">
         ${t("page.review", { n: changes.length })}<//>`}</div>
-    ${!canEdit && may("write_parameters") && html`<p class="soft">${t("page.edit_needs_hand")}</p>`}<${ErrorNote} error=${error} />
+    ${!canEdit && may("write_parameters") && html`<p class="soft">${t("page.edit_needs_control")}</p>`}<${ErrorNote} error=${error} />
     <${Table} caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
       rowClass=${(one) => (one.notation in edits ? "changed" : undefined)}
         columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />

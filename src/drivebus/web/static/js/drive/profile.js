@@ -1,4 +1,4 @@
-// Facts about the model: capabilities, caveats, keypad settings, wiring, open questions.
+// Profile of the model: capabilities, caveats, keypad settings, wiring, open questions.
 import { html } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { Notice, Table } from "../ui.js";

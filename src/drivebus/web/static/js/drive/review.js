@@ -1,4 +1,4 @@
-// Changed parameters: what was, what will be; written to the drive's RAM, and in a step of its own saved to EEPROM.
+// Review of changed parameters: old and new values; written to the drive's RAM, and saved to EEPROM in a separate step.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -31,7 +31,7 @@ function Step({ view, changes, save, text, disabled, onWritten, kind = "main" })
   const [run, busy, error, result] = useRequest();
   const write = async () => {
     const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), {
-      values: valuesOf(changes), save }, { patience_ms: WRITE_TIMEOUT_MS }));
+      values: valuesOf(changes), save }, { timeout_ms: WRITE_TIMEOUT_MS }));
     if (found && isWritten(found.outcome)) onWritten();
   };
   return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled}

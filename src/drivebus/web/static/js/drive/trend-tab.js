@@ -1,11 +1,11 @@
-// The trend of one drive's signals, as the history page draws it; loaded when first looked at.
+// Trend of one drive's signals, as on the history page; loaded when first opened.
 import { html, useEffect, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { signalName, signalRank } from "../format.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
-/** Shown at first, where the history knows them. */
+/** Signals shown at first. */
 const DEFAULT_SIGNAL_COUNT = 3;
 
 async function tagsOf(id) {

@@ -6,7 +6,7 @@ import { isLive } from "../live.js";
 import { Value } from "../ui.js";
 
 const LARGE_SIGNALS = ["output_frequency", "output_current"];
-/** The rest opens by a press: some models tell twenty. */
+/** Rows shown at first; the others open by a press, because some models have twenty. */
 const DEFAULT_ROW_COUNT = 7;
 
 const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));

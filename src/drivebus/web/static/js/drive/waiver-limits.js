@@ -26,13 +26,13 @@ function WaiverForm({ view, onClose }) {
       <button type="submit" class="button main" disabled=${busy}>${t("page.waiver_record")}</button></div></form><//>`;
 }
 
-/** Communication-loss behaviour in words, with the waiver. */
+/** Communication-loss behaviour as text, with the waiver. */
 export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
   const [run, busy, error] = useRequest();
   const badge = view.comm_loss;
   const needs = badge.kind !== "trips";
-  return html`<div class="stack hostdies"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
+  return html`<div class="stack"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
     ${localized(badge.text)}</p>
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
       ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
@@ -58,7 +58,7 @@ export function Limits({ view }) {
 
 function LimitsForm({ view, onClose }) {
   const { minimum_hz, maximum_hz } = view;
-  const has = (way) => view.directions.includes(way);
+  const has = (direction) => view.directions.includes(direction);
   const [values, setValues] = useState({
     minimum_hz: String(minimum_hz), maximum_hz: String(maximum_hz), forward: has("forward"), reverse: has("reverse"),
   });
@@ -75,11 +75,11 @@ function LimitsForm({ view, onClose }) {
     <input inputmode="decimal" autocomplete="off" maxlength="12" value=${values[name]}
       data-first=${name === "minimum_hz"} onInput=${(event) => put(name, event.currentTarget.value)} /><span>Hz</span>
     </span><//>`;
-  const way = (name) => html`<label class="check" key=${name}><input type="checkbox" checked=${values[name]}
+  const direction = (name) => html`<label class="check" key=${name}><input type="checkbox" checked=${values[name]}
     onChange=${(event) => put(name, event.currentTarget.checked)} />${t(`page.allow_${name}`)}</label>`;
   return html`<${Dialog} title=${t("page.limits_change")} onClose=${onClose}><form class="stack" onSubmit=${send}><p>
     ${t("page.limits_note")}</p>
-    ${["minimum_hz", "maximum_hz"].map(hertz)}<div class="row">${["forward", "reverse"].map(way)}</div><${ErrorNote}
+    ${["minimum_hz", "maximum_hz"].map(hertz)}<div class="row">${["forward", "reverse"].map(direction)}</div><${ErrorNote}
       error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button type="submit" class="button main" disabled=${busy || isWrong}>${t("page.limits_set")}</button></div></form><//>`;

@@ -1,4 +1,4 @@
-// Alarms: what is wrong now, what is put aside, what was wrong before, and what was known when a drive tripped.
+// Alarms: active, shelved and past ones, and incidents.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
@@ -13,7 +13,7 @@ import { PriorityMark } from "../parts/state.js";
 import { AlarmState } from "../parts/alarm-state.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
-import { Period, asQuery } from "../parts/time-range.js";
+import { TimeRange, timeRangeQuery } from "../parts/time-range.js";
 import { ShelveDialog } from "../parts/shelve.js";
 import { driveTitle } from "../parts/titles.js";
 
@@ -41,14 +41,14 @@ export function Page({ query }) {
 
 function Active({ alarms }) {
   const [run, busy, error] = useRequest();
-  const unseen = alarms.filter((alarm) => alarm.acknowledged_ms === null);
+  const unacknowledged = alarms.filter((alarm) => alarm.acknowledged_ms === null);
   const all = () => run(async () => {
-    for (const alarm of unseen) await api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`);
+    for (const alarm of unacknowledged) await api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`);
   });
   return html`<div class="stack">
-    ${unseen.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!isLive.value}
+    ${unacknowledged.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!isLive.value}
       onClick=${all}>
-      ${t("page.acknowledge_all", { n: unseen.length })}<//></div>`}
+      ${t("page.acknowledge_all", { n: unacknowledged.length })}<//></div>`}
     <${ErrorNote} error=${error} />
     <${Alarms} alarms=${alarms} empty=${t("page.no_alarms")} /></div>`;
 }
@@ -90,13 +90,13 @@ function AlarmRow({ alarm }) {
     ${shelving && html`<${ShelveDialog} alarm=${alarm} onClose=${() => setShelving(false)} />`}</li>`;
 }
 
-/** The plant's time, following the page's tick, so that "3 min ago" grows. */
+/** The plant's time, following the page's tick, so that "3 min ago" is updated. */
 function plantNowTicking() {
   now.value;
   return serviceNow();
 }
 
-/** What it is about: its drive, with the way there, or the bus, interlock or store. */
+/** Subject of an alarm: its drive with a link, or the bus, interlock or store. */
 function AlarmDetails({ alarm }) {
   if (!alarm.drive) return alarm.subject ?? "";
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
@@ -105,9 +105,9 @@ function AlarmDetails({ alarm }) {
 
 function AlarmHistory() {
   const [period, setPeriod] = useState({ span: "week" });
-  const query = useMemo(() => asQuery(period), [period]);
+  const query = useMemo(() => timeRangeQuery(period), [period]);
   const list = usePaged("/alarms/history", query);
-  return html`<div class="stack"><${Period} value=${period} onChange=${setPeriod} />
+  return html`<div class="stack"><${TimeRange} value=${period} onChange=${setPeriod} />
     <ul class="alarms past">${list.items.map((alarm) => html`<li key=${alarm.id}
       class=${`alarmrow ${alarm.priority} seen over`}>
       <${PriorityMark} priority=${alarm.priority} />

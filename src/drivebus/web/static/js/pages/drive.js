@@ -1,4 +1,4 @@
-// One drive: what it does now, control of it, and everything that is known about it.
+// Page of one drive: values, control, limits, and tabs of its details.
 import { html } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -18,11 +18,11 @@ import { TrendTab } from "../drive/trend-tab.js";
 import { Values } from "../drive/values.js";
 
 function BusLocation({ view }) {
-  const line = bus(view.bus).value;
+  const found = bus(view.bus).value;
   const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${
     group(id).value ? titleOf(group(id).value) : id}</a> `);
   return html`<p class="soft where"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
-    ${line ? titleOf(line) : view.bus}</a>
+    ${found ? titleOf(found) : view.bus}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
       </code> · ${t(`page.grade_${view.grade}`)}
     ${groups.length > 0 && html`${" · "}${groups}`}</p>`;

@@ -1,4 +1,4 @@
-// Fleet: a tile a drive.
+// Fleet: one tile per drive.
 import { html, signal, useEffect, useMemo, useRef } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { Icon } from "../icons.js";
@@ -15,7 +15,7 @@ import {
 const kindLabel = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
 
 function Kinds() {
-  // Most plants have none whose state is unknown: what would always be 0 is left out.
+  // Most plants have no drive whose state is unknown: a count that is always 0 is left out.
   const names = KINDS.filter((name) => name !== "unknown" || name === kind.value || counts.value[name] > 0);
   const options = names.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
   return html`<${Choice} label=${t("page.show")} value=${kind.value} options=${options}
@@ -41,7 +41,7 @@ function GroupPick({ chosen }) {
     </select><//>`;
 }
 
-/** On a phone the drives come first: what filters them opens by a press. */
+/** On a phone the drives come first: the filters open by a press. */
 const showsMore = signal(false);
 
 /** "/" focuses the search, except while the user types. */
@@ -75,18 +75,18 @@ function Toolbar({ chosen }) {
 
 const COLUMN_STEP = { ArrowRight: 1, ArrowLeft: -1 };
 
-/** Arrows move from tile to tile; up and down by rows as they stand on the screen. */
+/** Arrow keys move from tile to tile; up and down by the rows on the screen. */
 function moveFocus(event) {
   const tiles = [...event.currentTarget.querySelectorAll(".tilelink")];
   const at = tiles.indexOf(document.activeElement);
   if (at < 0) return;
-  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : tileAbove(tiles, at, event.key);
+  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : tileInNextRow(tiles, at, event.key);
   if (!next) return;
   event.preventDefault();
   next.focus();
 }
 
-function tileAbove(tiles, at, key) {
+function tileInNextRow(tiles, at, key) {
   const here = tiles[at].getBoundingClientRect();
   const side = { ArrowDown: 1, ArrowUp: -1 }[key];
   if (!side) return null;
@@ -105,7 +105,7 @@ function Section({ name, ids }) {
 
 const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
 
-/** What hides drives now: each filter in words. */
+/** Texts of the active filters. */
 function filters(inGroup) {
   return [
     search.value.trim() && t("page.filter_search", { text: search.value.trim() }),
@@ -114,7 +114,7 @@ function filters(inGroup) {
   ].filter(Boolean);
 }
 
-/** On a phone the filters are collapsed; what they hide is stated all the same. */
+/** Note about drives hidden by filters, which a phone collapses. */
 function Filtered({ chosen, shown }) {
   const by = filters(chosen);
   if (by.length === 0) return null;

@@ -1,4 +1,4 @@
-// History: any signals of any drives against each other, from a minute to a year, and the same as a file.
+// History: trends of any signals of any drives, from a minute to a year, and their export.
 import { html, useEffect, useMemo, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
@@ -25,39 +25,39 @@ export function Page({ query }) {
 }
 
 function SelectedSignals({ tags, query }) {
-  const [picked, setPicked] = useState(() => first(tags, query));
+  const [picked, setPicked] = useState(() => initialTags(tags, query));
   const shown = useRef(null);
-  const resting = useRef(null);
+  const timer = useRef(null);
   const known = useMemo(() => new Map(tags.map((tag) => [tag.tag, tag])), [tags]);
   const lines = useLines(picked, known);
   const change = (next) => { setPicked(next); savePreference("history", next); };
   const from = Number(query.from) || null;
   const to = Number(query.to) || null;
   // The address follows after a pause in the selection, so that it can be shared.
-  const told = (window, live) => {
+  const onWindow = (window, live) => {
     shown.current = { window, live };
-    clearTimeout(resting.current);
+    clearTimeout(timer.current);
     const fixed = live ? {} : { from: Math.round(window.from), to: Math.round(window.to) };
-    resting.current = setTimeout(() => replaceQuery({ tags: picked.join(","), ...fixed }), UPDATE_DELAY_MS);
+    timer.current = setTimeout(() => replaceQuery({ tags: picked.join(","), ...fixed }), UPDATE_DELAY_MS);
   };
   useEffect(() => {
-    if (shown.current) told(shown.current.window, shown.current.live);
-    return () => clearTimeout(resting.current);
+    if (shown.current) onWindow(shown.current.window, shown.current.live);
+    return () => clearTimeout(timer.current);
   }, [picked]);
   return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MAX_SIGNALS} onChange=${change} />
     ${picked.length === 0 ? html`<${Notice}>${t("page.pick_signals")}<//>` : html`
       <${Trend} lines=${lines} height=${380} span_s=${3600} window=${from && to > from ? { from, to } : null}
-        onWindow=${told} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
+        onWindow=${onWindow} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
       <${Export} tags=${picked} shown=${() => shown.current.window} />`}`;
 }
 
 /** Signals of the address, else those of the last visit, else the output frequencies. */
-function first(tags, query) {
+function initialTags(tags, query) {
   const there = new Set(tags.map((tag) => tag.tag));
-  const asked = (query.tags ?? "").split(",").filter((tag) => there.has(tag));
+  const requested = (query.tags ?? "").split(",").filter((tag) => there.has(tag));
   const last = loadPreference("history", []).filter((tag) => there.has(tag));
   const usual = tags.filter((tag) => tag.signal === "output_frequency").slice(0, 4).map((tag) => tag.tag);
-  return [asked, last, usual].find((some) => some.length > 0)?.slice(0, MAX_SIGNALS) ?? [];
+  return [requested, last, usual].find((some) => some.length > 0)?.slice(0, MAX_SIGNALS) ?? [];
 }
 
 /** A line keeps its colour while others come and go. */

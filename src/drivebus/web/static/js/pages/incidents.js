@@ -1,6 +1,6 @@
-// A case: what was known when a drive tripped, frozen: signals of the last minute, parameters, frames.
+// Incident: the record of a trip with the signals of the last minute, states, parameters and frames.
 import { html, useMemo } from "../lib.js";
-import { localized, language, t } from "../i18n.js";
+import { locale, localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment, quantity, signalName } from "../format.js";
 import { href } from "../router.js";
@@ -11,7 +11,6 @@ import { IncidentList } from "../parts/incident-list.js";
 import { saveText } from "../parts/save.js";
 import { driveTitle } from "../parts/titles.js";
 import { stamp } from "../trend/labels.js";
-import { localeOf } from "../trend/locale.js";
 import { HUES } from "../trend/chart.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
@@ -30,7 +29,7 @@ function IncidentDetails({ id }) {
   return html`<h1>${driveTitle(found.drive)} · ${moment(found.time_ms)}</h1>
     <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("page.to_drive")}</a>
       <a class="button" href=${href("alarms", null, { tab: "incidents" })}>${t("page.incidents")}</a>
-      <${Button} icon="download" onClick=${() => saveText(`case-${id}.json`, JSON.stringify(found,
+      <${Button} icon="download" onClick=${() => saveText(`incident-${id}.json`, JSON.stringify(found,
         null, 1))}>${t("page.save_incident")}<//>
       ${found.capture && html`<${Button} icon="download" title=${t("page.save_capture_help")}
         onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("page.save_capture")}<//>`}</div>
@@ -46,14 +45,14 @@ function IncidentDetails({ id }) {
 /** Alarm of the incident, and the drive's fault with cause and remedy. */
 function Trip({ found }) {
   const fault = found.view?.fault;
-  const said = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
+  const texts = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
   return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
     ${fault && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
-    ${said.map(([name, text]) => html`<p key=${name}>
+    ${texts.map(([name, text]) => html`<p key=${name}>
       <b>${t(`page.fault_${name}`)}</b>${t("page.colon")}${localized(text)}</p>`)}<//>`;
 }
 
-/** How the drive went through its states, in seconds before the trip. */
+/** States of the drive, in seconds before the trip. */
 function States({ found }) {
   const columns = [
     [t("page.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
@@ -67,7 +66,7 @@ function States({ found }) {
     keyOf=${(one) => one.t} />`;
 }
 
-/** The frozen samples as a trend of their own. */
+/** Samples of the incident as a trend. */
 function Signals({ found }) {
   const source = useMemo(() => new StaticSource(found), [found]);
   const lines = source.lines.map(({ tag, signal, unit }, at) => ({
@@ -98,11 +97,11 @@ function valueOrReason({ value, unit, reason }) {
 
 function IncidentFrames({ frames }) {
   const columns = [
-    [t("page.time"), (frame) => stamp(frame.time_ms, localeOf(language.value))],
+    [t("page.time"), (frame) => stamp(frame.time_ms, locale())],
     [t("page.station_title"), (frame) => frame.station ?? "", "right"],
     [t("page.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
     [t("page.meaning"), (frame) => `${localized(frame.text)} ${localized(frame.error?.text)}`],
   ];
-  return html`<div class="case-frames"><${Table} caption=${t("page.frames_title")} columns=${columns} rows=${frames}
+  return html`<div class="incident-frames"><${Table} caption=${t("page.frames_title")} columns=${columns} rows=${frames}
     keyOf=${(frame) => frame.n} /></div>`;
 }

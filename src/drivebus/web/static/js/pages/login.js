@@ -1,4 +1,4 @@
-// Log in; at the very first start: set the plant up with the secret that the service printed on its own machine.
+// Login page; at the first start the set-up, with the secret that the service printed on its own machine.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
@@ -31,7 +31,7 @@ const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page
     ["password", "password", "new-password", passwordHelp()]]}
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
-/** `error`: why the address did not log in. */
+/** `error`: the error of a login code in the address. */
 export function Login({ error }) {
   return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
     ${session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}

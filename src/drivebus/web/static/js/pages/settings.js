@@ -1,4 +1,4 @@
-// Settings: how the page looks, one's own password and tokens, users, and the plant's configuration.
+// Settings: language and theme, own password and tokens, users, and the plant's configuration.
 import { html } from "../lib.js";
 import { LANGUAGES, chooseLanguage, language, t } from "../i18n.js";
 import { moment } from "../format.js";

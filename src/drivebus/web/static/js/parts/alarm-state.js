@@ -1,4 +1,4 @@
-// Where an alarm is in its life, by shape and word: here and unseen, here and seen, over but unseen.
+// State of an alarm by shape and word: unacknowledged, acknowledged, cleared but unacknowledged.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { Icon } from "../icons.js";

@@ -1,5 +1,5 @@
-// A start in two steps: the first asks the server for leave, the second, within its seconds, starts. Everything that
-// may start a motor goes through here.
+// A start in two steps: the first gets an arm token from the server, the second starts with it before it expires.
+// Every start of a motor on the page uses this component.
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
@@ -7,35 +7,35 @@ import { nowMs } from "../store.js";
 import { now } from "../live.js";
 
 /**
- * @param arm asks for the first step: a promise of {arm_token, expires_s}
+ * @param arm the first step: a promise of {arm_token, expires_s}
  * @param act the second step, given the arm token
  * @param first, second texts of the two buttons
- * @param children what will be done, shown between the steps
+ * @param children description of the start, shown between the steps
  */
-export function TwoStep({ arm, act, first, second, disabled, children, onDone, kind = "main" }) {
-  const [run, busy, error, , forget] = useRequest();
+export function ArmStart({ arm, act, first, second, disabled, children, onDone, kind = "main" }) {
+  const [run, busy, error, , clear] = useRequest();
   const [armed, setArmed] = useState(null);
   const confirm = useRef(null);
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const over = armed && left_s <= 0;
 
-  // Not to the button: a second press of the same key would start the motor unread.
+  // Focus the text, not the button: a second press of the same key must not start the motor.
   useEffect(() => { if (armed) confirm.current?.focus(); }, [armed]);
   useEffect(() => { if (disabled || over) setArmed(null); }, [disabled, over]);
 
   const begin = async () => {
-    // Counted from the asking: the server counts from its answer, which is later.
-    const asked = nowMs();
+    // Counted from the request: the server counts from its answer, which is later.
+    const requestedAt = nowMs();
     const found = await run(arm);
-    if (found) setArmed({ word: found.arm_token, until: asked + found.expires_s * 1000 });
+    if (found) setArmed({ token: found.arm_token, until: requestedAt + found.expires_s * 1000 });
   };
   const go = async () => {
-    const { word } = armed;
+    const { token } = armed;
     setArmed(null);
-    const found = await run(() => act(word));
+    const found = await run(() => act(token));
     if (found) onDone?.(found);
   };
-  const cancel = () => { setArmed(null); forget(); };
+  const cancel = () => { setArmed(null); clear(); };
   const key = (event) => { if (event.key === "Escape") cancel(); };
 
   if (!armed) {

@@ -1,4 +1,4 @@
-// The plant's configuration: what is in force, whether another text would be right, and taking the file over.
+// The plant's configuration: the text in force, the check of a changed text, and the reload of the file.
 import { html, useEffect, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
@@ -22,7 +22,7 @@ function Check({ text, onChange, isChanged, onBack }) {
   return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
     <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.post("/configuration/check", { text },
-      { patience_ms: 60_000 }))}
+      { timeout_ms: 60_000 }))}
       data-configuration="check">${t("page.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("page.back_to_file")}<//></div>
     <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
@@ -53,7 +53,7 @@ function Reload({ onDone }) {
   const [run, busy, error, result] = useRequest();
   const send = async () => {
     setSure(false);
-    if (await run(() => api.post("/configuration/reload", {}, { patience_ms: 60_000 }))) onDone();
+    if (await run(() => api.post("/configuration/reload", {}, { timeout_ms: 60_000 }))) onDone();
   };
   return html`<section class="panel stack"><h2>${t("page.reload")}</h2><p>${t("page.reload_how")}</p>
     <label class="check"><input type="checkbox" checked=${sure}

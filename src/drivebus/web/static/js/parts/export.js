@@ -1,4 +1,4 @@
-// What a trend shows, as a file: the plant writes it, the browser keeps it.
+// Export of a trend's samples as a file that the plant writes.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
@@ -17,10 +17,10 @@ export function Export({ tags, shown }) {
   const save = () => run(async () => {
     const window = shown();
     const query = { tags, from_ms: Math.round(window.from), to_ms: Math.round(window.to), resolution, format };
-    const answer = await api.raw("/history/export", query, { patience_ms: EXPORT_TIMEOUT_MS });
+    const answer = await api.raw("/history/export", query, { timeout_ms: EXPORT_TIMEOUT_MS });
     const blob = await answer.blob();
-    const told = answer.headers.get("Content-Disposition") ?? "";
-    const name = /filename="([^"]+)"/.exec(told)?.[1] ?? `drivebus.${format}`;
+    const disposition = answer.headers.get("Content-Disposition") ?? "";
+    const name = /filename="([^"]+)"/.exec(disposition)?.[1] ?? `drivebus.${format}`;
     saveBlob(name, blob);
     return { name, kb: Math.ceil(blob.size / 1000) };
   });

@@ -1,4 +1,4 @@
-// Which drives the fleet shows, in which order: strings and numbers only, so that nothing is redrawn while they stay.
+// Filter and order of the fleet's drives: strings and numbers only, so that equal values redraw nothing.
 import { computed, signal } from "../lib.js";
 import { titleOf } from "../i18n.js";
 import { loadPreference, savePreference } from "../preferences.js";

@@ -1,4 +1,4 @@
-// Shares, times and counts of the lines, as a reader wants them.
+// Shares, times and counts of the buses as text.
 import { hasKey, t } from "../i18n.js";
 import { NO_VALUE } from "../format.js";
 
@@ -17,7 +17,7 @@ export function milliseconds(seconds) {
   return `${value < 10 ? value.toFixed(1) : value.toFixed(0)} ms`;
 }
 
-/** `{NoReply: 3, ChecksumError: 1}` in words: "no reply 3, checksum 1"; the class's own name where we have no word. */
+/** `{NoReply: 3, ChecksumError: 1}` as "no reply 3, checksum 1"; the class's own name where the catalogue has none. */
 export function classes(counts, what) {
   const found = Object.entries(counts ?? {}).filter(([, count]) => count > 0).sort(([, one], [, other]) => other - one);
   return found.map(([name, count]) => `${wordOf(name, what)} ${count}`).join(t("page.comma"));

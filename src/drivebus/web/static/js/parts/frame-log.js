@@ -1,6 +1,6 @@
 // Live log of a bus's decoded frames: newest last, with pause and filter.
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
-import { localized, language, t } from "../i18n.js";
+import { locale, localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE } from "../format.js";
 import { subscribe } from "../live.js";
@@ -9,16 +9,15 @@ import { Button, Choice, Field } from "../ui.js";
 import { saveText } from "./save.js";
 import { driveTitle } from "./titles.js";
 import { stamp } from "../trend/labels.js";
-import { localeOf } from "../trend/locale.js";
 
 const MAX_ROWS = 300;
 const INITIAL_ROWS = 100;
 const KIND_ICONS = { sent: "→", reply: "←", void: "✕", silence: "…" };
-/** Filters of kind: what each lets through. */
+/** Filters by kind of frame. */
 const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", received: (frame) => frame.kind !== "sent",
   errors: (frame) => frame.error !== null };
 
-/** Live frames from when the log is opened, and the last ones before. */
+/** The last frames before the log was opened, and live ones since. */
 function useFrames(bus) {
   const [before, setBefore] = useState([]);
   useEffect(() => subscribe(`frames/${bus}`), [bus]);
@@ -32,33 +31,33 @@ function useFrames(bus) {
   return { frames, missed: feed.missed };
 }
 
-/** Does a frame pass the filter? Text is sought in the bytes, with or without blanks, and in what they say. */
-function matchesFilter(frame, { kind, station, sought }) {
+/** Does a frame pass the filter? Text is searched in the bytes, with or without blanks, and in their description. */
+function matchesFilter(frame, { kind, station, search }) {
   if (!KINDS[kind](frame) || (station !== null && frame.station !== station)) return false;
-  const text = sought.trim().toLowerCase();
+  const text = search.trim().toLowerCase();
   if (!text) return true;
   const hex = (frame.hex ?? "").toLowerCase();
-  const said = `${localized(frame.text)} ${localized(frame.error?.text)}`.toLowerCase();
-  return hex.includes(text) || hex.replaceAll(" ", "").includes(text.replaceAll(" ", "")) || said.includes(text);
+  const description = `${localized(frame.text)} ${localized(frame.error?.text)}`.toLowerCase();
+  return hex.includes(text) || hex.replaceAll(" ", "").includes(text.replaceAll(" ", "")) || description.includes(text);
 }
 
 export function FrameLog({ bus, stations }) {
   const { frames, missed } = useFrames(bus);
-  const [filter, setFilter] = useState({ kind: "all", station: null, sought: "" });
-  const [held, setHeld] = useState(null);
-  const base = held ?? frames;
+  const [filter, setFilter] = useState({ kind: "all", station: null, search: "" });
+  const [paused, setPaused] = useState(null);
+  const base = paused ?? frames;
   const shown = base.filter((frame) => matchesFilter(frame, filter)).slice(-MAX_ROWS);
-  const newer = held ? frames.filter((frame) => frame.n > (held.at(-1)?.n ?? -1)).length : 0;
+  const newer = paused ? frames.filter((frame) => frame.n > (paused.at(-1)?.n ?? -1)).length : 0;
   return html`<div class="framelog"><${Filters} filter=${filter} onChange=${setFilter} stations=${stations} />
     <div class="row">
-      <${Button} icon=${held ? "play" : "pause"} aria-pressed=${held ? "true" : "false"} data-frames="pause"
-        onClick=${() => setHeld(held ? null : frames)}>${t(held ? "page.go_on" : "page.pause")}<//>
+      <${Button} icon=${paused ? "play" : "pause"} aria-pressed=${paused ? "true" : "false"} data-frames="pause"
+        onClick=${() => setPaused(paused ? null : frames)}>${t(paused ? "page.go_on" : "page.pause")}<//>
       <${Button} icon="download" disabled=${shown.length === 0} onClick=${() => saveText(`frames-${bus}.txt`,
         asText(shown))}>
         ${t("page.save_shown")}<//>
-      <span class="help" role="status">${held ? t("page.paused", { n: newer }) : ""}
+      <span class="help" role="status">${paused ? t("page.paused", { n: newer }) : ""}
         ${missed > 0 ? ` ${t("page.dropped", { n: missed })}` : ""}</span></div>
-    <${Rows} frames=${shown} following=${held === null} /></div>`;
+    <${Rows} frames=${shown} following=${paused === null} /></div>`;
 }
 
 function Filters({ filter, onChange, stations }) {
@@ -72,8 +71,8 @@ function Filters({ filter, onChange, stations }) {
       ${stations.map((one) => html`<option key=${one.address}
         value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}
     </select><//>
-    <${Field} label=${t("page.sought")}><input type="search" value=${filter.sought} spellcheck="false"
-      onInput=${(event) => set({ sought: event.target.value })} /><//></div>`;
+    <${Field} label=${t("page.search")}><input type="search" value=${filter.search} spellcheck="false"
+      onInput=${(event) => set({ search: event.target.value })} /><//></div>`;
 }
 
 /** Follow the newest row unless the user has scrolled up. */
@@ -93,7 +92,7 @@ function Rows({ frames, following }) {
     ${frames.map((frame, at) => html`<${FrameRow} key=${frame.n} frame=${frame} before=${frames[at - 1]} />`)}</div>`;
 }
 
-/** A frame does not change: its row is made once, however often others come. */
+/** Row of a frame, rendered once because a frame does not change. */
 function FrameRow({ frame, before }) {
   return useMemo(() => row(frame, before ? (frame.time_s - before.time_s) * 1000 : null), [frame.n, before?.n,
     language.value]);
@@ -102,7 +101,7 @@ function FrameRow({ frame, before }) {
 /** `gap` is the time since the row above, in ms. */
 function row(frame, gap) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
-    <time>${stamp(frame.time_ms, localeOf(language.value))}</time>
+    <time>${stamp(frame.time_ms, locale())}</time>
     <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
     <span class="sign" aria-hidden="true">${KIND_ICONS[frame.kind] ?? "·"}</span><span
       class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>

@@ -1,10 +1,10 @@
-// A frequency to be entered: a number and a slider between the limits that hold, which are shown.
+// Input of a frequency: a number and a slider between the limits in force, which are shown.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { numberOf } from "../format.js";
 import { Field } from "../ui.js";
 
-/** What is wrong with a text as a frequency between the limits, or null. */
+/** Error of a text as a frequency between the limits, or null. */
 export function frequencyError(text, { minimum_hz, maximum_hz }) {
   const value = numberOf(text);
   if (value === null) return t("page.not_number");

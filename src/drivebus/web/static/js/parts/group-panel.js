@@ -1,4 +1,4 @@
-// A group: how far it is, its start in two steps, its setpoint. Its stop is in the stop bar.
+// A group: progress, start in two steps, setpoint. Its stop is in the stop bar.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -9,7 +9,7 @@ import { may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError } from "./frequency.js";
-import { TwoStep } from "./arm-start.js";
+import { ArmStart } from "./arm-start.js";
 
 const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
 const GROUP_TIMEOUT_MS = 300_000;
@@ -23,15 +23,15 @@ function commonLimits(views) {
 
 const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 
-/** What became of each drive of a group. */
+/** Outcome of each drive of a group. */
 function Outcomes({ outcomes }) {
   return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
     <b>${nameOf(id)}</b>${t("page.colon")}${one.status ? t(`page.outcome_${one.status}`) + t("page.colon") : ""}${localized(one.text)}</li>`)}
     </ul><//>`;
 }
 
-/** The same for several drives, one after the other. */
-function DriveOutcome({ views, act, text, ...rest }) {
+/** Button of an action on several drives, one after the other. */
+function ActionForAll({ views, act, text, ...rest }) {
   const [run, busy, error] = useRequest();
   if (views.length === 0) return null;
   const all = () => run(async () => { for (const view of views) await act(view.id); });
@@ -58,20 +58,20 @@ function Controls({ id, views }) {
   const others = views.filter((view) => !hasControl(view)).length;
   const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
   const frequency_hz = numberOf(hertz);
-  const ask = (rest, body) => api.post(path(id, rest), body, { patience_ms: GROUP_TIMEOUT_MS });
-  const set = () => run(() => ask("/set-frequency", { frequency_hz }));
+  const send = (rest, body) => api.post(path(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
+  const set = () => run(() => send("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
-      <span>${t("page.group_not_in_hand", { n: others })}</span>
-      <${DriveOutcome} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
+      <span>${t("page.group_not_controlled", { n: others })}</span>
+      <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
         </div>`}
-    <${DriveOutcome} views=${views.filter((view) => view.start_inhibited && hasControl(view))} act=${release} text="page.release_all" />
+    <${ActionForAll} views=${views.filter((view) => view.start_inhibited && hasControl(view))} act=${release} text="page.release_all" />
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits}
         disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
-    <${TwoStep} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
-      arm=${() => ask("/arm", {})} act=${(arm_token) => ask("/start", { frequency_hz, arm_token })}>
+    <${ArmStart} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
+      arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
         <//>
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}

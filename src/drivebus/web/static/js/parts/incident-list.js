@@ -4,14 +4,14 @@ import { localized, t } from "../i18n.js";
 import { moment } from "../format.js";
 import { href } from "../router.js";
 import { PagedEnd, usePaged } from "./paged.js";
-import { Period, asQuery } from "./time-range.js";
+import { TimeRange, timeRangeQuery } from "./time-range.js";
 import { driveTitle } from "./titles.js";
 
 export function IncidentList() {
   const [period, setPeriod] = useState({ span: "month" });
-  const query = useMemo(() => asQuery(period), [period]);
+  const query = useMemo(() => timeRangeQuery(period), [period]);
   const list = usePaged("/incidents", query);
-  return html`<div class="stack"><p class="help">${t("page.incidents_help")}</p><${Period} value=${period}
+  return html`<div class="stack"><p class="help">${t("page.incidents_help")}</p><${TimeRange} value=${period}
     onChange=${setPeriod} />
     <ul class="incidents">${list.items.map((found) => html`<li key=${found.id}><a href=${href("incidents", found.id)}>
       <strong>${driveTitle(found.drive)}</strong>

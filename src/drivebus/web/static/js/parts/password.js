@@ -1,4 +1,4 @@
-// One's own password. Every other session of the user ends with the old one.
+// The user's own password. Changing it ends every other session of the user.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";

@@ -1,12 +1,12 @@
-// Files that the page itself writes: they go to the browser's downloads.
+// Files that the page writes to the browser's downloads.
 
-/** A Blob under a name. */
+/** Save a Blob under a name. */
 export function saveBlob(name, blob) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
   link.download = name;
   link.click();
-  // The browser reads the address after this turn of the loop.
+  // The browser reads the URL after this turn of the event loop.
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 

@@ -1,4 +1,4 @@
-// To put an alarm aside for a while, with the reason: the next shift must be able to read why.
+// Dialog to shelve an alarm for a time, with a reason for the next shift.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";

@@ -11,7 +11,7 @@ const APPEARANCES = {
   emergency_stopped: ["fault", "alarm"], unknown: ["unknown", "doubt"],
 };
 
-/** [icon, tone, word] for what `format.stateOf` gave. */
+/** [icon, tone, word] of a state from `format.stateOf`. */
 export function appearanceOf({ state, presence, lost }) {
   if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen")];
   if (presence === "offline") return ["silent", "alarm", t("page.presence_offline")];
@@ -19,7 +19,7 @@ export function appearanceOf({ state, presence, lost }) {
   return lost ? [icon, "doubt", t(`drives.state_${state}`)] : [icon, tone, t(`drives.state_${state}`)];
 }
 
-/** `known` is what format.stateOf gave; a stale state says so. */
+/** `known` is a state from `format.stateOf`; without a live connection it is marked. */
 export function StateMark({ known, direction, size = 22 }) {
   const [icon, tone, word] = appearanceOf(known);
   const turning = tone === "active" && direction;

@@ -27,7 +27,7 @@ function ageText(view) {
   return found ? coarseAge(ageOf(found)) : t("page.never_read");
 }
 
-function Worst({ alarms }) {
+function HighestPriority({ alarms }) {
   const [priority] = ["critical", "high", "medium", "low"].filter((name) => alarms[name] > 0);
   return priority ? html`<${PriorityMark} priority=${priority} />` : null;
 }
@@ -53,7 +53,7 @@ export function Tile({ id }) {
   return html`<article class=${`tile tone-${tone} ${isLive.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename" title=${name}>${name}</span>
-        <${Worst} alarms=${view.alarms} /></span>
+        <${HighestPriority} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
       <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief /></span>
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}

@@ -1,4 +1,4 @@
-// From when to when, and about which drive: what the lists of the past are narrowed by.
+// Filter of lists of the past by time range and drive.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { idsOf, serviceNow } from "../store.js";
@@ -11,15 +11,15 @@ const HOUR_MS = 3_600_000;
 const SPANS = { hour: HOUR_MS, shift: 8 * HOUR_MS, day: 24 * HOUR_MS, week: 168 * HOUR_MS, month: 720 * HOUR_MS,
   all: null };
 
-/** What a choice means for a request now: `{from_ms, to_ms, drive}`, without what is not narrowed. */
-export function asQuery({ span = "all", from = null, to = null, drive: id = "" }) {
+/** Query of a choice at this moment: `{from_ms, to_ms, drive}`; null where it does not filter. */
+export function timeRangeQuery({ span = "all", from = null, to = null, drive: id = "" }) {
   const since = SPANS[span];
   const begin = span === "own" ? from : since == null ? null : Math.floor(serviceNow() - since);
   return { from_ms: begin, to_ms: span === "own" ? to : null, drive: id || null };
 }
 
-/** `value` is what `asQuery` takes; `onChange` gets it changed. */
-export function Period({ value, onChange, withDrive = true, children }) {
+/** `value` is the choice that `timeRangeQuery` takes; `onChange` gets the changed choice. */
+export function TimeRange({ value, onChange, withDrive = true, children }) {
   const set = (change) => onChange({ ...value, ...change });
   const begin = (span) => set(span === "own" ? { span, from: serviceNow() - HOUR_MS, to: serviceNow() } : { span,
     from: null, to: null });
@@ -38,12 +38,12 @@ export function Period({ value, onChange, withDrive = true, children }) {
 
 /** A date and time of this browser's zone, as UTC milliseconds. */
 function Moment({ label, value, onChange }) {
-  const told = (event) => {
+  const changed = (event) => {
     const at = new Date(event.target.value).getTime();
     if (Number.isFinite(at)) onChange(at);
   };
   return html`<${Field} label=${label}><input type="datetime-local" step="1" value=${forInput(value)}
-    onChange=${told} /><//>`;
+    onChange=${changed} /><//>`;
 }
 
 function DriveChoice({ value, onChange }) {

@@ -1,4 +1,4 @@
-// API tokens: for programs. A token's secret is shown once, when it is made; the server keeps only its hash.
+// API tokens of programs. A token's secret is shown once when it is added; the server stores only its hash.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
@@ -28,7 +28,7 @@ export function Tokens() {
     ${made && html`<${Notice} kind="good" live title=${t("page.token_made")}><code class="secret">${made}</code>
       <//>`}
     <${Table} caption=${t("page.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
-    ${open && html`<${NewTokenBody} onClose=${close} />`}</section>`;
+    ${open && html`<${NewToken} onClose=${close} />`}</section>`;
 }
 
 function Remove({ token, onDone }) {
@@ -41,7 +41,7 @@ function Remove({ token, onDone }) {
     ${t(sure ? "page.remove_sure" : "page.remove")}<//><${ErrorNote} error=${error} />`;
 }
 
-function NewTokenBody({ onClose }) {
+function NewToken({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
   const [run, busy, error] = useRequest();
   const toggle = (right) => setGiven({

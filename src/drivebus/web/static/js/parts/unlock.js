@@ -1,4 +1,4 @@
-// After idle minutes the page may look and stop; the password gives the rest back, and leases stay where they are.
+// Unlock form of an idle session, which can only view and stop; the password restores the other rights, leases stay.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { idle, session, unlock } from "../session.js";
@@ -8,12 +8,12 @@ function Form() {
   const [password, setPassword] = useState("");
   const [run, busy, error] = useRequest();
   const send = (event) => { event.preventDefault(); run(() => unlock(password)); };
-  return html`<form class="banner info" data-do="wake" onSubmit=${send}>
+  return html`<form class="banner info" data-do="unlock" onSubmit=${send}>
     <span role="status">${t("page.idle")}</span><input type="text" autocomplete="username" hidden readonly
       value=${session.value.user} />
     <${Field} label=${t("page.login_password")}><input type="password" autocomplete="current-password" required
       value=${password} onInput=${(event) => setPassword(event.currentTarget.value)} /><//>
-    <${ErrorNote} error=${error} /><button class="button main" type="submit" disabled=${busy}>${t("page.wake")}
+    <${ErrorNote} error=${error} /><button class="button main" type="submit" disabled=${busy}>${t("page.unlock")}
       </button></form>`;
 }
 

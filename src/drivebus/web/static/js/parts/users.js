@@ -1,5 +1,5 @@
-// Users: who may come in, and as what. Administrators only; the server refuses to take away one's own role or the
-// last administrator.
+// Users and their roles, for administrators. The server rejects a change of one's own role and the removal of the last
+// administrator.
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
@@ -30,7 +30,7 @@ export function Users() {
   return html`<section class="panel stack"><div class="row between"><h2>${t("page.users")}</h2>
       <${Button} kind="main" onClick=${() => setOpen("new")}>${t("page.add_user")}<//></div>
     <${Table} caption=${t("page.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
-    ${open === "new" && html`<${NewUserBody} onClose=${close} />`}
+    ${open === "new" && html`<${NewUser} onClose=${close} />`}
     ${open && open !== "new" && html`<${ChangeUser} user=${open} onClose=${close} />`}</section>`;
 }
 
@@ -40,7 +40,7 @@ const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("
     ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select>
       <//>`;
 
-function NewUserBody({ onClose }) {
+function NewUser({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
   const [run, busy, error] = useRequest();
   const send = async (event) => {

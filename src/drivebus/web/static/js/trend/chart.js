@@ -1,5 +1,5 @@
 // One uPlot on the page: lines with their band from lowest to highest, a dashed line where a value is uncertain,
-// nothing where it is not known, and strips, markers and rulers that `paint` draws.
+// nothing where it is not known, and the strips and markers of draw-events.js.
 
 import uPlot from "../../../vendor/uplot.js";
 import { drawBands } from "./draw-bands.js";
@@ -7,17 +7,17 @@ import { COLUMNS, indexAt } from "./columns.js";
 import { dayLine, timeLabel } from "./labels.js";
 import { drawEvents } from "./draw-events.js";
 
-/** So many colours of lines; more lines than these share them. */
+/** Number of line colours; more lines share them. */
 export const HUES = 8;
 const AXIS_PX = 46;
 const THICK = 1.75;
 const THIN = 1;
-/** Half of a date, which stands around its moment, also where no axis of values is beside it. */
+/** Half the width of a date label, which is centred on its moment, also without a value axis beside it. */
 const HALF_LABEL_PX = 36;
 /** Below this width only two units keep their axis: the others are read in the table. */
 const NARROW_PX = 560;
 
-/** What a chart takes from the style sheet, so that a theme changes it too. */
+/** Colours and font of a chart from the style sheet, so that a theme changes them too. */
 export function colours(host) {
   const style = getComputedStyle(host);
   const named = (name) => style.getPropertyValue(name).trim();
@@ -62,7 +62,7 @@ export class Chart {
     });
   }
 
-  /** More than a point for two pixels: a thick line would be a smear, and slow to draw without graphics hardware. */
+  /** More than a point for two pixels: a thick line would hide details, and is slow without graphics hardware. */
   _isDense(data, { from, to }) {
     const times = data[0];
     const rows = indexAt(times, to) - indexAt(times, from);
@@ -74,7 +74,7 @@ export class Chart {
     drawBands(plot, this.lines, isShown, (line) => translucent(this._hue(line)));
   }
 
-  /** Shows all lines but the tags in `hidden`. */
+  /** Show all lines except the tags in `hidden`. */
   show(hidden) {
     this.lines.forEach((line, at) => {
       const isShown = !hidden.has(line.tag);
@@ -178,13 +178,13 @@ export class Chart {
 }
 
 const Y = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
-/** As many decimals as tell one tick from the next. */
+/** Label of a tick, with enough decimals to distinguish it from the next. */
 function tick(value, splits) {
   const apart = Math.abs((splits[1] ?? 1) - (splits[0] ?? 0)) || 1;
   return value.toFixed(Math.max(0, Math.min(4, -Math.floor(Math.log10(apart) + 1e-9))));
 }
 
-/** The left edge of an empty chart has no axis: uPlot leaves it away where no value is known. */
+/** Padding of the left edge of an empty chart: uPlot draws no value axis where no value is known. */
 const edge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
 const scale = (unit) => `y ${unit}`;
 const translucent = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;

@@ -1,4 +1,4 @@
-// The historian's answer made into columns that a chart draws. Pure.
+// Conversion of the historian's answer into the columns of a chart. Pure.
 //
 // A tag becomes four columns: highest, lowest, mean where it is good, mean where it is uncertain. A bad value or a
 // gap is null in all of them: nothing is drawn where nothing is known.
@@ -20,14 +20,14 @@ export function split({ t, min, mean, max, q }) {
     if (q[at] === GOOD) good[at] = mean[at];
     else uncertain[at] = mean[at];
   }
-  // The dashed line reaches to its good neighbours, so that it hangs in no void.
+  // The dashed line reaches to its good neighbours.
   for (let at = 0; at < t.length; at += 1) {
     if (good[at] === null) continue;
     const beside = (other) => other >= 0 && other < t.length && isThere(other) && q[other] === UNCERTAIN;
     if (beside(at - 1) || beside(at + 1)) uncertain[at] = good[at];
   }
-  const seen = (values) => t.map((_, at) => (isThere(at) ? values[at] ?? mean[at] : null));
-  return { t, high: seen(max), low: seen(min), good, uncertain };
+  const known = (values) => t.map((_, at) => (isThere(at) ? values[at] ?? mean[at] : null));
+  return { t, high: known(max), low: known(min), good, uncertain };
 }
 
 /** One table for all tags, over the times of all of them. A tag without samples stays, empty. */
@@ -41,7 +41,7 @@ export function table(tags, series) {
 
 const EMPTY = { t: [], min: [], mean: [], max: [], q: [] };
 
-/** A series with what came live after its last sample; a null value is a gap. */
+/** A series extended by the live samples after its last one; a null value is a gap. */
 export function extended(series, live) {
   const last = series.t.at(-1) ?? -Infinity;
   const newer = live.filter((sample) => sample.t > last);
@@ -68,7 +68,7 @@ export function indexAt(t, moment) {
   return low - 1;
 }
 
-/** What a tag was at a moment: the sample nearest to it within `reach` ms, or null. */
+/** Value of a tag at a moment: the sample nearest to it within `reach` ms, or null. */
 export function valueAt(series, moment, reach) {
   if (!series) return null;
   const before = indexAt(series.t, moment);
@@ -96,7 +96,7 @@ export function summary(series, { from, to }) {
   return count ? { low, mean: sum / count, high } : null;
 }
 
-/** Stretches of one quality within a series: what is drawn as a strip below the plot. */
+/** Stretches of one quality within a series, drawn as a strip below the plot. */
 export function stretches(series) {
   const found = [];
   if (!series) return found;
@@ -109,7 +109,7 @@ export function stretches(series) {
   return found.filter((stretch) => stretch.q !== GOOD);
 }
 
-/** The typical distance of two samples, for reaching to the nearest one. */
+/** Typical distance of two samples in ms. */
 export function step(series) {
   const t = series?.t ?? [];
   return t.length < 2 ? 1000 : (t.at(-1) - t[0]) / (t.length - 1);

@@ -1,28 +1,27 @@
 // Table below a chart: each line's value at the pointer and the cursors, and its summary of the window.
 import { html, useComputed } from "../lib.js";
-import { language, t } from "../i18n.js";
+import { locale, t } from "../i18n.js";
 import { NO_VALUE, number, reading } from "../format.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
 import { Icon } from "../icons.js";
 import { BAD, UNCERTAIN, step, summary, valueAt } from "./columns.js";
 import { duration, moment } from "./labels.js";
-import { localeOf } from "./locale.js";
 
-/** How far a sample may be from a moment and still be its value, in typical distances of two samples. */
+/** Longest distance of a sample from a moment to be its value, in typical distances of two samples. */
 const MAX_REACH_STEPS = 3;
 
 const WITHIN = ["page.lowest", "page.mean", "page.highest"];
 const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];
 
 export function CursorTable({ view, source, lines, onRemove }) {
-  const { a, b } = view.rulers.value ?? {};
-  const rulers = view.rulers.value !== null;
-  const heads = rulers ? BETWEEN : WITHIN;
+  const { a, b } = view.cursors.value ?? {};
+  const cursors = view.cursors.value !== null;
+  const heads = cursors ? BETWEEN : WITHIN;
   return html`<div class="trend-readout"><table class="data">
-    <caption>${rulers ? cursorsText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
+    <caption>${cursors ? cursorsText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
-      ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !rulers
+      ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !cursors
         ? "mid" : ""}`}>${t(head)}</th>`)}
       ${onRemove && html`<th><span class="sr">${t("page.remove")}</span></th>`}</tr></thead>
     <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
@@ -32,20 +31,19 @@ export function CursorTable({ view, source, lines, onRemove }) {
 function Where({ view, isFixed }) {
   const at = view.pointed.value;
   if (at === null) return t(isFixed ? "page.values_within" : "page.values_now");
-  return t("page.values_at", { time: moment(at, localeOf(language.value), true) });
+  return t("page.values_at", { time: moment(at, locale(), true) });
 }
 
 function cursorsText(a, b) {
-  const locale = localeOf(language.value);
   const apart = duration(b - a, (unit) => t(`page.unit_${unit}`));
-  return t("page.rulers_at", { a: moment(a, locale), b: moment(b, locale), apart });
+  return t("page.cursors_at", { a: moment(a, locale()), b: moment(b, locale()), apart });
 }
 
 function Row({ line, view, source, onRemove }) {
   const figures = useComputed(() => {
     source.series.value;
     const series = source.whole()[line.tag];
-    const { a, b } = view.rulers.value ?? {};
+    const { a, b } = view.cursors.value ?? {};
     if (a === undefined) {
       const found = summary(series, view.window.value);
       return [found?.low, found?.mean, found?.high].map((value) => ({ value: value ?? null }));
@@ -60,14 +58,14 @@ function Row({ line, view, source, onRemove }) {
       onClick=${() => view.toggleLine(line.tag)} title=${t("page.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
     <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
-    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.rulers.value
+    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.cursors.value
       ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
       aria-label=${t("page.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
         </td>`}</tr>`;
 }
 
-/** The value where the pointer is, else the newest one of the live line. */
+/** Value at the pointer, else the newest live value. */
 function Now({ line, view, source }) {
   const at = view.pointed.value;
   if (at !== null) return shown(near(source.whole()[line.tag], at), line.unit, true);

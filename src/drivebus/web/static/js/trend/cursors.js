@@ -1,11 +1,11 @@
-// Two upright rulers on a chart, A and B: dragged by mouse and finger, moved by arrow keys.
+// Two vertical cursors on a chart, A and B: dragged by mouse and finger, moved by arrow keys.
 import { t } from "../i18n.js";
 import { moment } from "./labels.js";
 
 const NAMES = ["a", "b"];
 
 /** Put two cursors above a plot. `place()` positions them; `moved({a, b})` reports a drag. */
-export function cursors(over, { window, rulers: found, moved, locale }) {
+export function cursors(over, { window, cursors: found, moved, locale }) {
   const lines = Object.fromEntries(NAMES.map((name) => [name, made(name)]));
   const at = (x) => {
     const { from, to } = window();
@@ -24,12 +24,12 @@ export function cursors(over, { window, rulers: found, moved, locale }) {
       if (line.hasPointerCapture(event.pointerId)) move(at(event.clientX));
     });
     line.addEventListener("keydown", (event) => {
-      const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
-      if (!way) return;
+      const step = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+      if (!step) return;
       event.preventDefault();
       event.stopPropagation();
       const { from, to } = window();
-      move(Math.min(to, Math.max(from, found()[name] + (way * (to - from) * (event.shiftKey ? 20 : 1)) / 400)));
+      move(Math.min(to, Math.max(from, found()[name] + (step * (to - from) * (event.shiftKey ? 20 : 1)) / 400)));
     });
     over.append(line);
   }
@@ -53,10 +53,10 @@ export function cursors(over, { window, rulers: found, moved, locale }) {
 
 function made(name) {
   const line = document.createElement("div");
-  line.className = "trend-ruler";
+  line.className = "trend-cursor";
   line.tabIndex = 0;
   line.setAttribute("role", "slider");
-  line.setAttribute("aria-label", t(`page.ruler_${name}`));
+  line.setAttribute("aria-label", t(`page.cursor_${name}`));
   line.dataset.name = name.toUpperCase();
   line.hidden = true;
   return line;

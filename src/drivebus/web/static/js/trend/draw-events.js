@@ -1,8 +1,8 @@
-// What a chart draws besides its lines: markers of commands, faults and alarms, strips where a value was not good.
+// Markers of commands, faults and alarms in a chart, and strips where a value was not good.
 
 import { BAD } from "./columns.js";
 
-/** A kind has a shape of its own, never only a colour. */
+/** Each kind has its own shape, never only a colour. */
 const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
 const STRIP_PX = 4;
 
@@ -18,7 +18,7 @@ export function drawEvents(plot, { markers, strips }, colours) {
   ctx.restore();
 }
 
-/** Markers nearer to each other than a finger is wide are one, with their number. */
+/** Merge markers nearer to each other than a finger's width into one with their number. */
 function clustered(plot, markers, width) {
   const groups = [];
   for (const marker of markers) {
@@ -31,7 +31,7 @@ function clustered(plot, markers, width) {
   return groups;
 }
 
-/** The gravest of a group gives it its shape. */
+/** Kinds by severity: the most severe of a group gives its shape. */
 const SEVERITY = ["fault", "alarm", "stop", "command"];
 
 function drawMarker(plot, { x, markers }, colours, ratio) {

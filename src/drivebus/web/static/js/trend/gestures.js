@@ -1,5 +1,5 @@
-// What hands do with a chart: wheel, drag, pinch and keys become windows of time. A drag without Shift selects a
-// stretch, which uPlot itself draws; a wheel without Ctrl scrolls the page, as everywhere.
+// Gestures of a chart: wheel, drag, pinch and keys change its window of time. A drag without Shift selects a stretch,
+// which uPlot itself draws; a wheel without Ctrl scrolls the page.
 
 import { panned, zoomed } from "./window.js";
 
@@ -10,12 +10,12 @@ const PAN_STEP = 0.1;
  * @param over the element above the plot
  * @param host the element that has the keyboard's focus
  * @param to `{window(), show(window), out(), live()}`
- * @returns a function that takes all of it away again
+ * @returns a function that detaches them
  */
 export function attachGestures(over, host, to) {
-  const gone = new AbortController();
-  const on = (element, name, heard, options = {}) =>
-    element.addEventListener(name, heard, { signal: gone.signal, ...options });
+  const detached = new AbortController();
+  const on = (element, name, listener, options = {}) =>
+    element.addEventListener(name, listener, { signal: detached.signal, ...options });
   const share = (x) => (x - over.getBoundingClientRect().left) / over.clientWidth;
   const momentAt = (x) => {
     const { from, to: end } = to.window();
@@ -41,7 +41,7 @@ export function attachGestures(over, host, to) {
     act(to);
     event.preventDefault();
   });
-  return () => gone.abort();
+  return () => detached.abort();
 }
 
 const KEYS = {
@@ -56,7 +56,7 @@ const KEYS = {
   End: (to) => to.live(),
 };
 
-/** Shift or the middle button moves a mouse's window; one finger moves it, two stretch it. */
+/** Pan with Shift or the middle mouse button, or one finger; zoom with two fingers. */
 function drags(over, on, to, momentAt) {
   const fingers = new Map();
   let last = null;

@@ -1,4 +1,4 @@
-// Times as a chart and its table write them. Pure; one formatter a shape and language, since making one is slow.
+// Formats of times in charts and their tables. Pure; formatters are cached because creating one is slow.
 
 const cachedFormats = new Map();
 
@@ -44,7 +44,7 @@ export function forInput(at) {
   return local.toISOString().slice(0, 19);
 }
 
-/** The two biggest parts of a duration: "3 min 20 s". `unit(name)` is the word of a unit. */
+/** The two largest units of a duration: "3 min 20 s". `unit(name)` is the text of a unit. */
 export function duration(span, unit) {
   const parts = [["d", DAY_MS], ["h", HOUR_MS], ["min", 60_000], ["s", 1000]];
   let rest = Math.abs(span);

@@ -1,4 +1,4 @@
-// Where a trend's samples come from: the historian in windows, and what came live since.
+// Samples of a trend: windows from the historian, and live values since.
 import { api } from "../api.js";
 import { signal } from "../lib.js";
 import { serviceNow, drive as driveTopic, topic } from "../store.js";
@@ -11,61 +11,61 @@ const FETCH_DELAY_MS = 70;
 const MAX_CACHED_WINDOWS = 12;
 const LIVE_MS = 15 * 60_000;
 const EVENTS = 300;
-/** Kinds of events that a trend marks, and the shape of each. */
-export const SHAPES = { command: "command", stop: "stop", fault: "fault", alarm: "alarm" };
+/** Kinds of events that a trend marks. */
+const MARKED_KINDS = new Set(["command", "stop", "fault", "alarm"]);
 const QUALITIES = { good: GOOD, uncertain: UNCERTAIN, bad: BAD };
 
 /** One trend's samples. Signals: `series` {tag: {t, min, mean, max, q}}, `resolution`, `state`, `error`. */
-export class Source {
+export class TrendSource {
   constructor() {
     this.drives = [];
     this.series = signal({});
     this.resolution = signal(null);
-    /** "empty" before the first answer, "asking" while one is awaited, "there". */
+    /** "empty" before the first answer, "loading" while one is awaited, "loaded". */
     this.state = signal("empty");
     this.error = signal(null);
     this.markers = signal({ items: [], isCut: false });
     this.fetched = null;
     this.tags = [];
-    this.kept = new Map();
+    this.cache = new Map();
     this.joined = null;
     this.live = new Map();
-    this.asked = null;
+    this.request = null;
     this.timer = null;
     this.leave = subscribe("events");
   }
 
-  /** Other tags: what is drawn of those that stay is kept until the answer comes. */
+  /** Select tags and drives; samples of tags that stay remain until the answer comes. */
   choose(tags, drives) {
     this.tags = tags;
     this.drives = drives;
-    this.kept.clear();
+    this.cache.clear();
     this.fetched = null;
     this.joined = null;
   }
 
-  /** Sees to it that a window is there soon; the last one asked for wins, and a wheel's turn asks once. `again` asks
-   * for the same one anew: its samples only, since what happens meanwhile is told live. */
-  want(window, { again = false } = {}) {
+  /** Load a window after a short delay, so that only the last of many requests is sent. `again` reloads the samples of
+   * a window without its events, which arrive live. */
+  load(window, { again = false } = {}) {
     if (!this.tags.length) return;
     if (!again && this.fetched && covers(this.fetched, window, serviceNow())) return;
-    const kept = again ? null : this._kept(window);
-    if (kept) { this._show(kept); return; }
+    const cached = again ? null : this._cached(window);
+    if (cached) { this._show(cached); return; }
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this._fetch(window, again), FETCH_DELAY_MS);
   }
 
-  /** The drives' newest values as samples of their own, where they changed. */
-  listen() {
+  /** Add the drives' newest values and events as samples and markers, where they changed. */
+  takeLive() {
     for (const tag of this.tags) {
       const dot = tag.indexOf(".");
       const view = driveTopic(tag.slice(0, dot)).peek();
-      this._note(tag, view?.signals?.[tag.slice(dot + 1)]);
+      this._addLive(tag, view?.signals?.[tag.slice(dot + 1)]);
     }
-    this._hear();
+    this._addEvents();
   }
 
-  /** The series to draw: the historian's, and live ones after them. */
+  /** Series to draw: the historian's samples followed by live ones. */
   whole() {
     this.joined ??= this._join();
     return this.joined;
@@ -75,7 +75,7 @@ export class Source {
     const now = serviceNow();
     return Object.fromEntries(this.tags.map((tag) => {
       const series = this.series.peek()[tag] ?? EMPTY;
-      // What is fetched of the past ends long before what is live: nothing joins them.
+      // A window of the past ends long before the live samples: they are not joined.
       const isRecent = this.fetched !== null
         && now - this.fetched.to < 60_000 + (this.fetched.to - this.fetched.from) / 4;
       return [tag, isRecent ? extended(series, this.live.get(tag) ?? []) : series];
@@ -85,17 +85,17 @@ export class Source {
   close() {
     this.leave();
     clearTimeout(this.timer);
-    this.asked?.abort();
+    this.request?.abort();
   }
 
-  _note(tag, found) {
+  _addLive(tag, found) {
     const samples = this.live.get(tag) ?? [];
     const isKnown = isLive.peek() && found && typeof found.value === "number";
     const sample = isKnown
       ? { t: found.source_time_ms, v: found.value, q: QUALITIES[found.quality] }
       : { t: Math.round(serviceNow()), v: null, q: BAD };
     const last = samples.at(-1);
-    // A value that was not read anew keeps its moment within the jitter of the line, unless its quality changed.
+    // The same reading is not added twice, unless its quality changed.
     if (last && last.q === sample.q && (sample.q === BAD || sample.t - last.t < 40)) return;
     if (last && sample.t <= last.t) sample.t = last.q === sample.q ? last.t : Math.round(serviceNow());
     samples.push(sample);
@@ -104,8 +104,8 @@ export class Source {
     this.joined = null;
   }
 
-  /** Commands, faults and alarms as they happen. */
-  _hear() {
+  /** Add commands, faults and alarms from the live feed. */
+  _addEvents() {
     const { items, isCut } = this.markers.peek();
     const known = new Set(items.map((event) => event.id));
     const news = (topic("events").peek()?.items ?? []).filter((event) => this._marks(event) && !known.has(event.id));
@@ -113,31 +113,31 @@ export class Source {
   }
 
   _marks(event) {
-    return event.kind in SHAPES && this.drives.includes(event.drive);
+    return MARKED_KINDS.has(event.kind) && this.drives.includes(event.drive);
   }
 
-  _kept(window) {
-    const found = [...this.kept.values()].reverse().find((answer) => covers(answer.span, window, serviceNow()));
+  _cached(window) {
+    const found = [...this.cache.values()].reverse().find((answer) => covers(answer.span, window, serviceNow()));
     return found && found.span.isPast ? found : null;
   }
 
   async _fetch(window, again) {
-    this.asked?.abort();
-    const asked = this.asked = new AbortController();
+    this.request?.abort();
+    const request = this.request = new AbortController();
     const span = padded(window, serviceNow());
-    this.state.value = "asking";
+    this.state.value = "loading";
     try {
       const [answer, markers] = await Promise.all([
-        this._trend(span, asked.signal), again ? this.markers.peek() : this._events(span, asked.signal),
+        this._trend(span, request.signal), again ? this.markers.peek() : this._events(span, request.signal),
       ]);
-      if (asked.signal.aborted) return;
-      this._keep({ span: { ...span, isPast: span.to < serviceNow() - 60_000 }, answer, markers });
+      if (request.signal.aborted) return;
+      this._store({ span: { ...span, isPast: span.to < serviceNow() - 60_000 }, answer, markers });
       this.error.value = null;
     } catch (error) {
-      if (asked.signal.aborted) return;
+      if (request.signal.aborted) return;
       this.error.value = error;
     }
-    this.state.value = "there";
+    this.state.value = "loaded";
   }
 
   _trend(span, stop) {
@@ -148,8 +148,8 @@ export class Source {
   /** Commands, faults and alarms of the drives shown, oldest first; of a long window only the newest. */
   async _events(span, stop) {
     const query = { from_ms: span.from, to_ms: span.to, limit: EVENTS };
-    const asked = this.drives.map((drive) => api.get("/history/events", { ...query, drive }, { signal: stop }));
-    const found = await Promise.all(asked);
+    const requests = this.drives.map((drive) => api.get("/history/events", { ...query, drive }, { signal: stop }));
+    const found = await Promise.all(requests);
     const items = found.flatMap((answer) => answer.items.filter((event) => this._marks(event)));
     return {
       items: items.sort(byTime),
@@ -157,9 +157,9 @@ export class Source {
     };
   }
 
-  _keep(found) {
-    this.kept.set(`${found.span.from} ${found.span.to}`, found);
-    if (this.kept.size > MAX_CACHED_WINDOWS) this.kept.delete(this.kept.keys().next().value);
+  _store(found) {
+    this.cache.set(`${found.span.from} ${found.span.to}`, found);
+    if (this.cache.size > MAX_CACHED_WINDOWS) this.cache.delete(this.cache.keys().next().value);
     this._show(found);
   }
 

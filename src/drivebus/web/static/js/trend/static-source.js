@@ -1,11 +1,11 @@
-// Samples that do not change any more, shown by the same trend as live ones: those of a case.
+// Samples of an incident, which do not change, for the same trend as live ones.
 import { signal } from "../lib.js";
 import { signalRank } from "../format.js";
 import { BAD } from "./columns.js";
 
 const BESIDE_MS = 1000;
 
-/** What `Source` is to the historian, for a case: `signals` {name: {t: [seconds before the trip], v, q}}. */
+/** `TrendSource` of an incident: `signals` {name: {t: [seconds before the trip], v, q}}. */
 export class StaticSource {
   constructor(found) {
     this.isFixed = true;
@@ -25,16 +25,16 @@ export class StaticSource {
     const events = (found.events ?? []).filter((event) => event.time_ms < found.time_ms);
     this.markers = signal({ items: [...events, trip], isCut: false });
     this.resolution = signal("raw");
-    this.state = signal("there");
+    this.state = signal("loaded");
     this.error = signal(null);
     this.fetched = this.window;
   }
 
   choose() {}
 
-  want() {}
+  load() {}
 
-  listen() {}
+  takeLive() {}
 
   close() {}
 

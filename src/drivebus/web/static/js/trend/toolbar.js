@@ -1,9 +1,8 @@
-// The buttons of a trend: its span, its way through time, its rulers; and what its points are.
+// Toolbar of a trend: span, navigation through time, cursors, and the resolution of its points.
 import { html } from "../lib.js";
-import { language, t } from "../i18n.js";
+import { locale, t } from "../i18n.js";
 import { Button, Choice } from "../ui.js";
 import { duration, moment } from "./labels.js";
-import { localeOf } from "./locale.js";
 import { SPANS_S, panned } from "./window.js";
 
 const nameOf = (seconds) => t(`page.span_${seconds}`);
@@ -16,7 +15,7 @@ export function Toolbar({ view, source }) {
     ${!source.isFixed && html`<${Choice} label=${t("page.span")} value=${chosen}
       options=${SPANS_S.map((one) => [one, nameOf(one)])}
       onChange=${(seconds) => view.span_s(seconds)} />`}
-    <div class="trend-ways" role="group" aria-label=${t("page.trend_ways")}>
+    <div class="trend-navigation" role="group" aria-label=${t("page.trend_navigation")}>
       ${tool("page.earlier", "◀", () => view.show(panned(view.window.peek(), -0.5)))}
       ${tool("page.zoom_in", "+", () => view.zoom(0.5))}
       ${tool("page.zoom_out", "−", () => view.zoom(2))}
@@ -25,9 +24,9 @@ export function Toolbar({ view, source }) {
         onClick=${() => view.show(source.window, { isStep: true })}>${t("page.whole")}<//>` : html`
         <${Button} aria-pressed=${view.isLive.value ? "true" : "false"} class="toggle" data-trend="live"
           onClick=${() => (view.isLive.peek() ? view.pause() : view.follow())}>${t("page.live")}<//>`}
-      <${Button} aria-pressed=${view.rulers.value ? "true" : "false"} class="toggle" data-trend="rulers"
-        title=${t("page.rulers_title")} aria-label=${t("page.rulers_title")}
-        onClick=${() => view.toggleRulers()}>${t("page.rulers")}<//>
+      <${Button} aria-pressed=${view.cursors.value ? "true" : "false"} class="toggle" data-trend="cursors"
+        title=${t("page.cursors_title")} aria-label=${t("page.cursors_title")}
+        onClick=${() => view.toggleCursors()}>${t("page.cursors")}<//>
     </div>
     <p class="trend-summary"><${Shown} view=${view} source=${source} /></p></div>`;
 }
@@ -35,15 +34,14 @@ export function Toolbar({ view, source }) {
 const tool = (key, sign, act, disabled = false) => html`<${Button} key=${key} class="sign" onClick=${act}
   disabled=${disabled} aria-label=${t(key)} title=${t(key)}>${sign}<//>`;
 
-/** What is on the screen, in words: from when to when, and what one point stands for. */
+/** Summary of the window: its begin, end and length, and the resolution of its points. */
 function Shown({ view, source }) {
-  const locale = localeOf(language.value);
   const { from, to } = view.window.value;
   const resolution = source.resolution.value;
   const length = duration(to - from, (unit) => t(`page.unit_${unit}`));
-  return html`<span class="trend-window">${moment(from, locale)} – ${moment(to, locale)} · ${length}</span>
+  return html`<span class="trend-window">${moment(from, locale())} – ${moment(to, locale())} · ${length}</span>
     ${resolution && html` <span>${t(`page.points_${resolution}`)}</span>`}
-    ${" "}<span class="trend-state" role="status">${source.state.value === "asking" && source.fetched === null
+    ${" "}<span class="trend-state" role="status">${source.state.value === "loading" && source.fetched === null
       ? t("page.loading") : ""}${source.error.value ? t("page.trend_failed",
         { why: source.error.value.sentence }) : ""}</span>`;
 }

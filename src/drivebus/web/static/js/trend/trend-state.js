@@ -1,4 +1,4 @@
-// The state of one trend: its window, whether it follows the present, what is pointed at, and its two rulers.
+// State of one trend: its window, whether it follows the present, the moment under the pointer, and its two cursors.
 import { signal } from "../lib.js";
 import { serviceNow } from "../store.js";
 import { clamped, validWindow, zoomed } from "./window.js";
@@ -13,8 +13,8 @@ export class TrendState {
     this.isLive = signal(window === null);
     /** The moment under the pointer, null outside. */
     this.pointed = signal(null);
-    /** `{a, b}` in ms, or null while they are put away. */
-    this.rulers = signal(null);
+    /** `{a, b}` in ms, or null while they are off. */
+    this.cursors = signal(null);
     this.hidden = signal(new Set());
     this.before = [];
   }
@@ -24,7 +24,7 @@ export class TrendState {
     return to - from;
   }
 
-  /** Another window. Nothing of the future can be shown: at its edge a window follows the present. */
+  /** Show another window. A window that reaches the present follows it, because the future has no samples. */
   show(window, { isStep = false } = {}) {
     if (isStep) this._remember();
     const { from, to } = validWindow(window);
@@ -33,7 +33,7 @@ export class TrendState {
     this.window.value = to >= now ? { from: now - (to - from), to: now } : { from, to };
   }
 
-  /** So many seconds: up to now while following, around the middle else. */
+  /** Change the length of the window: it still ends now while it follows, else its middle stays. */
   span_s(seconds) {
     this._remember();
     if (this.isLive.peek()) this.follow(seconds * 1000);
@@ -56,7 +56,7 @@ export class TrendState {
     this.isLive.value = false;
   }
 
-  /** Back to the window before, else twice as much time. */
+  /** Return to the previous window, else double the length. */
   out() {
     const last = this.before.pop();
     if (!last) this.show(zoomed(this.window.peek(), 2));
@@ -64,9 +64,9 @@ export class TrendState {
     else this.show(last.window);
   }
 
-  toggleRulers() {
+  toggleCursors() {
     const { from, to } = this.window.peek();
-    this.rulers.value = this.rulers.peek() ? null : { a: from + (to - from) / 3, b: from + ((to - from) * 2) / 3 };
+    this.cursors.value = this.cursors.peek() ? null : { a: from + (to - from) / 3, b: from + ((to - from) * 2) / 3 };
   }
 
   toggleLine(tag) {

@@ -1,8 +1,8 @@
-// A trend: signals over time, with zoom, pan, rulers and markers, from a minute to a year.
+// A trend: signals over time, with zoom, pan, cursors and markers, from a minute to a year.
 //
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
 import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
-import { language, t } from "../i18n.js";
+import { locale, language, t } from "../i18n.js";
 import { isLive } from "../live.js";
 import { theme } from "../theme.js";
 import { serviceNow } from "../store.js";
@@ -11,9 +11,8 @@ import { GOOD, stretches, table } from "./columns.js";
 import { Events } from "./events.js";
 import { attachGestures } from "./gestures.js";
 import { CursorTable } from "./cursor-table.js";
-import { localeOf } from "./locale.js";
 import { cursors } from "./cursors.js";
-import { SHAPES, Source } from "./source.js";
+import { TrendSource } from "./source.js";
 import { styled } from "../style.js";
 import { Toolbar } from "./toolbar.js";
 import { TrendState } from "./trend-state.js";
@@ -21,7 +20,7 @@ import { drawEvery, fetchEvery } from "./window.js";
 
 await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);
 
-const LISTEN_MS = 250;
+const LIVE_INTERVAL_MS = 250;
 
 /**
  * @param lines `{tag, drive, label, unit, hue}` each; `hue` 0 to 7 is its colour
@@ -33,7 +32,7 @@ const LISTEN_MS = 250;
  */
 export function Trend({ lines, span_s = 600, window = null, source: given, onWindow, onRemove, height = 300 }) {
   const view = useMemo(() => new TrendState(span_s, window), []);
-  const source = useMemo(() => given ?? new Source(), []);
+  const source = useMemo(() => given ?? new TrendSource(), []);
   const host = useRef(null);
   const scene = useMemo(() => new Scene(view, source), []);
   const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((one) => one !== GOOD)));
@@ -41,21 +40,21 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
 
   useEffect(() => {
     source.choose(lines.map((line) => line.tag), [...new Set(lines.map((line) => line.drive))]);
-    source.want(view.window.peek());
+    source.load(view.window.peek());
   }, [tags]);
   useEffect(() => scene.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
   useEffect(() => scene.run(), []);
   // Reload what was requested in vain or missed while disconnected.
   useEffect(() => {
-    if (isLive.value) source.want(view.window.peek(), { again: source.fetched !== null });
+    if (isLive.value) source.load(view.window.peek(), { again: source.fetched !== null });
   }, [isLive.value]);
   useSignalEffect(() => {
     onWindow?.(view.window.value, view.isLive.value);
-    source.want(view.window.value);
-    scene.soon();
+    source.load(view.window.value);
+    scene.scheduleDraw();
   });
-  useSignalEffect(() => { source.series.value; source.markers.value; scene.renewed(); });
-  useSignalEffect(() => { view.rulers.value; view.hidden.value; scene.soon(); });
+  useSignalEffect(() => { source.series.value; source.markers.value; scene.onSamples(); });
+  useSignalEffect(() => { view.cursors.value; view.hidden.value; scene.scheduleDraw(); });
 
   return html`<section class="trend" aria-label=${t("page.trend")}>
     <${Toolbar} view=${view} source=${source} />
@@ -66,84 +65,84 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
   </section>`;
 }
 
-/** The chart and what keeps it drawn: imperative, beside the component's life. */
+/** Chart of a trend and its redrawing: imperative, beside the component's life. */
 class Scene {
   constructor(view, source) {
     this.view = view;
     this.source = source;
     this.data = null;
-    this.asked = 0;
+    this.frame = 0;
   }
 
-  /** A new plot in its place; the function it gives takes it away. */
+  /** Replace the plot; returns the function that removes it. */
   mount(host, lines, height) {
     const { view } = this;
     this.lines = lines;
     this.data = null;
-    const locale = localeOf(language.peek());
+    const tag = locale();
     this.chart = new Chart(host, {
       selected: (window) => view.show(window, { isStep: true }),
       pointed: (moment) => { view.pointed.value = moment; },
-      drawn: () => this.rulers?.place(),
+      drawn: () => this.cursors?.place(),
     });
-    const plot = this.chart.build(lines, { height, locale });
-    this.rulers = cursors(plot.over, {
-      window: () => view.window.peek(), rulers: () => view.rulers.peek(), locale,
-      moved: (next) => { view.rulers.value = next; },
+    const plot = this.chart.build(lines, { height, locale: tag });
+    this.cursors = cursors(plot.over, {
+      window: () => view.window.peek(), cursors: () => view.cursors.peek(), locale: tag,
+      moved: (next) => { view.cursors.value = next; },
     });
-    const hands = attachGestures(plot.over, host, {
+    const detachGestures = attachGestures(plot.over, host, {
       window: () => view.window.peek(), show: (next) => view.show(next),
       out: () => view.out(), live: () => view.follow(),
     });
     const watch = new ResizeObserver(() => { this.chart.resize(height); });
     watch.observe(host);
-    this.soon();
+    this.scheduleDraw();
     return () => {
       watch.disconnect();
-      hands();
+      detachGestures();
       this.chart.destroy();
       this.chart = null;
     };
   }
 
-  /** Follows the present: listens often, draws as often as a pixel moves, asks the historian now and then. */
+  /** Follow the present: take live values often, draw when a pixel moves, and reload from the historian at intervals. */
   run() {
-    let [drawn, asked] = [serviceNow(), serviceNow()];
+    let [drawn, fetched] = [serviceNow(), serviceNow()];
     const timer = setInterval(() => {
-      this.source.listen();
+      this.source.takeLive();
       if (!this.view.isLive.peek() || document.hidden) return;
       const [now, span] = [serviceNow(), this.view.span];
       if (now - drawn < drawEvery(span)) return;
       drawn = now;
       this.data = null;
       this.view.follow();
-      if (now - asked < fetchEvery(span)) return;
-      asked = now;
-      this.source.want(this.view.window.peek(), { again: true });
-    }, LISTEN_MS);
+      if (now - fetched < fetchEvery(span)) return;
+      fetched = now;
+      this.source.load(this.view.window.peek(), { again: true });
+    }, LIVE_INTERVAL_MS);
     return () => {
       clearInterval(timer);
-      cancelAnimationFrame(this.asked);
+      cancelAnimationFrame(this.frame);
       this.source.close();
     };
   }
 
-  renewed() {
+  onSamples() {
     this.data = null;
-    this.soon();
+    this.scheduleDraw();
   }
 
-  /** Draws in the next frame of the screen, once however often it was asked for. */
-  soon() {
-    cancelAnimationFrame(this.asked);
-    this.asked = requestAnimationFrame(() => this.draw());
+  /** Draw in the next frame of the screen, once for any number of calls. */
+  scheduleDraw() {
+    cancelAnimationFrame(this.frame);
+    this.frame = requestAnimationFrame(() => this.draw());
   }
 
   draw() {
     if (!this.chart) return;
     if (!this.data) this._gather();
     const { items } = this.source.markers.peek();
-    const markers = items.map((event) => ({ t: event.time_ms, shape: SHAPES[event.kind] }));
+    const markers = items.map((event) => ({ t: event.time_ms, shape: event.kind }));
     this.chart.show(this.view.hidden.peek());
     this.chart.draw(this.data, this.view.window.peek(), { markers, strips: this.strips });
   }

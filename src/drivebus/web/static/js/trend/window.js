@@ -1,6 +1,6 @@
-// What part of time a trend shows. Pure: milliseconds in, milliseconds out.
+// Window of time of a trend. Pure: milliseconds in, milliseconds out.
 
-/** The spans that a button offers, in seconds: a minute to a year. */
+/** Spans with a button, in seconds: a minute to a year. */
 export const SPANS_S = [60, 600, 3600, 28_800, 86_400, 604_800, 2_592_000, 31_536_000];
 const SMALLEST_MS = 5_000;
 const LARGEST_MS = 4_000 * 86_400_000;
@@ -8,10 +8,10 @@ const LARGEST_MS = 4_000 * 86_400_000;
 /** A share of the window that is fetched beyond either edge, so that a small pan shows no empty border. */
 const MARGIN = 0.25;
 
-/** A length that a window may have. */
+/** Length of a window, limited to the allowed range. */
 export const clamped = (span) => Math.min(LARGEST_MS, Math.max(SMALLEST_MS, span));
 
-/** A window that is neither absurd nor turned round. */
+/** The window with an allowed length, around the same middle. */
 export function validWindow({ from, to }) {
   const span = clamped(to - from);
   const middle = (from + to) / 2;
@@ -31,19 +31,19 @@ export function panned({ from, to }, share) {
   return { from: from + by, to: to + by };
 }
 
-/** What to fetch for a window: more at both edges, nothing of the future. */
+/** Window to fetch: wider at both edges, but not beyond now. */
 export function padded({ from, to }, now) {
   const more = (to - from) * MARGIN;
   return { from: Math.max(0, Math.floor(from - more)), to: Math.ceil(Math.max(from + 1, Math.min(to + more, now))) };
 }
 
-/** Does what was fetched show the window well: all of it, and not much more than it? */
+/** Does a fetched window contain the shown one without being much longer, so that its points are fine enough? */
 export function covers(fetched, { from, to }, now) {
   const needed = Math.min(to, now);
   return fetched.from <= from && fetched.to >= needed && fetched.to - fetched.from <= 2 * (to - from);
 }
 
-/** How long a following window waits before it is drawn again: a step of about a pixel, 4 times a second at most. */
+/** Interval between two drawings of a following window: a step of about a pixel, at most 4 times a second. */
 export function drawEvery(span) {
   return Math.min(10_000, Math.max(250, span / 1000));
 }
