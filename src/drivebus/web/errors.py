@@ -149,7 +149,7 @@ async def _framework_error(request: Request, error: Exception) -> Response:
 
 
 async def _internal_error(request: Request, error: Exception) -> Response:
-    """Show nothing of the inside; the log has it."""
+    """Answer without internals; they are in the log."""
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
     found = build_error_json("api.unforeseen", "InternalError", {})
     return _response(json.dumps(found, ensure_ascii=False).encode(), 500)

@@ -1,7 +1,7 @@
 """``Route`` and ``RouteTable``: every path of the web process with the access that it requires.
 
-Only an ``AccessRouter`` adds routes to the app, so that none stands there without its access; a path that no table has
-never reaches a handler.
+Only an ``AccessRouter`` adds routes to the app, so that each has its access; a path that is not in the table never
+reaches a handler.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ class Route:
 
     @property
     def yields(self) -> bool:
-        """Whether it waits for its turn on the event loop: queries and requests without a credential. Commands keep the
-        order in which they arrived, so that a stop voids every command sent before it.
+        """Whether it waits for its turn on the event loop: reads, and requests without a credential.
+
+        Commands keep the order in which they arrived, so that a stop voids every command sent before it.
         """
         return self.method in READ_METHODS or self.access is AccessLevel.PUBLIC
 
@@ -71,12 +72,12 @@ class RouteTable:
             raise ValueError("a route is declared twice")
 
     def match(self, path: str) -> list[Route]:
-        """Every method of ``path``; none where there is no such path."""
+        """Return the routes of ``path``, one for each method."""
         return [route for route, pattern in self._patterns if pattern.fullmatch(path)]
 
 
 class AccessRouter:
-    """FastAPI router that takes no route without the access that it requires."""
+    """FastAPI router whose routes all declare the access that they require."""
 
     def __init__(self, prefix: str = "", **options: Any) -> None:
         self.prefix = prefix

@@ -88,8 +88,10 @@ async def test_a_start_with_a_wrong_parameter_is_rejected_and_not_executed(body:
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])
-async def test_a_number_beyond_json_is_rejected_also_under_an_unknown_name(number: str) -> None:
+async def test_a_number_beyond_a_double_is_rejected_also_under_an_unknown_name(number: str) -> None:
+    """RFC 8259, section 6: NaN and Infinity are not JSON, and a number beyond a double has no portable meaning."""
     answer = await ask(FakeService(), "POST", RUN, content=f'{{"anything": {number}}}'.encode())
+    assert answer.status_code == 422
     assert answer.json()["error"]["params"] == {"problem": number}
 
 

@@ -30,7 +30,7 @@ class ErrorResponse(ApiObject):
 
 
 API_TITLE = "drivebus"
-API_VERSION = "1"  # of the API, not of the program: it changes when something promised goes away
+API_VERSION = "1"  # of the API, not of the program: it changes with an incompatible change
 COOKIE_SCHEME, TOKEN_SCHEME, CSRF_SCHEME = "session", "token", "csrf"
 SECURITY_SCHEMES: Json = {
     COOKIE_SCHEME: {
@@ -50,23 +50,23 @@ SECURITY_SCHEMES: Json = {
 STATUS_MEANINGS = {
     401: Text("not logged in, or the session is over", "未登录，或会话已结束"),
     403: Text("no right to do this, or a request from a foreign page", "没有此权限，或请求来自外部页面"),
-    404: Text("nothing of that name", "没有这个名称"),
-    405: Text("another method is needed", "不能用这种方法：请用别的方法"),
+    404: Text("no resource of that name", "没有该名称的资源"),
+    405: Text("the path does not support this method", "该路径不支持此请求方法"),
     408: Text("the body did not arrive within ten seconds", "请求体没有在十秒内到达"),
-    409: Text("not now: the text says what must come first", "现在不行：会说明须先做什么"),
-    413: Text("larger than 1 MiB; than 4 KiB where no right is needed", "超过 1 MiB；不需要权限处超过 4 KiB"),
+    409: Text("not possible now; the text names the condition", "当前不允许；文本中说明所需条件"),
+    413: Text("body larger than 1 MiB, or 4 KiB where no right is needed", "请求体超过 1 MiB；无需权限的路径为 4 KiB"),
     415: Text("not application/json", "不是 application/json"),
     422: Text(
         "wrong parameters, outside a limit, or nothing this drive can do; nothing was sent",
-        "参数错误、超出限值或该变频器做不到；未发送任何东西",
+        "参数错误、超出限值或该变频器不支持；未发送任何指令",
     ),
     429: Text("too many attempts", "尝试次数过多"),
     502: Text("the drive or its bus failed, or the drive rejected it", "变频器或总线出错，或变频器拒绝"),
     503: Text(
         "the service or its audit trail cannot be reached; nothing was started",
-        "无法连接服务或其审计记录；未启动任何东西",
+        "无法连接服务或其审计记录；未执行任何操作",
     ),
-    504: Text("sent, and whether it was done is unknown", "已发送，但不知道是否已执行"),
+    504: Text("sent, but the outcome is unknown", "已发送，结果未知"),
 }
 """Meaning of each error status; all have the shape of ``ErrorResponse``."""
 _UNUSED_SCHEMAS = ("HTTPValidationError", "ValidationError")  # FastAPI's own shape of an error
@@ -115,14 +115,14 @@ def _schema_and_example(schema: Json) -> Json:
 
 
 def _query_schema(schema: Json) -> Json:
-    """A query has no null: an optional parameter is just not required."""
+    """Return a schema without null, which a query cannot express: an optional parameter is not required."""
     options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
     outer = {name: value for name, value in schema.items() if name != "anyOf" and value is not None}
     return outer | (options[0] if options else {})
 
 
 def _request_body(operation: Operation) -> Json:
-    """One JSON object; without required fields it may be left out."""
+    """Return the request body: one JSON object, optional where no field is required."""
     fields = {name: _plain_schema(schema) for name, schema in operation.param_schemas().items()}
     required = operation.required_params()
     schema = {"type": "object", "properties": fields, "required": required, "additionalProperties": False}
@@ -131,7 +131,7 @@ def _request_body(operation: Operation) -> Json:
 
 
 def _plain_schema(schema: Json) -> Json:
-    """Without the titles that pydantic makes from names, and without the examples, which stand beside it."""
+    """Return a schema without pydantic's titles and without examples, which OpenAPI has beside it."""
     return {name: value for name, value in schema.items() if name not in ("title", "examples")}
 
 
@@ -157,7 +157,7 @@ def _error_responses() -> Json:
 
 
 def _security(method: str, *, by_token: bool) -> list[Json]:
-    """A token, or a cookie and, where something may change, the CSRF header of the page."""
+    """Return the accepted credentials: a token, or a cookie with the CSRF header where the method is not GET."""
     cookie: Json = {COOKIE_SCHEME: []} if method == "get" else {COOKIE_SCHEME: [], CSRF_SCHEME: []}
     return [{TOKEN_SCHEME: []}, cookie] if by_token else [cookie, {TOKEN_SCHEME: []}, {}]
 

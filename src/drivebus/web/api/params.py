@@ -35,7 +35,7 @@ def request_params(operation: Operation, request: Request) -> Json:
 
 
 def _query_params(operation: Operation, request: Request) -> Json:
-    """A list for a list parameter and for a name given twice, an integer for an integer parameter, else the text."""
+    """Return a list for a list parameter and a repeated name, an integer for an integer parameter, else the text."""
     query, schemas = request.query_params, operation.param_schemas()
     return {name: _query_value(query.getlist(name), schemas.get(name, {})) for name in query}
 

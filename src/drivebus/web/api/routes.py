@@ -75,7 +75,7 @@ async def _file_parts(
 
 
 def _part_bytes(part: Json) -> bytes:
-    """CSV comes as text, Parquet as base64."""
+    """Decode a part of a file: CSV is text, Parquet is base64."""
     return base64.b64decode(part["base64"]) if "base64" in part else str(part["text"]).encode()
 
 

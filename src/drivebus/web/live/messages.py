@@ -26,7 +26,7 @@ class ClientMessage:
 
 
 def parse_message(text: str) -> ClientMessage:
-    """``{"subscribe": [patterns]}``, ``{"renew": [drives]}`` or both. Raises ValueError."""
+    """Parse ``{"subscribe": [patterns]}``, ``{"renew": [drives]}`` or both. Raises ValueError."""
     if len(text) > MAX_MESSAGE_CHARS:
         raise ValueError("too long")
     try:
@@ -45,7 +45,7 @@ def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:
 
 
 def parse_interval(text: str | None) -> float:
-    """Seconds between two deltas, to a twentieth of a second. Raises ValueError."""
+    """Return the seconds between two deltas, rounded to a twentieth of a second. Raises ValueError."""
     if text is None:
         return DEFAULT_INTERVAL_S
     if not (_NUMBER.fullmatch(text) and MIN_INTERVAL_S <= float(text) <= MAX_INTERVAL_S):
@@ -68,7 +68,7 @@ def _all_matching(wanted: re.Pattern[str], words: Iterable[object]) -> tuple[str
 
 @dataclass(slots=True)
 class MessageRateLimit:
-    """How many messages a client may send: ``burst`` at once, then ``per_s``."""
+    """Rate limit of a client's messages: ``burst`` at once, then ``per_s``."""
 
     per_s: float = 10.0
     burst: float = 30.0
@@ -76,7 +76,7 @@ class MessageRateLimit:
     _at: float = 0.0
 
     def spend(self, now: float) -> bool:
-        """False where there is none left."""
+        """Count one message; returns False beyond the limit."""
         full = self._left < 0.0
         self._left = self.burst if full else min(self.burst, self._left + (now - self._at) * self.per_s)
         self._at = now

@@ -30,7 +30,7 @@ WEBSOCKET_CLOSE_BASE = 4000  # a rejected WebSocket closes with this plus the HT
 
 
 class AuthMiddleware:
-    """ASGI middleware: pass a permitted request on with ``state.credential`` and ``state.body``, deny the others."""
+    """ASGI middleware: forward a permitted request with ``state.credential`` and ``state.body``, deny the others."""
 
     def __init__(
         self, app: ASGIApp, *, auth: AuthService, hosts: HostCheck, denials: DenialLog, routes: RouteTable
@@ -101,15 +101,18 @@ class AuthMiddleware:
         return self.auth.session_credential(secret) if secret else None
 
     def _check_csrf(self, route: Route, headers: Headers, credential: SessionCredential) -> None:
-        """A browser sends a cookie with every request; the header shows that the page of this service made it."""
+        """Raises AccessDenied for a request that the page of this service did not send: a browser adds the cookie to
+        every request, but only the page knows the CSRF token.
+        """
         if route.method == WEBSOCKET and "origin" not in headers:
             raise AccessDenied("auth.foreign_origin")
         if route.method not in READ_METHODS and headers.get(CSRF_HEADER) != credential.session.csrf:
             raise AccessDenied("auth.csrf")
 
     def _check_right(self, route: Route, credential: Credential | None) -> None:
-        """Raises Conflict before the set-up, NotAuthenticated, AccessDenied. An operator whom an administrator of the
-        machine created by hand may stop before the set-up.
+        """Raises Conflict before the set-up, NotAuthenticated, AccessDenied.
+
+        A user added on the command line may stop before the set-up.
         """
         if route.access is AccessLevel.PUBLIC:
             return
@@ -149,8 +152,9 @@ class AuthMiddleware:
 
 
 def session_cookie(headers: Headers) -> str | None:
-    """Return the secret of the session cookie. Cookies are shared with every other port of the host, so the others, and
-    those that cannot be parsed, are skipped.
+    """Return the secret of the session cookie.
+
+    Cookies are shared with every other port of the host, so other and malformed ones are skipped.
     """
     pairs = (pair.partition("=") for line in headers.getlist("cookie") for pair in line.split(";"))
     found = {name.strip(): value.strip() for name, _, value in pairs}

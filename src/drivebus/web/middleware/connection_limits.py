@@ -1,5 +1,6 @@
-"""HTTP connections and WebSockets with limits that uvicorn lacks: slow or endless headers, clients that read nothing,
-and too many connections of one address.
+"""HTTP and WebSocket protocols with limits that uvicorn lacks.
+
+They limit the time and size of headers, the time of an unread response, and the connections of one address.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class _WriteStallTimeout(asyncio.Protocol):
 
 
 class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
-    """HTTP/1.1 with a time and a size for the headers, and a number of connections for each address."""
+    """HTTP/1.1 with limits of the headers' time and size and of the connections of one address."""
 
     _header_timer: asyncio.TimerHandle | None = None
     _header_bytes = 0
@@ -100,7 +101,7 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
 
 
 def _is_local_address(address: str) -> bool:
-    """127.0.0.1 appears as ``::ffff:127.0.0.1`` on a socket that listens on IPv6 too."""
+    """Return whether an address is loopback; 127.0.0.1 may appear as ``::ffff:127.0.0.1`` on an IPv6 socket."""
     found = ipaddress.ip_address(address)
     return (getattr(found, "ipv4_mapped", None) or found).is_loopback
 
@@ -108,7 +109,7 @@ def _is_local_address(address: str) -> bool:
 class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):
     """WebSocket that closes in time although its client reads nothing.
 
-    Data that waits to be sent would hold a mere ``close`` back for ever.
+    Pending data would delay a plain ``close`` without limit.
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:

@@ -18,7 +18,7 @@ _LOCAL_NAMES = frozenset({"localhost"})
 
 
 class HostCheck:
-    """The names and origins under which one service is reached."""
+    """Names and origins of one service."""
 
     def __init__(self, web: WebConfig) -> None:
         self._origins = {origin.rstrip("/").lower() for origin in web.origins}

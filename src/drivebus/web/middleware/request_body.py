@@ -63,7 +63,7 @@ def _check_type(headers: Headers) -> None:
 
 
 def parse_json(body: bytes) -> Any:
-    """Parse one JSON document in UTF-8: no name twice in an object, no NaN, no number beyond a double.
+    """Parse one JSON document in UTF-8 (RFC 8259): no name twice in an object, no NaN, no float beyond a double.
 
     JSON has one kind of number, so 60.0 is the integer 60. Raises MalformedBody.
     """

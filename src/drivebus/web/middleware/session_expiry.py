@@ -34,7 +34,7 @@ async def run_until_credential_ends(
 
 
 class _GuardedConnection:
-    """The connection as the route sees it: after ``close`` it receives a disconnect and sends nothing."""
+    """Connection of the route: after ``close`` it receives a disconnect and sends nothing."""
 
     def __init__(self, receive: Receive, send: Send) -> None:
         self._receive = receive

@@ -1,4 +1,4 @@
-"""Routes of users (administrators only) and of API tokens (one's own; administrators everybody's)."""
+"""Routes of users (administrators only) and of API tokens (one's own; for administrators those of all users)."""
 
 from __future__ import annotations
 
