@@ -57,6 +57,8 @@ async function loginWithCode() {
   await loginOnce(decodeURIComponent(code));
 }
 
+const tryLoginWithCode = () => loginWithCode().catch((error) => { startError.value = error; go("fleet"); });
+
 async function connectToServer() {
   for (;;) {
     try {
@@ -89,7 +91,8 @@ effect(() => {
 await loadLanguage(language.peek());
 render(html`<${App} />`, document.getElementById("page"));
 await connectToServer();
-await loginWithCode().catch((error) => { startError.value = error; go("fleet"); });
+await tryLoginWithCode();
+addEventListener("hashchange", tryLoginWithCode); // an address with a code may be pasted into the open page
 start();
 watchActivity();
 loadSignalNames();

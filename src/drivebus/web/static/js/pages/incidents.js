@@ -47,7 +47,7 @@ function Trip({ found }) {
   const fault = found.view?.fault;
   const texts = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
   return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
-    ${fault && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
+    ${fault && !localized(found.text).includes(localized(fault.text)) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
     ${texts.map(([name, text]) => html`<p key=${name}>
       <b>${t(`page.fault_${name}`)}</b>${t("page.colon")}${localized(text)}</p>`)}<//>`;
 }

@@ -5,6 +5,8 @@ import { BAD } from "./columns.js";
 /** Each kind has its own shape, never only a colour. */
 const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
 const STRIP_PX = 4;
+/** Width of a marker's number with its distance; nearer to the right edge it is on the marker's left. */
+const COUNT_PX = 24;
 
 export function drawEvents(plot, { markers, strips }, colours) {
   const { ctx } = plot;
@@ -49,10 +51,11 @@ function drawMarker(plot, { x, markers }, colours, ratio) {
   ctx.lineWidth = 2 * ratio;
   SHAPES[kind](ctx, x, top + 7 * ratio, 4.5 * ratio);
   if (markers.length > 1) {
+    const isAtEdge = x > plot.bbox.left + plot.bbox.width - COUNT_PX * ratio;
     ctx.font = `${11 * ratio}px ${colours.font}`;
-    ctx.textAlign = "left";
+    ctx.textAlign = isAtEdge ? "right" : "left";
     ctx.textBaseline = "middle";
-    ctx.fillText(String(markers.length), x + 7 * ratio, top + 7 * ratio);
+    ctx.fillText(String(markers.length), x + (isAtEdge ? -7 : 7) * ratio, top + 7 * ratio);
   }
 }
 
