@@ -45,6 +45,16 @@ def test_a_login_code_in_the_address_works_once(stage: Stage, visit: Any) -> Non
     assert code not in again.url
 
 
+def test_a_login_code_pasted_into_the_open_page_logs_in(stage: Stage, visit: Any) -> None:
+    """Only the hash of the address changes, so the browser does not load the page again."""
+    page = visit("#/fleet", role=None)
+    page.locator("input[name=password]").wait_for()
+    code = stage.do(lambda: stage.access.issue_code("operator", 60.0))
+    page.evaluate("code => { location.hash = `#login=${code}`; }", code)
+    page.locator(".line.live").wait_for()
+    assert code not in page.url and page.locator(".user").inner_text() == "operator"
+
+
 def test_a_wrong_password_shows_an_error_and_no_data(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet", role=None)
     page.fill("input[name=name]", "operator")
