@@ -142,3 +142,10 @@ def test_every_name_that_an_example_uses_is_public() -> None:
     modules = {"drivebus": drivebus, "blocking": import_module("drivebus.blocking")}
     assert len(used) > 4
     assert [(module, name) for module, name in used if name not in modules[module].__all__] == []
+
+
+def test_the_table_of_renames_names_the_same_things_in_both_languages() -> None:
+    pages = ((ROOT / name).read_text(encoding="utf-8").splitlines() for name in ("CHANGELOG.md", "CHANGELOG.zh.md"))
+    english, chinese = ([set(re.findall("`[^`]+`", line)) for line in page if line.startswith("| ")] for page in pages)
+    assert len(english) > 40
+    assert english == chinese
