@@ -93,11 +93,11 @@ class Bus:
         self.call(self.bus.inhibit_start, addresses)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
-        """Reset the start inhibit: motion is allowed again, nothing starts by itself."""
+        """Reset the start inhibit: motion is permitted again, and no motor starts by itself."""
         self.call(self.bus.release_start, addresses)
 
     def start_inhibited(self, address: int) -> bool:
-        """Return whether a start inhibit holds this station. Raises KeyError."""
+        """Return whether a start inhibit applies to this station. Raises KeyError."""
         return bool(self.call(self.bus.start_inhibited, address))
 
     def close(self) -> None:

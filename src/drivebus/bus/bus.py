@@ -31,7 +31,7 @@ MIN_READER_PAUSE_S = 0.001  # pausing the reader costs a system call, so it must
 
 
 class PollSubscription:
-    """The polls that one ``Bus.start_polling`` has started."""
+    """Subscription to the polls of one ``Bus.start_polling``."""
 
     __slots__ = ("_stop", "on_result")
 
@@ -64,7 +64,7 @@ class Bus:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._timer: timers.BusTimer | None = None
         self._timer_at: float | None = None
-        """The time set by the core."""
+        """Time set by the core."""
         self._pending_commands: deque[CoreCommand] = deque()
         self._performing = False
         self._trace_sinks: list[Callable[[TraceEvent], None]] = []
@@ -123,12 +123,12 @@ class Bus:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is there now. A lost port is opened again automatically."""
+        """Whether the port is open now. A lost port is opened again automatically."""
         return self.core.is_open
 
     @property
     def is_closed(self) -> bool:
-        """Not opened yet, or closed by ``close``: nothing is opened again automatically."""
+        """Whether the bus was not opened yet, or closed by ``close``; then no port is opened automatically."""
         return self._loop is None
 
     @property
@@ -138,7 +138,7 @@ class Bus:
 
     @property
     def overdue_s(self) -> float:
-        """Seconds since which a timer is due that has not been served: more than moments mean that this loop hangs."""
+        """Seconds by which the timer of the bus is overdue; more than a moment means that the event loop hangs."""
         return 0.0 if self._timer_at is None else max(0.0, self.now() - self._timer_at)
 
     def now(self) -> float:
@@ -175,15 +175,15 @@ class Bus:
         return self.core.stations[address].stop_epoch
 
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
-        """Let no frame that may move a motor leave for these stations (None: all) until ``release_start``."""
+        """Reject every frame that may move a motor of these stations (None: all) until ``release_start``."""
         self.core.set_start_inhibit(addresses, True)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
-        """Reset the start inhibit: motion is allowed again, nothing starts by itself."""
+        """Reset the start inhibit: motion is permitted again, and no motor starts by itself."""
         self.core.set_start_inhibit(addresses, False)
 
     def start_inhibited(self, address: int) -> bool:
-        """Return whether a start inhibit holds this station. Raises KeyError."""
+        """Return whether a start inhibit applies to this station. Raises KeyError."""
         return self.core.stations[address].start_inhibited
 
     # --- traffic -------------------------------------------------------------------------------------------------
@@ -222,7 +222,7 @@ class Bus:
         return self.core.statistics(self.now())
 
     def trace(self, sink: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Hand every frame on the wire to ``sink``; return the function that ends it."""
+        """Pass every frame on the wire to ``sink``; return the function that ends it."""
         self._trace_sinks.append(sink)
         self.core.tracing = True
         return lambda: self._untrace(sink)
@@ -235,12 +235,12 @@ class Bus:
     # --- port ----------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes, line_errors: int = 0) -> None:
-        """Receiver of the port: bytes came."""
+        """Handle received bytes."""
         assert self._clock is not None
         self._perform(self.core.on_data(data, self._clock(), line_errors))
 
     def port_lost(self, error: PortLost) -> None:
-        """Receiver of the port: it is gone. Pending requests fail; opening it again begins at once."""
+        """Handle the loss of the port: pending requests fail, and opening it again begins at once."""
         if self._loop is None or not self.core.is_open:
             return
         assert self._clock is not None
@@ -249,9 +249,9 @@ class Bus:
             self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
 
     async def _reopen(self) -> None:
-        """Try to open the port until it is open and stays so through its first frame."""
+        """Try to open the port until it is open and not lost by its first frame."""
         while True:
-            await self._close_port()  # what is left of the old opening
+            await self._close_port()  # the rest of the earlier opening
             try:
                 await self.port.open(self)
             except DrivebusError:  # not there yet, or in use: the next ``open`` of a user reports why
@@ -279,7 +279,7 @@ class Bus:
     # --- time ----------------------------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
-        """Timer callback: first read what the port still holds, so that no byte in the kernel is missed."""
+        """Handle the timer after reading the bytes that the kernel still holds."""
         assert self._clock is not None
         if self._pausable_port is not None:
             self._resume_reading_at = inf

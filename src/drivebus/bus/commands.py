@@ -25,7 +25,7 @@ class SetTimer:
 
 @dataclass(slots=True)
 class DeliverResult:
-    """Hand over the result of the request that was submitted, or is polled, under ``token``."""
+    """Deliver the result of the request that was submitted, or is polled, under ``token``."""
 
     token: Any
     result: BusResult
@@ -33,7 +33,7 @@ class DeliverResult:
 
 @dataclass(slots=True)
 class EmitTrace:
-    """Report bytes on the wire; only made while tracing is on."""
+    """Report bytes on the wire, while tracing is on."""
 
     event: TraceEvent
 

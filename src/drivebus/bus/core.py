@@ -17,30 +17,30 @@ Safety argument
 Which code decides that a frame may be sent:
 
 1. Frames leave only in ``_send``, which only ``_send_next`` calls, with no transaction open.
-2. ``_send_next`` calls it only after the gap of silence. A stop alone does not wait longer than its silence timeout.
+2. ``_send_next`` calls it only after the gap of silence. Only a stop is sent without it, after its silence timeout.
 3. The frame is the one that ``Scheduler.next`` chose at this very ``now``. It returns stops, sync probes, and requests
    that it has just checked for expiry and by ``PreparedRequest.permit_error``: a write needs a permit for this station
-   and this effect, not expired and of the current stop epoch, and motion none of a start inhibit.
-4. Effect and addressed station come from the encoded bytes (``_prepare``), not from what the caller says of them.
+   and this effect, not expired and of the current stop epoch, and a start inhibit rejects every motion.
+4. Effect and addressed station are decoded from the encoded bytes (``_prepare``), not taken from the caller.
 5. A stop needs no permit. ``submit`` queues it at once; it removes the commands that it overtakes and raises the stop
    epoch, which voids every permit granted before.
 
 Which code decides that a reply is accepted:
 
-6. ``Transaction`` takes only a whole frame that the codec decodes as the reply to the one open request, followed by
-   the gap of silence, without a line error, outside our own frame and its echo.
+6. ``Transaction`` takes only a complete frame that the codec decodes as the reply to the one open request, without a
+   line error, received after the last bit of our own frame and apart from its echo, and followed by the gap of silence.
 7. ``_reject_reason`` then rejects a reply that may be our own echo, and any reply of a suspect station except to a
    sync probe. ``_accept_reply`` is the only place where a reply becomes a result.
 
 Why no late reply can be credited to another request:
 
 8. Every failed transaction whose reply may still come makes its station suspect before the next frame is chosen
-   (``_handle_failure``), and so does the loss of the port. Only a reply that has come damaged, a reply's worth of bytes
-   with no other reply due on the bus, leaves the station as it is.
-9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the longest
-   lateness of its family.
-10. Its sync probe must be answered by a reply that no unanswered request of the last ``MAX_REPLY_LATENESS_S`` could
-    have (``_matches_older_request``). Then no older reply can be on its way.
+   (``_handle_failure``), and so does the loss of the port. The only exception is a damaged reply: exactly as many bytes
+   as the reply, with a checksum, character or line error, while no late reply is due on the bus. Then it has come.
+9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
+   reply lateness of its family.
+10. The reply to its sync probe must not match any unanswered request of the last ``MAX_REPLY_LATENESS_S``
+    (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ from drivebus.serial_settings import SerialSettings
 
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
 MAX_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this
-SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station owes so many late replies
+SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence: longer than any frame of these families
 SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
 TIMER_FIRED = -1.0  # value of ``_timer_at`` that makes the next SetTimer be issued even if it is None again
@@ -103,7 +103,7 @@ class SilenceTimeout:
         return now >= self.deadline(prepared, now)
 
     def deadline(self, prepared: PreparedRequest, now: float) -> float:
-        """Return when this frame waits no longer; the first call starts counting."""
+        """Return the time at which this frame stops waiting; the first call starts counting."""
         if self._started_at is None:
             self._started_at = now
         stop_s = prepared.gap_s + self._settings.seconds(STOP_SILENCE_TIMEOUT_CHARACTERS)
@@ -129,21 +129,21 @@ class BusCore:
         self.tracing = False
         self.is_open = False
         self.first_opened_at: float | None = None
-        """Counters count from here, through every replug."""
+        """Start of all counters; a replug does not reset it."""
         self.opened_at = 0.0
-        """Recent shares of bus time look back no further."""
+        """Last opening: start of the recent shares of bus time."""
         self.stations: dict[int, Station] = {}
         self.removed_stations: dict[int, Station] = {}
-        """A station that is registered again inherits from these what forbids motion."""
+        """Removed stations; one that is registered again inherits its stop epoch and start inhibit from here."""
         self.all_starts_inhibited = False
         self.scheduler = Scheduler(settings)
         self.unsolicited = UnsolicitedBytes()
         self.echo = EchoDetector(echo)
         self.counters = Counters()
-        """What belongs to no station."""
+        """Counters of events that belong to no station."""
         self.activity = RecentActivity()
         self.transaction: Transaction | None = None
-        """The one request outstanding."""
+        """The open transaction, at most one."""
         self.character_s = settings.character_s
         self._allow_mixed = allow_mixed
         self._silence_timeout = SilenceTimeout(settings)
@@ -191,7 +191,7 @@ class BusCore:
         return Presence.OFFLINE if found is Presence.ONLINE and not self.is_open else found
 
     def health(self, address: int, now: float) -> StationHealth:
-        """Return how far a station can be trusted. Raises KeyError for an address that is not registered."""
+        """Return presence, error rates and suspicions of a station. Raises KeyError: address not registered."""
         station = self.stations[address]
         failed, damaged, damage_rate = station.counters.error_window.rates(now)
         return StationHealth(
@@ -270,7 +270,8 @@ class BusCore:
         station = self.stations.get(bus_request.station)
         if station is None:
             sender = next(
-                (one for one in self.stations.values() if one.codec.broadcast_address == bus_request.station), None
+                (other for other in self.stations.values() if other.codec.broadcast_address == bus_request.station),
+                None,
             )
             if sender is None:
                 return NotPermitted("bus.unregistered", station=bus_request.station)
@@ -315,7 +316,7 @@ class BusCore:
     # --- events --------------------------------------------------------------------------------------------------
 
     def on_port_open(self, now: float) -> list[CoreCommand]:
-        """The port is open (again). No older request is sent again."""
+        """Handle the opening of the port. No older request is sent again."""
         self.is_open = True
         self.opened_at = now
         self.first_opened_at = now if self.first_opened_at is None else self.first_opened_at
@@ -327,7 +328,7 @@ class BusCore:
         return self._advance(now)
 
     def on_port_lost(self, error: PortLost, now: float) -> list[CoreCommand]:
-        """The port is gone: pending requests fail, permits are void, every station needs a sync probe."""
+        """Handle the loss of the port: fail pending requests, void permits, require a sync probe of every station."""
         self.is_open = False
         transaction, self.transaction = self.transaction, None
         if transaction is not None:
@@ -342,7 +343,7 @@ class BusCore:
         return self._advance(now)
 
     def on_data(self, data: bytes, now: float, line_errors: int = 0) -> list[CoreCommand]:
-        """Bytes were received, ``line_errors`` of them with a parity or framing error."""
+        """Handle received bytes, ``line_errors`` of them with a parity or framing error."""
         self.counters.bytes_received += len(data)
         transaction = self.transaction
         if line_errors:
@@ -365,7 +366,7 @@ class BusCore:
         return self._advance(now)
 
     def on_timer(self, now: float) -> list[CoreCommand]:
-        """The time set by the last SetTimer has come."""
+        """Handle the time set by the last SetTimer."""
         self._timer_at = TIMER_FIRED
         return self._advance(now)
 
@@ -387,7 +388,7 @@ class BusCore:
         return commands
 
     def _send_next(self, now: float) -> None:
-        """Choose a frame, wait for the gap, send. Each wake-up chooses again, so a stop always comes first."""
+        """Choose a frame, wait for the gap, send. Each wake-up chooses again, so a stop is always sent first."""
         prepared = self.scheduler.next(now)
         while self.scheduler.rejected:
             rejected, error = self.scheduler.rejected.pop(0)
@@ -450,7 +451,7 @@ class BusCore:
         self._set_timer(transaction.ends_at)
 
     def _fail_unsent(self, prepared: PreparedRequest, error: Exception, now: float) -> None:
-        """Fail a frame because the bus does not fall silent; the next one gets its turn."""
+        """Fail a frame because the bus is never silent; the next frame has its turn."""
         self.scheduler.on_sent(prepared, now)
         self._silence_timeout.reset()
         self.counters.count_event("no_silence")
@@ -596,18 +597,18 @@ class BusCore:
         return all(now - station.suspect_since > MAX_REPLY_LATENESS_S for station in self.stations.values())
 
     def _remember_unanswered(self, transaction: Transaction, now: float) -> None:
-        """Note that the true reply may still come, also where another frame was taken for it and rejected."""
+        """Record that the reply may still come, also where another frame was received and rejected in its place."""
         station = transaction.prepared.station
         pending = [entry for entry in station.unanswered_requests if entry[0] > now]
         station.unanswered_requests = [*pending, (now + MAX_REPLY_LATENESS_S, transaction.prepared.request)]
 
     def _mark_suspect(self, station: Station, now: float) -> None:
-        """A late reply may be on its way: quarantine the station, then send it a sync probe."""
+        """Quarantine a station whose late reply may be on its way, and schedule its sync probe."""
         station.mark_suspect(now)
         self.scheduler.mark_suspect(station)
 
     def _mark_online(self, station: Station, now: float, *, verified: bool) -> None:
-        """A sync probe was answered: replies are current again."""
+        """End the quarantine of a station that has answered its sync probe."""
         station.mark_online(verified=verified)
         self.scheduler.mark_trusted(station, now)
 
@@ -692,7 +693,7 @@ class BusCore:
             data = data[frame.size :]
 
     def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:
-        """Count the bytes of a transaction that were no part of its reply."""
+        """Count the bytes of a transaction that do not belong to its reply."""
         early = transaction.bytes_before_tx_end
         if early:
             self.counters.count_event(TraceKind.BEFORE_TX_END.value, len(early))
@@ -702,7 +703,7 @@ class BusCore:
             self._record_foreign_frame(data, error, now)
 
     def _record_foreign_frame(self, data: bytes, error: AddressError, now: float) -> None:
-        """Count a whole frame of another station: late where one is due, else the reply to a foreign master."""
+        """Count a complete frame of another station: late where a reply is due, else the reply to a foreign master."""
         station = self.stations.get(error.found) if isinstance(error.found, int) else None
         late = station is not None and station.state.is_suspect
         if station is None:
@@ -711,7 +712,7 @@ class BusCore:
         self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, now, now)
 
     def _detect_foreign_request(self, transaction: Transaction, now: float) -> None:
-        """Count a request of another master that came in place of a reply; our own frame is none."""
+        """Count a request of another master that was received in place of a reply; our own frame is excluded."""
         data, prepared = bytes(transaction.buffer), transaction.prepared
         if not data or data == prepared.data:
             return

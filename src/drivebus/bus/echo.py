@@ -1,9 +1,9 @@
 """Detection of adapters that echo our own frames.
 
-``on`` and ``off`` are the user's settings. ``detect`` observes the first frame after opening whose reply can't look
-like itself: if the frame comes back first, the adapter echoes; if its reply comes alone, it does not; silence and
-debris decide nothing. No frame is sent for that purpose. A later frame that contradicts the finding changes it, also
-one that is received once more after it had passed for its own mirrored reply.
+``on`` and ``off`` are the user's settings. ``detect`` observes the first frame after opening whose reply cannot equal
+it: if the frame is received before the reply, the adapter echoes; if the reply is received alone, it does not; silence
+and fragments decide nothing. No frame is sent for that purpose. A later contradiction changes the result, also a frame
+that is received once more after it was taken for its own mirrored reply.
 
 Some replies equal their request (FC06, FC08, and a C320 class 3 request whose checksum is its own). A wrong setting
 can't forge such an acknowledgement:
@@ -37,7 +37,7 @@ class EchoState(Enum):
 
 
 class EchoDetector:
-    """Finds out for one port whether it echoes, and whether a reply that equals its request may be accepted."""
+    """Detector for one port: whether it echoes, and whether a reply that equals its request may be accepted."""
 
     __slots__ = ("_mirrored_frame", "_missing_echoes", "autodetect", "echo_count", "ruled_out", "state")
 
@@ -45,14 +45,14 @@ class EchoDetector:
         self.autodetect = setting == "detect"
         self.state = EchoState.UNKNOWN if self.autodetect else EchoState(setting)
         self.ruled_out = False
-        """A reply unlike its request came with no echo before it: there is none on this port."""
+        """Whether a reply unlike its request was received without an echo before it: this port has no echo."""
         self.echo_count = 0
         self._missing_echoes = 0
         self._mirrored_frame = b""
-        """The last frame that came back whole and was not accepted as a reply."""
+        """Last frame that was received again completely and not accepted as a reply."""
 
     def reset(self) -> None:
-        """Forget all findings: another adapter may be in its place now."""
+        """Reset the detection, because the adapter may be another one now."""
         self.ruled_out = False
         self._missing_echoes, self._mirrored_frame = 0, b""
         if self.autodetect:
@@ -82,7 +82,7 @@ class EchoDetector:
             self.state, self.ruled_out = EchoState.ON, False
 
     def accepts(self, transaction: Transaction) -> bool:
-        """Return whether this whole reply can't be our own frame; a reply unlike its request rules the echo out."""
+        """Return whether this complete reply is not our own frame; a reply unlike its request rules the echo out."""
         used = transaction.echo
         if used is not None and used.is_complete and used.sent:
             return True
@@ -93,7 +93,7 @@ class EchoDetector:
         return self.ruled_out
 
     def note_repeat(self, data: bytes) -> None:
-        """Note an unsolicited frame: a repeat of the last mirrored frame shows that the first one was our echo."""
+        """Check an unsolicited frame: a repeat of the last mirrored frame proves that the first one was our echo."""
         if data and data == self._mirrored_frame:
             self.state, self._mirrored_frame = EchoState.ON, b""
 

@@ -1,4 +1,4 @@
-"""Estimate of the bus load: what a set of polls costs before it is started."""
+"""Estimate of the load of a bus by a set of polls, before they are started."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class DriveLoad:
     """Estimate for one drive, in seconds."""
 
     refresh_s: float
-    """Between two replies to its slowest poll in the long run, every station replying at its limit; a single reply may
-    come a cycle later."""
+    """Mean time between two replies to its slowest poll, every station replying at its limit; a single reply may be a
+    cycle later."""
     stop_bound_s: float
     """Longest time from the request of a stop to its last bit on the wire, whether the other stations reply or not."""
 
@@ -29,7 +29,7 @@ class BusLoad:
     load_percent: float
     """Bus time that the polls need if every station replies at its limit; above 100 the periods stretch."""
     cycle_s: float
-    """Every poll once, back to back, every station at its limit."""
+    """Time to send every poll once without a pause, every station replying at its limit."""
     drives: Mapping[int, DriveLoad]
 
 

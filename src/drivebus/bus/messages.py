@@ -12,10 +12,10 @@ from drivebus.serial_settings import StationTiming
 
 
 class RetryPolicy(Enum):
-    """How often a frame may be sent."""
+    """Policy for sending a frame again."""
 
     READ = "read"
-    """Harmless: retried once."""
+    """Read: retried once."""
     IDEMPOTENT = "idempotent"
     """Absolute value (setpoint, stop): resent at most twice while not expired."""
     EDGE_TRIGGERED = "edge_triggered"
@@ -71,7 +71,7 @@ class BusRequest:
     expires_at: float | None = None
     """Not sent after this monotonic second."""
     tag: Any = None
-    """Carried through unchanged."""
+    """Value of the caller, returned unchanged."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -92,7 +92,7 @@ class BusResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationConfig:
-    """All that the bus needs to know of one station; made by a dialect."""
+    """Configuration of one station for the bus; created by a dialect."""
 
     address: int
     codec: Codec
@@ -100,10 +100,10 @@ class StationConfig:
     effect_of: Callable[[bytes], Effect]
     """Effect of an encoded request, from its bytes and the drive's profile."""
     sync_request: Callable[[int], Any]
-    """n → a harmless request whose reply can't be mistaken for any other recent one; n counts up."""
+    """n → a harmless request whose reply differs from every other recent one; n counts up."""
     label: str = ""
     stop_request: Any = None
-    """The stop frame of this drive; None: about as long as a sync request."""
+    """Stop frame of this drive; None: about as long as a sync request."""
     longest_requests: Sequence[Any] = ()
     """Requests outside the polls for which a stop may have to wait."""
     sample_requests: Sequence[Any] = ()

@@ -29,11 +29,11 @@ from drivebus.serial_settings import SerialSettings
 
 MIN_PROBE_INTERVAL_S = 1.0  # first pause between sync probes to a station that does not reply; doubles each time
 MAX_PROBE_INTERVAL_S = 55.0  # with the wait for its turn on the slowest bus a returning drive is found within 60 s
-DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address show a second reply at each read
+DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address send a second reply to each read
 DUPLICATE_WINDOW_S = 600.0  # a second reply is forgotten after ten minutes
 MAX_DUPLICATE_WAIT_S = 0.25  # a quarter of the time that a frame waits for silence
 PROBE_BUS_SHARE = 0.1  # share of the bus time that sync probes to all offline stations together may use
-ENCODE_CACHE_SIZE = 512  # encoded reads kept of each station: a bus repeats the same requests
+ENCODE_CACHE_SIZE = 512  # encoded reads cached for each station: a bus repeats the same requests
 
 
 class Presence(StrEnum):
@@ -48,9 +48,9 @@ class StationState(Enum):
     """State of a station; the transitions are drawn at the top of this module."""
 
     NEVER_SEEN = Presence.NEVER_SEEN, "trusted"
-    """Never replied, nothing outstanding: may be addressed."""
+    """Never replied, no late reply possible: may be addressed."""
     NEVER_SEEN_SUSPECT = Presence.NEVER_SEEN, "suspect"
-    """Never replied correctly; what came was no valid reply."""
+    """Never replied correctly, but invalid bytes or bytes of unknown origin were received."""
     ABSENT = Presence.NEVER_SEEN, "no contact"
     """Never replied, probed at growing intervals."""
     ONLINE = Presence.ONLINE, "trusted"
@@ -63,9 +63,9 @@ class StationState(Enum):
     def __init__(self, presence: Presence, trust: str) -> None:
         self.presence = presence
         self.is_suspect = trust != "trusted"
-        """A late reply may be on its way: no reply counts but that of a sync probe."""
+        """Whether a late reply may be on its way: then only the reply to a sync probe is accepted."""
         self.is_unreachable = trust == "no contact"
-        """Probed at growing intervals, within the share of the bus that offline stations get."""
+        """Whether it is probed at growing intervals, within the bus share of offline stations."""
 
 
 class StationEvent(Enum):
@@ -76,7 +76,7 @@ class StationEvent(Enum):
     SYNC_CONFIRMED = "sync confirmed"
     """A sync probe was answered with its own, distinguishable reply."""
     SYNC_UNVERIFIED = "sync unverified"
-    """A sync probe was answered, but the bytes may be our own echo: the station may be addressed again, no more."""
+    """A sync probe was answered, but the bytes may be our own echo: the station may only be addressed again."""
     SUSPICION = "suspicion"
     """A late reply may be on its way."""
     NO_CONTACT = "no contact"
@@ -109,7 +109,7 @@ TRANSITIONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationHealth:
-    """How far a station and its bus can be trusted now. ``last_reply_at`` is monotonic seconds."""
+    """Health of a station and its bus. ``last_reply_at`` is monotonic seconds."""
 
     presence: Presence
     suspect: bool
@@ -117,19 +117,19 @@ class StationHealth:
     foreign_master: bool
     """Another master sends requests on this bus."""
     duplicate_address: bool
-    """Two drives seem to answer to this address."""
+    """Two drives seem to reply at this address."""
     error_rate: float
     """Share of the last 5 minutes' transactions with this station that failed, 0 to 1."""
     damaged: int
     """Transactions of the last 5 minutes whose reply was damaged."""
     damage_rate: float
-    """Their share, 0 to 1."""
+    """Share of damaged transactions, 0 to 1."""
     last_reply_at: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedRequest:
-    """A request as bytes, and what its transaction takes."""
+    """Encoded request, with the sizes and times of its transaction."""
 
     data: bytes
     effect: Effect
@@ -137,7 +137,7 @@ class EncodedRequest:
     """Bytes of the normal reply, 0 for a broadcast."""
     send_s: float
     reply_timeout_s: float
-    """From our last bit to the end of the longest permitted reply; after a broadcast the turnaround delay."""
+    """Time from our last bit to the end of the longest permitted reply; after a broadcast the turnaround delay."""
     cacheable: bool
     """A read addressed to this very station: it needs no further check."""
 
@@ -188,18 +188,18 @@ class Station:
         self.unanswered_requests: list[tuple[float, Any]] = []
         """Requests without a trusted reply, each with the time until which its reply may still come."""
         self.last_request: Any = None
-        """The request sent last: an unsolicited frame may be its reply."""
+        """Last sent request; an unsolicited frame may be its reply."""
         self.last_request_answered = False
-        """At least a reply's worth of bytes followed the last request, trusted or not."""
+        """Whether at least as many bytes as its reply has followed the last request, trusted or not."""
         self.last_request_sent_at = 0.0
-        """When its last bit was on the wire."""
+        """Time of its last bit on the wire."""
         self.last_reply_at: float | None = None
         self.duplicate_reply_times: list[float] = []
         self.counters = Counters()
         self.encode_cache: dict[Any, EncodedRequest] = {}
 
     def inherit(self, removed: Station) -> None:
-        """Take over what forbids motion from the station that had this address before."""
+        """Inherit stop epoch, start inhibit, second replies and error rates of the removed station."""
         self.stop_epoch, self.start_inhibited = removed.stop_epoch, removed.start_inhibited
         self.duplicate_reply_times = removed.duplicate_reply_times
         self.counters.error_window = removed.counters.error_window
@@ -210,7 +210,7 @@ class Station:
         self.state = TRANSITIONS.get((self.state, event), self.state)
 
     def mark_replied(self) -> None:
-        """Note a trusted reply to a data request."""
+        """Change the state after a trusted reply to a data request."""
         self._change(StationEvent.REPLY)
 
     def mark_suspect(self, now: float) -> None:
@@ -233,7 +233,7 @@ class Station:
             self.probe_backoff_s = 0.0
 
     def sync_due_at(self, budget_at: float) -> float:
-        """Return when a sync probe may be sent without a request waiting for it."""
+        """Return the time at which a sync probe may be sent without a request that waits for it."""
         if self.state.is_unreachable:
             return max(self.next_probe_at, budget_at, self.quarantined_until)
         return self.quarantined_until
@@ -241,18 +241,18 @@ class Station:
     # --- two drives at one address -------------------------------------------------------------------------------
 
     def record_duplicate_reply(self, now: float) -> None:
-        """Note a second reply to one request; the list is shared with a station that inherits this address."""
+        """Record a second reply to one request; the list is shared with a station that inherits this address."""
         self.duplicate_reply_times[:] = [*self.duplicate_reply_times[1 - DUPLICATE_REPLIES_REQUIRED :], now]
 
     def has_duplicate_address(self, now: float, replies_required: int = DUPLICATE_REPLIES_REQUIRED) -> bool:
-        """Return whether two drives seem to answer to this address."""
+        """Return whether two drives seem to reply at this address."""
         recent = [at for at in self.duplicate_reply_times if now - at <= DUPLICATE_WINDOW_S]
         return len(recent) >= replies_required
 
     def next_allowed_at(self, now: float) -> float:
-        """Return when a station that has replied twice may be addressed again.
+        """Return the time at which a station that has replied twice may be addressed again.
 
-        Its second reply must have had its time, or it would be taken for the reply to the next request.
+        A second reply must have had its time, or it would be taken for the reply to the next request.
         """
         if now - self.duplicate_reply_times[-1] > DUPLICATE_WINDOW_S:
             return 0.0
@@ -300,7 +300,7 @@ class Station:
 
 
 class ProbeBudget:
-    """Limits the bus time that sync probes to offline stations take."""
+    """Budget of bus time for sync probes to offline stations."""
 
     __slots__ = ("allowed_at",)
 
@@ -308,5 +308,5 @@ class ProbeBudget:
         self.allowed_at = 0.0
 
     def spend(self, cost_s: float, now: float) -> None:
-        """Charge a probe that took ``cost_s`` of bus time up to ``now``: nine times that goes to other frames first."""
+        """Charge a probe of ``cost_s`` of bus time up to ``now``; then other frames get nine times as much."""
         self.allowed_at = now + cost_s * (1.0 / PROBE_BUS_SHARE - 1.0)

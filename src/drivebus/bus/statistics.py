@@ -35,7 +35,7 @@ class ErrorWindow:
         self._current[result] += 1
 
     def _advance(self, now: float) -> None:
-        """Begin a slice. It begins with the first event after the last one's end; the time between is empty slices."""
+        """Begin a slice at the first event after the end of the last slice, with empty slices for the time between."""
         slice_s = ERROR_WINDOW_S / ERROR_WINDOW_SLICES
         missed = int(min(float(ERROR_WINDOW_SLICES), (now - self._ends_at) / slice_s))
         self._slices.extend([0, 0, 0] for _ in range(1 + missed))
@@ -63,7 +63,7 @@ def _rates(totals: tuple[int, int, int]) -> tuple[float, float]:
 
 
 class Counters:
-    """Counters of one station. A bus has one of its own for what belongs to no station."""
+    """Counters of one station, or of the events of a bus that belong to no station."""
 
     __slots__ = (
         "bytes_received",
@@ -120,19 +120,19 @@ class StationStatistics:
     errors: Mapping[str, int] = field(default_factory=dict)
     """Failures by error class."""
     counters: Mapping[str, int] = field(default_factory=dict)
-    """Frames: foreign, late, duplicate, unsolicited, foreign_request, echo, collision, retry. Bytes: before_tx_end,
-    line_errors."""
+    """Frames: foreign, late, duplicate, unsolicited, foreign_request, echo, collision, retry, no_silence. Bytes:
+    before_tx_end, line_errors."""
     damaged: int = 0
     """Transactions of the last 5 minutes whose reply was damaged: a measure of the bit errors that no check detects.
     A missing reply does not count."""
     damage_rate: float = 0.0
-    """Their share of the transactions, 0 to 1."""
+    """Share of damaged transactions, 0 to 1."""
     load_percent: float = 0.0
     """Share of the last minute in which bytes were on the wire, in either direction."""
     occupied_percent: float = 0.0
     """Share of the last minute in which the bus could take no other frame (frames, waits, gaps)."""
     transactions_per_s: float = 0.0
-    """In the same minute for all stations, so that the stations of a bus add up to it."""
+    """Transactions of the last minute per second; those of the stations add up to that of the bus."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,17 +220,17 @@ def bus_snapshot(
     queued: int,
     echoes: int,
 ) -> BusStatistics:
-    """Return the statistics of a bus. ``counters``: what belongs to no registered station."""
+    """Return the statistics of a bus. ``counters``: those of events without a registered station."""
     shares = activity.shares(now, opened_at)
     all_counters = [counters, *stations.values()]
-    totals = zip(*(one.error_window.totals(now) for one in all_counters), strict=True)
+    totals = zip(*(item.error_window.totals(now) for item in all_counters), strict=True)
     good, unanswered, damaged = (sum(counts) for counts in totals)
     failed, damage_rate = _rates((good, unanswered, damaged))
-    p50, p95, p99 = percentiles(sorted(reply_s for one in all_counters for reply_s in one.reply_times_s))
+    p50, p95, p99 = percentiles(sorted(reply_s for item in all_counters for reply_s in item.reply_times_s))
     return BusStatistics(
-        transactions=sum(one.transactions for one in all_counters),
-        replies=sum(one.replies for one in all_counters),
-        bytes_sent=sum(one.bytes_sent for one in all_counters),
+        transactions=sum(item.transactions for item in all_counters),
+        replies=sum(item.replies for item in all_counters),
+        bytes_sent=sum(item.bytes_sent for item in all_counters),
         bytes_received=counters.bytes_received,
         reply_p50_s=p50,
         reply_p95_s=p95,
@@ -244,7 +244,8 @@ def bus_snapshot(
         elapsed_s=now - first_opened_at,
         queued=queued,
         stations={
-            address: station_snapshot(one, shares.get(one, BusShare()), now) for address, one in stations.items()
+            address: station_snapshot(station, shares.get(station, BusShare()), now)
+            for address, station in stations.items()
         },
         **shares.get(None, BusShare())._asdict(),
     )

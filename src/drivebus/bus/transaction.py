@@ -1,13 +1,13 @@
-"""One frame of ours on the wire and its reply. ``now`` is an argument; nothing is sent here.
+"""Transaction: a sent frame and the bytes received after it. ``now`` is an argument; nothing is sent here.
 
-    sending ──last bit──▶ waiting ──whole reply──▶ settling ──gap of silence──▶ accepted
+    sending ──last bit──▶ waiting ──complete reply─▶ settling ──gap of silence──▶ accepted
                             │  ▲                      │
                             │  └ another station's    └ a further byte ▶ invalid (TrailingError)
                             │    frame: dropped
                             ├ line error, collision, wrong reply ▶ invalid, ends when the bus is silent/ at the deadline
                             └ deadline (absolute) ▶ no reply (NoReply)
 
-Received bytes never move the deadline. What is received before our own last stop bit can be no reply.
+Received bytes never move the deadline. Bytes received before our own last stop bit are no reply.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from drivebus.protocols.codec import CompleteIfSilent, DecodeResult, Incomplete
 
 
 class EchoFilter:
-    """Removes the echo of one frame. ``tentative``: a mismatch only means that there is no echo."""
+    """Filter of the echo of one frame. ``tentative``: a mismatch only means that there is no echo."""
 
     __slots__ = ("collided", "matched", "sent", "tentative")
 
@@ -36,7 +36,7 @@ class EchoFilter:
         self.sent = sent
         self.tentative = tentative
         self.matched = 0
-        """Bytes of the echo so far."""
+        """Number of bytes of the echo so far."""
         self.collided = False
 
     @property
@@ -44,7 +44,7 @@ class EchoFilter:
         return self.matched == len(self.sent)
 
     def strip(self, data: bytes) -> bytes:
-        """Return the bytes that are no echo."""
+        """Return the bytes that do not belong to the echo."""
         if self.is_complete or self.collided:
             return data
         expected = self.sent[self.matched : self.matched + len(data)]
@@ -61,7 +61,7 @@ class EchoFilter:
 
 
 class Transaction:
-    """A frame sent at ``now`` and what was received since. Times are monotonic seconds."""
+    """A frame sent at ``now`` and the bytes received since then. Times are monotonic seconds."""
 
     __slots__ = (
         "buffer",
@@ -100,9 +100,9 @@ class Transaction:
         self.echo = echo
         self.sent_at = now
         self.tx_end_at = now + prepared.send_s
-        """End of our own last stop bit."""
+        """End of the last stop bit of our own frame."""
         self.deadline = self.ends_at = self.tx_end_at + prepared.reply_timeout_s
-        """``ends_at``: when the result is known if the bus stays silent until then."""
+        """``ends_at``: time at which the result is known if the bus is silent until then."""
         self.buffer = bytearray()
         self.received_count = 0
         """Bytes that may belong to a reply, valid or not."""
@@ -137,7 +137,7 @@ class Transaction:
         self._update_end(now)
 
     def final_error(self) -> Exception | None:
-        """Return the error, the bus having been silent until ``ends_at``; None: ``message`` is the reply."""
+        """Return the error after silence until ``ends_at``; None: ``message`` is the reply."""
         if self.prepared.is_broadcast or self.error is not None:
             return self.error
         if self.message is not None and len(self.buffer) == self.message_size:
@@ -159,18 +159,18 @@ class Transaction:
         return self.last_byte_at + (self.bytes_needed - len(self.buffer) - 1) * self.character_s
 
     def is_damaged_reply(self, error: Exception) -> bool:
-        """Return whether ``error`` is damage on exactly a reply's worth of bytes: the reply has come and is spoiled."""
+        """Return whether ``error`` is damage of exactly the bytes of a reply: the reply has come and is damaged."""
         damage = isinstance(error, ChecksumError | AlphabetError | LineError)
         return damage and self.received_count == self.prepared.reply_bytes
 
     def ends_with_second_reply(self, error: TrailingError) -> bool:
-        """Return whether the bytes after the reply form another reply, as of two drives at one address."""
+        """Return whether the bytes after the reply are another reply, as of two drives at one address."""
         rest = bytes(self.buffer[error.expected :]) if isinstance(error.expected, int) else b""
         second = self.prepared.station.decode_reply_to(self.prepared.request, rest) if rest else None
         return second is not None and second[1] > 0
 
     def _decode(self) -> None:
-        """Decode the buffer. A whole frame of another station is dropped and the wait goes on."""
+        """Decode the buffer. A complete frame of another station is dropped, and the wait continues."""
         prepared = self.prepared
         while self.buffer:
             try:
@@ -213,11 +213,11 @@ class Transaction:
             self._invalidate(TrailingError("bus.trailing", expected=self.message_size, found=len(self.buffer)))
 
     def _update_end(self, now: float) -> None:
-        """Set ``ends_at``: a reply counts after the gap, an invalid one ends when its bytes end."""
+        """Set ``ends_at``: after the gap for a valid reply, when the bytes end for an invalid one."""
         prepared = self.prepared
         if self.error is not None:
-            whole = self.received_count >= prepared.reply_bytes
-            self.ends_at = min(self.deadline, now + prepared.gap_s) if whole else self.deadline
+            complete = self.received_count >= prepared.reply_bytes
+            self.ends_at = min(self.deadline, now + prepared.gap_s) if complete else self.deadline
         elif self.message is None or len(self.buffer) != self.message_size:
             self.ends_at = self.deadline
         else:
@@ -245,7 +245,7 @@ class Transaction:
         return rest
 
     def _strip_before_tx_end(self, data: bytes, now: float) -> bytes:
-        """Remove bytes older than ``tx_end_at``: byte i of n came no later than (n-1-i) characters ago."""
+        """Remove bytes older than ``tx_end_at``: byte i of n was received at least (n-1-i) characters ago."""
         count = ceil((self.tx_end_at + 0.5 * self.character_s - now) / self.character_s) + len(data) - 1
         count = min(max(count, 0), len(data))
         self.bytes_before_tx_end += data[:count]

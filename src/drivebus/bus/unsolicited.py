@@ -13,7 +13,7 @@ from drivebus.bus.trace import TraceKind
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete, Incomplete
 
-MAX_UNSOLICITED_BYTES = 512  # kept without a pause between them; no frame of these families is longer
+MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; no frame of these families is longer
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
 FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
 
@@ -41,11 +41,11 @@ class UnsolicitedBytes:
         return data
 
     def record_foreign_request(self, now: float) -> None:
-        """Note a request of another master."""
+        """Record a request of another master."""
         self._foreign_request_times = [*self._foreign_request_times[-1:], now]
 
     def has_foreign_master(self, now: float) -> bool:
-        """Return whether two foreign requests came within the window, the last less than a window ago."""
+        """Return whether two foreign requests were received within the window that ends ``now``."""
         recent = [at for at in self._foreign_request_times if now - at <= FOREIGN_MASTER_WINDOW_S]
         return len(recent) >= FOREIGN_REQUESTS_REQUIRED
 
@@ -78,7 +78,7 @@ def classify(data: bytes, stations: Iterable[Station], after_foreign_request: bo
         tried.append(station.codec)
         found = decode_request_prefix(station.codec, data)
         if found is not None:
-            late = next((one for one in known if is_late_reply(one, found[0], data[: found[1]])), None)
+            late = next((other for other in known if is_late_reply(other, found[0], data[: found[1]])), None)
             return UnsolicitedFrame(TraceKind.FOREIGN_REQUEST if late is None else TraceKind.LATE, late, *found)
     return UnsolicitedFrame(TraceKind.UNSOLICITED, None, None, len(data))
 
