@@ -270,7 +270,7 @@ async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
     loop = asyncio.get_running_loop()
     station = FakeStation()
     gaps: list[float] = []
-    said_at = [0.0]
+    called_at = [0.0]
 
     class SocketPort(ScriptedPort):
         async def open(self, receiver: Any) -> None:
@@ -284,12 +284,12 @@ async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
 
     def serve() -> None:
         frame = theirs.recv(256)
-        if said_at[0]:
-            gaps.append(time.monotonic() - said_at[0])
+        if called_at[0]:
+            gaps.append(time.monotonic() - called_at[0])
         reply = station.reply_to(frame, 0.0)
         assert reply is not None
         theirs.send(reply)
-        said_at[0] = time.monotonic()
+        called_at[0] = time.monotonic()
 
     loop.add_reader(theirs, serve)
     bus = Bus(SocketPort(lambda f, t: (), has_line_timing=False))

@@ -41,7 +41,7 @@ class Failing(ScriptedPort):
             raise error
 
 
-def heard_complaints() -> list[Any]:
+def record_loop_errors() -> list[Any]:
     complaints: list[Any] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
     return complaints
@@ -77,7 +77,7 @@ def test_a_cancelled_opening_stays_cancelled() -> None:
 
 def test_a_port_that_fails_to_close_is_reported_and_nothing_else_fails() -> None:
     async def main() -> None:
-        complaints = heard_complaints()
+        complaints = record_loop_errors()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
         bus.add_station(station_config())
@@ -95,7 +95,7 @@ def test_a_port_that_fails_to_close_is_reported_and_nothing_else_fails() -> None
 
 def test_a_lost_port_that_can_not_be_closed_is_still_opened_again() -> None:
     async def main() -> None:
-        complaints = heard_complaints()
+        complaints = record_loop_errors()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
         bus.add_station(station_config())
@@ -115,7 +115,7 @@ def test_a_frame_that_left_although_its_write_failed_has_its_time_and_gap_before
     """The port is opened again at once: the frame is still on the wire then."""
 
     async def main() -> None:
-        heard_complaints()
+        record_loop_errors()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
         bus.add_station(station_config())

@@ -89,7 +89,7 @@ def test_a_bus_whose_clock_stands_still_does_not_block_the_others() -> None:
         def clock() -> float:
             nonlocal turns
             turns += 1
-            assert turns < 20_000, "asks for the time again and again, and nobody else gets a turn"
+            assert turns < 20_000, "reads the clock repeatedly without giving other tasks a turn"
             return loop.time() if not 1.0 < loop.time() < 6.0 else 1.0
 
         bus = Bus(ScriptedPort(wire_to(FakeStation()), SETTINGS), clock=clock)

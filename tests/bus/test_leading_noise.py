@@ -22,7 +22,7 @@ def behind(junk: bytes, deliver: Delivery) -> Delivery:
     return delivered
 
 
-def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusScript:
+def receive_after_noise(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusScript:
     station = FakeStation()
     script = BusScript(make_core(timing=timing), wire_to(station, deliver=behind(junk, deliver)))
     script.submit(read_request())
@@ -32,7 +32,7 @@ def heard_behind(junk: bytes, deliver: Delivery, timing: StationTiming) -> BusSc
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 @pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
 def test_a_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, deliver: Delivery) -> None:
-    answer = heard_behind(junk, deliver, GLITCHING).result()
+    answer = receive_after_noise(junk, deliver, GLITCHING).result()
     assert answer.error is None
     assert len(answer.reply.values) == 4
 
@@ -48,9 +48,9 @@ def test_a_meaning_of_the_bytes_with_the_stray_byte_is_ignored(address: int) -> 
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 def test_two_stray_bytes_are_too_many(deliver: Delivery) -> None:
-    assert heard_behind(b"\x00\x00", deliver, GLITCHING).result().error is not None
+    assert receive_after_noise(b"\x00\x00", deliver, GLITCHING).result().error is not None
 
 
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 def test_without_tolerance_a_stray_byte_invalidates_the_reply(deliver: Delivery) -> None:
-    assert isinstance(heard_behind(b"\x00", deliver, TIMING).result().error, ProtocolError)
+    assert isinstance(receive_after_noise(b"\x00", deliver, TIMING).result().error, ProtocolError)

@@ -224,7 +224,7 @@ def test_nothing_but_a_stop_is_ever_broadcast() -> None:
 
 
 def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
-    """Whoever repeats the stop of a dead drive, others several times that of a living one: a new stop is soon out."""
+    """A new stop is sent soon while the stops of offline and online drives are repeated."""
     script = make_script(FakeStation(1, alive=False), FakeStation(2), FakeStation(3))
     script.submit(stop_request(1), "first of 1")
     script.run_until(0.01)

@@ -21,7 +21,7 @@ from drivebus.protocols.modbus.rtu import build_frame
 from drivebus.serial_settings import SerialSettings
 
 READ = build_frame(bytes.fromhex("030330000001"))
-SAID = build_frame(bytes.fromhex("0303020001"))
+REPLY = build_frame(bytes.fromhex("0303020001"))
 WRITE = build_frame(bytes.fromhex("030620000001"))
 C320 = b"*00001000018\r1"
 STARTED = "2026-11-21T10:00:00+00:00"
@@ -49,23 +49,23 @@ def shape(frames: list[CapturedFrame]) -> list[tuple[float, bool, bool, bytes]]:
 
 
 def test_a_reply_that_came_in_pieces_is_one_frame_with_the_time_of_the_first() -> None:
-    pieces = [rx(0.1, SAID[:1]), rx(0.116, SAID[1:4], 1), rx(0.132, SAID[4:], 1)]
+    pieces = [rx(0.1, REPLY[:1]), rx(0.116, REPLY[1:4], 1), rx(0.132, REPLY[4:], 1)]
     found = split_frames(capture(tx(0.0, READ), *pieces))
-    assert shape(found) == [(0.0, False, True, READ), (0.1, True, False, SAID)]
+    assert shape(found) == [(0.0, False, True, READ), (0.1, True, False, REPLY)]
     assert found[1].line_errors == 2
 
 
 @pytest.mark.parametrize(("silence_s", "count"), [(0.0199, 1), (0.0201, 2)])
 def test_a_silence_splits_received_bytes_counted_from_the_first_bit_of_the_next(silence_s: float, count: int) -> None:
-    later = 1.0 + silence_s + SerialSettings(9600).seconds(len(SAID))
-    assert len(split_frames(capture(rx(1.0, SAID), rx(later, SAID)))) == count
+    later = 1.0 + silence_s + SerialSettings(9600).seconds(len(REPLY))
+    assert len(split_frames(capture(rx(1.0, REPLY), rx(later, REPLY)))) == count
 
 
 def test_at_a_slow_line_the_silence_is_three_and_a_half_characters() -> None:
     line = SerialSettings(600)
-    later = 1.0 + line.seconds(len(SAID) + 3.4)
-    assert len(split_frames(capture(rx(1.0, SAID), rx(later, SAID), baud=600))) == 1
-    assert len(split_frames(capture(rx(1.0, SAID), rx(later + line.seconds(0.2), SAID), baud=600))) == 2
+    later = 1.0 + line.seconds(len(REPLY) + 3.4)
+    assert len(split_frames(capture(rx(1.0, REPLY), rx(later, REPLY), baud=600))) == 1
+    assert len(split_frames(capture(rx(1.0, REPLY), rx(later + line.seconds(0.2), REPLY), baud=600))) == 2
 
 
 @pytest.mark.parametrize(
@@ -74,23 +74,23 @@ def test_at_a_slow_line_the_silence_is_three_and_a_half_characters() -> None:
 )
 def test_the_characters_are_those_of_the_line_as_it_was_opened_last(details: dict[str, Any], count: int) -> None:
     """A scan opens it with one setting after another; an event that does not tell them changes nothing."""
-    opened, later = EventRecord(0.5, "opened", details), 1.0 + SerialSettings(600).seconds(len(SAID) + 3.4)
-    assert len(split_frames(capture(opened, rx(1.0, SAID), rx(later, SAID)))) == count
+    opened, later = EventRecord(0.5, "opened", details), 1.0 + SerialSettings(600).seconds(len(REPLY) + 3.4)
+    assert len(split_frames(capture(opened, rx(1.0, REPLY), rx(later, REPLY)))) == count
 
 
 def test_what_we_sent_is_never_joined() -> None:
-    found = split_frames(capture(tx(0.0, READ), tx(0.001, READ), rx(0.002, SAID), tx(0.003, READ)))
-    assert [one.data for one in found] == [READ, READ, SAID, READ]
+    found = split_frames(capture(tx(0.0, READ), tx(0.001, READ), rx(0.002, REPLY), tx(0.003, READ)))
+    assert [one.data for one in found] == [READ, READ, REPLY, READ]
 
 
-@pytest.mark.parametrize("pieces", [[READ + SAID], [READ, SAID], [READ[:3], READ[3:] + SAID]])
+@pytest.mark.parametrize("pieces", [[READ + REPLY], [READ, REPLY], [READ[:3], READ[3:] + REPLY]])
 def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) -> None:
     found = split_frames(capture(tx(0.0, READ), *(rx(0.1 + 0.2 * at, piece) for at, piece in enumerate(pieces))))
     if pieces[0] != READ[:3]:
         assert [(one.received, one.from_master, one.data) for one in found] == [
             (False, True, READ),
             (True, True, READ),
-            (True, False, SAID),
+            (True, False, REPLY),
         ]
     else:
         assert len(found) == 3, "0.2 s apart: the beginning is no echo"
@@ -104,8 +104,10 @@ def test_a_write_whose_reply_mirrors_it_has_its_reply(received: bytes) -> None:
 
 
 def test_the_protocol_of_a_sent_frame_applies_to_the_bytes_after_it() -> None:
-    damaged = bytes((SAID[0] ^ 1,)) + SAID[1:]
-    found = split_frames(capture(tx(0, READ), rx(0.1, damaged), tx(1, C320), rx(1.1, SAID), tx(2, READ), rx(2.1, C320)))
+    damaged = bytes((REPLY[0] ^ 1,)) + REPLY[1:]
+    found = split_frames(
+        capture(tx(0, READ), rx(0.1, damaged), tx(1, C320), rx(1.1, REPLY), tx(2, READ), rx(2.1, C320))
+    )
     assert [one.modbus for one in found] == [True, True, False, False, True, True]
 
 
@@ -118,7 +120,7 @@ def test_bytes_received_before_any_request_are_classified_by_their_checksum() ->
 def test_an_event_is_kept_as_its_line_with_the_frame_after_it_and_parts_frames() -> None:
     lost = EventRecord(0.102, "lost", {"reason": "拔出"})
     found = split_frames(
-        capture(EventRecord(0.0, "opened", {"baud": 9600}), tx(0.1, READ), rx(0.101, SAID), lost, rx(0.103, SAID))
+        capture(EventRecord(0.0, "opened", {"baud": 9600}), tx(0.1, READ), rx(0.101, REPLY), lost, rx(0.103, REPLY))
     )
     assert [one.events for one in found] == [
         ('{"t": 0.0, "event": "opened", "baud": 9600}',),
@@ -203,7 +205,7 @@ def packets(*frames: CapturedFrame, **rest: Any) -> list[bytes]:
             (50500, 50502),
         ),
         (
-            CapturedFrame(time_s=0, data=SAID, received=True, from_master=False, modbus=True),
+            CapturedFrame(time_s=0, data=REPLY, received=True, from_master=False, modbus=True),
             "c0000203",
             "c6336401",
             (50502, 50500),
@@ -280,7 +282,7 @@ def export(*words: str | Path, lang: str = "en") -> Result:
 def trip(tmp_path: Path) -> Path:
     file = tmp_path / "trip.dbcap"
     file.write_text(
-        HEAD + f'{{"t":0.5,"tx":"{READ.hex()}"}}\n{{"t":0.75,"rx":"{SAID.hex()}"}}\n{{"t":1,"tx":"{C320.hex()}"}}\n'
+        HEAD + f'{{"t":0.5,"tx":"{READ.hex()}"}}\n{{"t":0.75,"rx":"{REPLY.hex()}"}}\n{{"t":1,"tx":"{C320.hex()}"}}\n'
     )
     return file
 

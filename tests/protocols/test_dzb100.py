@@ -96,7 +96,7 @@ def test_every_answer_comes_back_against_its_request(request: dzb100.Dzb100Reque
         chr(request.head), request.address, request.index, request.data if echoes else word, accepted
     )
     frame = CODEC.encode_reply(reply)
-    if request.address == 0:  # nobody answers for everybody
+    if request.address == 0:  # a broadcast has no reply
         with pytest.raises(AddressError):
             CODEC.decode_reply(request, frame)
     else:
@@ -133,7 +133,7 @@ def test_a_single_flip_of_a_stop_that_a_drive_obeys_as_a_run_runs_at_zero(comman
     frame = CODEC.encode_request(dzb100.Dzb100Control(1, command))
     runs = [
         received
-        for received in map(heard_or_none, flips(frame))
+        for received in map(decode_or_none, flips(frame))
         if isinstance(received, dzb100.Dzb100Control)
         and not received.command.is_stop
         and received.command is not Dzb100Command.RESET
@@ -147,7 +147,7 @@ def flips(frame: bytes) -> list[bytes]:
     return [(number ^ 1 << bit).to_bytes(len(frame), "big") for bit in range(8 * len(frame))]
 
 
-def heard_or_none(frame: bytes) -> Any:
+def decode_or_none(frame: bytes) -> Any:
     try:
         return CODEC.decode_request(frame).message
     except ProtocolError:
@@ -559,7 +559,7 @@ def test_a_state_digit_is_one_of_nine(digit: int | None) -> None:
 
 
 def test_only_a_broadcast_has_the_mark_of_one() -> None:
-    """02 in a read would be obeyed by nobody knows whom."""
+    """A read with 02 in byte 2 addresses no single drive."""
     for head in b"PRQ":
         with pytest.raises(CodeError):
             CODEC.decode_request(bytes((head, 3, 2)) + b"00010000")
@@ -648,7 +648,7 @@ def test_the_direction_is_the_given_one_else_byte_2_decides() -> None:
 
 
 def test_a_control_request_may_also_be_a_reply_with_a_state_digit() -> None:
-    """Only where nobody said what it is, and only a whole frame that a drive could have sent."""
+    """Only without a given direction, and only for a complete frame that a drive could have sent."""
     control = b"C\x03\x0103010064"
     (reading,) = dzb100.describe(control).interpretations
     assert reading.note == ("protocols.dzb100.reading.state_digit", {"digit": 1})

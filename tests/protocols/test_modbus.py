@@ -68,7 +68,7 @@ REFUSED = [
     ("another count of coils", WriteBits(1, 2, (True,)), "01 0F 00 02 00 02", EchoError, 1, 2),
     ("other loop-back data", Diagnostics(1, 0x5AA5), "01 08 00 00 5A A4", EchoError, 0x5AA5, 0x5AA4),
     ("another sub-function", Diagnostics(1, 0x5AA5), "01 08 00 01 5A A5", EchoError, 0, 1),
-    ("an exception nobody documented", ReadRegisters(1, 0, 1), "01 83 09", CodeError, "1-8, 10, 11", 9),
+    ("an undocumented exception", ReadRegisters(1, 0, 1), "01 83 09", CodeError, "1-8, 10, 11", 9),
     ("padding that is not zero", ReadBits(1, 0, 3), "01 01 01 0D", CodeError, 0, 1),
 ]
 
@@ -157,7 +157,7 @@ def test_a_short_error_is_00_and_nothing_else(third: str) -> None:
 
 @every_codec
 def test_no_station_replies_for_the_broadcast_address(codec: Codec) -> None:
-    """A reply from address 0 is none, whoever was asked; with a broadcast even our own echo is not one."""
+    """A frame from address 0 is never a reply; after a broadcast not even the echo is one."""
     echo = codec.encode_request(WriteRegister(0, 2, 3))
     with pytest.raises(HeaderError):
         codec.decode_reply(WriteRegister(0, 2, 3), echo)

@@ -42,11 +42,11 @@ def request_of(reply: Vector) -> sunfar.SunfarRequest:
     return sunfar.ReadMonitor(fields["address"], fields.get("item", 0))
 
 
-def heard_fields(heard: sunfar.ReceivedRequest) -> dict[str, Any]:
-    request = heard.request
+def received_fields(received: sunfar.ReceivedRequest) -> dict[str, Any]:
+    request = received.request
     names = ("address", "group", "item", "data")
     found = {name: getattr(request, name) for name in names if hasattr(request, name)}
-    return {**found, "class": request.frame_class, "operation": int(heard.operation)}
+    return {**found, "class": request.frame_class, "operation": int(received.operation)}
 
 
 def reply_fields(reply: sunfar.SunfarReply) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def test_a_station_decodes_every_request_and_the_operation_in_it(vector: Vector)
     verdict = tolerant(vector).decode_request(vector.data)
     assert isinstance(verdict, Complete)
     assert verdict.size == len(vector.data)
-    assert named(vector).items() <= heard_fields(verdict.message).items()
+    assert named(vector).items() <= received_fields(verdict.message).items()
 
 
 @pytest.mark.parametrize("vector", REQUESTS, ids=repr)

@@ -105,8 +105,8 @@ def exchanges(family: str, encoding: str) -> list[CodecExchange]:
 
 
 CODECS: list[tuple[str, str, Any, Any]] = [
-    ("c320", "ascii", sunfar.SunfarCodec("ascii"), lambda heard: heard.request),
-    ("c320", "hex", sunfar.SunfarCodec("hex"), lambda heard: heard.request),
+    ("c320", "ascii", sunfar.SunfarCodec("ascii"), lambda received: received.request),
+    ("c320", "hex", sunfar.SunfarCodec("hex"), lambda received: received.request),
     ("vc660", "rtu", ModbusRtuCodec(), lambda request: request),
     ("df800", "rtu", ModbusRtuCodec("short"), lambda request: request),
     ("df800", "ascii", ModbusAsciiCodec("short"), lambda request: request),

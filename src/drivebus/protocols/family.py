@@ -83,7 +83,7 @@ class ProtocolFamily:
     simulated_models: tuple[Any, ...] = ()
     """Mappings of model name to ``simulator.models.SimulatedModel``."""
     scan_models: tuple[str, ...] = ()
-    """Models that a scan looks for unless told otherwise."""
+    """Default models of a scan."""
     profiles: Path | None = None
     """Folder of the TOML profiles that come with a family of another package."""
     catalogues: Path | None = None
@@ -118,7 +118,7 @@ def protocol_families() -> tuple[ProtocolFamily, ...]:
 
 
 def default_scan_models() -> tuple[str, ...]:
-    """Return the models that a scan looks for unless told otherwise."""
+    """Return the default models of a scan."""
     return tuple(model for family in protocol_families() for model in family.scan_models)
 
 

@@ -1,4 +1,4 @@
-"""``drivebus audit``: what a person at the machine is told about the trail."""
+"""``drivebus audit``: its output and exit codes."""
 
 from __future__ import annotations
 

@@ -139,9 +139,9 @@ async def write(folder):
     await trail.open()
     async def one(name):
         while True:
-            told = f"{name} {os.getpid()} {os.urandom(4).hex()}"
-            number = await trail.record(AuditEntry("drive.run", target=told))
-            os.write(1, f"{number} {told}\\n".encode())
+            target = f"{name} {os.getpid()} {os.urandom(4).hex()}"
+            number = await trail.record(AuditEntry("drive.run", target=target))
+            os.write(1, f"{number} {target}\\n".encode())
     async def mark():
         while True:
             await asyncio.sleep(0.01)

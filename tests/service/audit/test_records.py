@@ -1,4 +1,4 @@
-"""A sealed line is right in every octet or it is none; every small change of a trail is found and told where it is."""
+"""Every changed octet of a sealed line and every small change of a trail is found, with its place."""
 
 from __future__ import annotations
 

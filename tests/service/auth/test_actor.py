@@ -1,4 +1,4 @@
-"""Who asks, as it is told over the plant's socket; and what its processes leave to others."""
+"""The actor of a request on the socket of the service; priority and garbage collection of its processes."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from drivebus.service.auth.actor import Actor, local_actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
 from drivebus.service.process.tuning import NICE_BATCH, NICE_GATEWAY, relax_gc, set_nice
 
-TOLD = {"name": "ann", "rights": ["stop", "view"], "session": "s-1", "remote": True, "address": "10.0.0.9"}
+ANN_JSON = {"name": "ann", "rights": ["stop", "view"], "session": "s-1", "remote": True, "address": "10.0.0.9"}
 
 
 def test_an_actor_survives_its_json_form() -> None:
     ann = Actor("ann", frozenset({Right.VIEW, Right.STOP}), "s-1", address="10.0.0.9")
-    assert ann.remote, "two steps to a start, unless somebody says otherwise"
-    assert ann.as_json() == TOLD and Actor.from_json(TOLD) == ann
+    assert ann.remote, "two steps to a start, by default"
+    assert ann.as_json() == ANN_JSON and Actor.from_json(ANN_JSON) == ann
     assert ann.may(Right.STOP) and not ann.may(Right.OPERATE)
 
 
-@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("name", ANN_JSON)
 def test_an_actor_without_a_field_is_rejected(name: str) -> None:
     with pytest.raises(KeyError):
-        Actor.from_json({key: value for key, value in TOLD.items() if key != name})
+        Actor.from_json({key: value for key, value in ANN_JSON.items() if key != name})
     with pytest.raises(ValueError):
-        Actor.from_json(TOLD | {"rights": ["everything"]})
+        Actor.from_json(ANN_JSON | {"rights": ["everything"]})
 
 
 def test_a_local_actor_has_all_rights_and_starts_in_one_step() -> None:

@@ -150,7 +150,7 @@ def test_the_number_of_waiting_passwords_is_limited() -> None:
 
 
 def test_a_user_without_a_password_cannot_log_in() -> None:
-    """Though somebody found the one that takes the time of a wrong one."""
+    """Not even with the password of the hash that is used for unknown users."""
     passwords = PasswordHashing(FAST_HASHER)
     passwords._unknown_user_hash = FAST_HASHER.hash(PASSWORD)
     assert run(passwords.verify(None, PASSWORD)) is False

@@ -46,7 +46,7 @@ def test_session_times_are_the_documented_ones() -> None:
 
 
 def test_session_id_and_csrf_token_are_random(tmp_path: Path) -> None:
-    """128 bits and more of it where somebody could guess, and no session is woken with an old secret."""
+    """A secret has at least 128 bits, and no session is unlocked with an old one."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
     assert len(visitor.session.csrf) == 32 and len(access.sessions.unlock(visitor.session, clock.now)) == 43
@@ -118,7 +118,7 @@ def test_a_session_ends_after_twelve_hours_whatever_is_done(tmp_path: Path) -> N
 
 
 def test_an_open_connection_loses_all_rights_after_twelve_hours(tmp_path: Path) -> None:
-    """Nobody looks for its cookie again."""
+    """Its cookie is never sent again."""
     access, clock = auth_service(tmp_path)
     _, visitor = login(access)
     clock.now += SESSION_LIFETIME_S - 1
@@ -171,7 +171,7 @@ def test_a_users_oldest_session_makes_room(tmp_path: Path) -> None:
 
 
 def test_a_session_that_is_too_old_takes_no_room(tmp_path: Path) -> None:
-    """Though somebody was there to its last minute, and at others nobody was for hours."""
+    """An expired session is removed first, even if others were used longer ago."""
     access, clock = auth_service(tmp_path)
     _, oldest = login(access)
     begun = clock.now
@@ -319,7 +319,7 @@ def test_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None
 
 
 def test_a_user_who_is_unknown_or_disabled_takes_as_long_as_a_wrong_password(tmp_path: Path) -> None:
-    """Nobody learns from the answer, or from how long it took, which names exist: each is one hash."""
+    """Neither the response nor its time shows which names exist: each login computes one hash."""
     access, _ = auth_service(tmp_path)
     access.user_file.change(
         lambda register: register.with_changed_user(replace(register.user("operator"), disabled=True))
@@ -328,7 +328,7 @@ def test_a_user_who_is_unknown_or_disabled_takes_as_long_as_a_wrong_password(tmp
     verify = access.passwords._verify
     access.passwords._verify = lambda known, text: checked.append(known) or verify(known, text)  # type: ignore[method-assign,func-returns-value]
     message = set()
-    for name in ("operator", "nobody", "administrator"):
+    for name in ("operator", "unknown", "administrator"):
         with pytest.raises(NotAuthenticated) as raised:
             run(access.login(name, "wrong password", "127.0.0.1"))
         message.add((raised.value.key, str(raised.value.params)))
@@ -415,7 +415,7 @@ def test_what_was_ended_stays_ended_after_a_crash(tmp_path: Path) -> None:
 
 
 def test_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The monotonic clock begins anew with the machine: ages would be wrong."""
+    """The monotonic clock restarts with the machine: ages would be wrong."""
     access, clock = auth_service(tmp_path)
     secret, _ = login(access)
     monkeypatch.setattr("drivebus.service.auth.sessions._BOOT_ID_FILE", tmp_path / "another")
@@ -424,7 +424,7 @@ def test_no_session_outlives_the_machine(tmp_path: Path, monkeypatch: pytest.Mon
     assert restarted(access, clock).session_credential(secret) is None
     (tmp_path / "another").unlink()
     secret, _ = login(access)
-    assert restarted(access, clock).session_credential(secret) is None, "nobody knows which boot it was, then or now"
+    assert restarted(access, clock).session_credential(secret) is None, "the boot of the session is unknown"
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"boot": "x", "sessions": [{}]}'])

@@ -1,4 +1,4 @@
-"""Guessing is slow, whoever guesses and from wherever; nobody is locked out for ever."""
+"""Guessing passwords is slow for every user and address; no user is locked out for ever."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HOUR_S = 3600.0
 
 
 def guesses(throttle: LoginThrottle, keys: list[tuple[str, ...]], hours: float, step_s: float) -> int:
-    """How many passwords are looked at when somebody tries again as soon as possible."""
+    """Return how many passwords are checked if each attempt follows as soon as possible."""
     now, done, at = 0.0, 0, 0
     while now < hours * HOUR_S:
         at += 1
@@ -107,7 +107,7 @@ def test_a_right_password_does_not_reset_other_failures() -> None:
         throttle.record_attempt(("a",), float(n))
     throttle.record_attempt(("a",), 20.0)
     for _ in range(2):
-        throttle.record_success(("a", "never heard of"), 20.0)
+        throttle.record_success(("a", "unknown"), 20.0)
     assert throttle.wait_s(("a",), 20.0 - 11.0) == MIN_LOGIN_DELAY_S
 
 
@@ -120,7 +120,7 @@ def test_the_number_of_throttled_keys_is_bounded() -> None:
         throttle.record_attempt((f"address:{chance.random()}",), float(n) / MAX_THROTTLED_KEYS)
     assert throttle.wait_s(("user:li",), 1.0) > 0.0
     throttle.record_attempt(("one more",), 1.0)
-    assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the one that was heard of longest ago"
+    assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the oldest entry"
 
 
 def test_a_recently_attacked_key_is_not_dropped_for_others() -> None:
@@ -147,7 +147,7 @@ HOSTS = [
 
 @pytest.mark.parametrize(("one", "other", "same"), HOSTS)
 def test_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
-    """Whoever has an IPv6 network has 2**64 addresses."""
+    """An IPv6 network has 2**64 addresses."""
     access, clock = auth_service(tmp_path)
     for n in range(FREE_ATTEMPTS):
         with pytest.raises(NotAuthenticated):

@@ -39,12 +39,12 @@ def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled
 
 
 def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
-    """Somebody has written the file by hand."""
+    """A file that was written by hand."""
     vera = User("vera", Role.VIEWER, "$", 1)
     register = UserDatabase((vera,)).with_changed_user(replace(vera, role=Role.OPERATOR))
     assert register.user("vera").role is Role.OPERATOR and register.without_user("vera").users == ()
     with pytest.raises(ResourceNotFound) as rejected:
-        register.with_changed_user(replace(vera, name="nobody"))
+        register.with_changed_user(replace(vera, name="unknown"))
     assert rejected.value.key == "auth.no_such_user"
 
 
@@ -109,7 +109,7 @@ def test_a_token_can_not_do_more_than_its_user() -> None:
     with pytest.raises(InvalidInput):
         register.with_token(replace(TOKEN, rights=()))
     with pytest.raises(ResourceNotFound):
-        register.with_token(replace(TOKEN, user="nobody"))
+        register.with_token(replace(TOKEN, user="unknown"))
 
 
 def test_with_a_user_go_the_users_tokens_and_codes() -> None:
@@ -129,7 +129,7 @@ def test_a_token_or_a_code_that_goes_leaves_the_others() -> None:
     assert register.without_token("t1").tokens == (other,)
     assert register.without_code("c1").codes == codes[1:]
     with pytest.raises(ResourceNotFound):
-        register.with_code(OneTimeCode("c3", "nobody", 9), 0)
+        register.with_code(OneTimeCode("c3", "unknown", 9), 0)
 
 
 def test_codes_that_are_too_old_go_with_the_next_one() -> None:
@@ -228,7 +228,7 @@ def test_a_disk_that_is_full_leaves_the_old_file(
 
 
 def test_leftovers_of_a_killed_program_are_harmless(tmp_path: Path) -> None:
-    """Nor is a file that somebody else put there: it is not written into, and no link is followed."""
+    """A foreign file is not written to, and no link is followed."""
     for left in (".users.json.new", "users.lock"):
         (tmp_path / left).touch(0o644)
     (tmp_path / ".users.json.new").unlink()

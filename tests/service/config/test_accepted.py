@@ -87,7 +87,7 @@ def test_every_key_of_a_drive_and_of_the_plant_arrives() -> None:
     assert (pump.on_client_lost, pump.on_service_stop, pump.on_restart) == ("stop", "hold", "stop")
     assert (found.drive("raw").limits.eeprom_writes_per_day, found.drive("raw").limits.forward) == (3, False)
     with pytest.raises(KeyError):
-        found.drive("nobody")
+        found.drive("unknown")
 
 
 def test_a_model_of_ones_own_by_a_path_from_the_file(tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def spoiled(draw: st.DrawFn) -> str:
     return "\n".join(lines)
 
 
-def told(text: str) -> None:
+def check_refusal(text: str) -> None:
     try:
         found = config.loads(text)
     except ConfigurationError as error:
@@ -93,7 +93,7 @@ def told(text: str) -> None:
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(spoiled())
 def test_a_spoiled_file_is_a_plant_or_is_refused_in_words(text: str) -> None:
-    told(text)
+    check_refusal(text)
 
 
 @pytest.mark.parametrize("value", VALUES)
@@ -102,7 +102,7 @@ def test_no_value_of_a_key_is_more_than_a_complaint(value: str) -> None:
     for number in KEYS[VALUES.index(value) % 5 :: 5]:
         lines = list(SAMPLE)
         lines[number] = f"{lines[number].partition('=')[0]}= {value}"
-        told("\n".join(lines))
+        check_refusal("\n".join(lines))
 
 
 @pytest.mark.parametrize("path", ["/proc/kcore", "/proc/kmsg", "/proc/self/mem"])

@@ -1,4 +1,4 @@
-"""A ``plant.toml`` becomes values; what it does not say has a default that is told in the reference."""
+"""Values of a ``plant.toml``; every default is documented in the reference."""
 
 from __future__ import annotations
 

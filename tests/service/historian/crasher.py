@@ -1,5 +1,5 @@
 """The processes that test_killed kills: each line read is a life's beginning (ms), lived in a fork: one start of the
-interpreter for all. A life writes, says what is acknowledged, and goes on until it is killed or nobody listens.
+interpreter for all. A life writes, says what is acknowledged, and goes on until it is killed or its output is closed.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """A database that fails, at any call, before or after it was done: what was acknowledged stays, nothing
-counts twice, what is lost is counted and marked, and nobody waits.
+counts twice, what is lost is counted and marked, and no caller waits.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database:
 
 
 async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() -> None:
-    """Whoever appends never waits and never fails."""
+    """An append never waits and never fails."""
     intake = WriteQueue(max_samples=5)
     intake.append(samples([1.0, 2.0, 3.0]))
     intake.append(samples([4.0, 5.0, 6.0], start_ms=NOON_MS + 3000))
@@ -177,13 +177,13 @@ def _read_only(door: Any) -> None:
 
 
 async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> None:
-    (tmp_path / "history.db").write_bytes(b"somebody's letter" * 100)
+    (tmp_path / "history.db").write_bytes(b"a foreign file" * 100)
     async with room.Historian(HistoryConfig(), tmp_path) as historian:
         historian.append(samples([1.0]))
         assert not historian.ok
         with pytest.raises(ServiceUnavailable):
             await historian.documents("statistics")
-    assert (tmp_path / "history.db").read_bytes() == b"somebody's letter" * 100
+    assert (tmp_path / "history.db").read_bytes() == b"a foreign file" * 100
 
 
 async def test_tables_of_a_later_version_are_left_alone(database: HistoryDatabase) -> None:

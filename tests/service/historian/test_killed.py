@@ -25,7 +25,7 @@ from fixtures.historian import NOON_MS, samples_of, trend
 KILLS = int(os.environ.get("DRIVEBUS_KILLS", "20"))
 CRASHER = Path(__file__).with_name("crasher.py")
 LIFE_MS = 10_000_000
-"""Between the beginnings of two lives, so that each one's samples can be told apart."""
+"""Between the beginnings of two lives, so that the samples of each are distinguishable."""
 
 
 class Nursery:

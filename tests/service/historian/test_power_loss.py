@@ -39,13 +39,13 @@ from drivebus.values import Quality
 
 async def main():
     writer.MAX_OPEN_SAMPLES, writer.MAX_OPEN_SAMPLES_PER_TAG = 200, 0
-    told = os.open(sys.argv[1] + "/history.told", os.O_WRONLY | os.O_CREAT)
+    acknowledged = os.open(sys.argv[1] + "/history.acknowledged", os.O_WRONLY | os.O_CREAT)
     async with Historian(HistoryConfig(), Path(sys.argv[1]), flush_s=1e6) as historian:
         for n in range({BATCHES}):
             for t in range(10 * n, 10 * n + 10):
                 historian.append([Sample(f"a.b{{tag}}", {NOON_MS} + t, float(t), Quality.GOOD) for tag in range(4)])
             await historian.flush()
-            os.write(told, b"x")
+            os.write(acknowledged, b"x")
             await historian._on_writer_thread(historian.writer.run_cycle)
 
 asyncio.run(main())
@@ -110,14 +110,14 @@ def images(log: bytes, chance: random.Random, count: int) -> Iterator[tuple[dict
             if kind == "N":
                 assert isinstance(what, bytes)
                 names[file], disks[file] = Path(what.decode()).name, Disk()
-            elif names[file] == "history.told":
+            elif names[file] == "history.acknowledged":
                 message += 1
             elif kind == "S":
                 disks[file].sync()
             else:
                 disks[file].since.append((kind, offset, what))
         done = moment
-        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.told"}, message
+        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.acknowledged"}, message
 
 
 @pytest.fixture(scope="module")
@@ -165,5 +165,5 @@ def test_the_note_knows_every_file_and_every_sync(log: bytes) -> None:
     """Else the test above could not fail."""
     known = list(records(log))
     names = {Path(what.decode()).name for kind, _, _, what in known if kind == "N" and isinstance(what, bytes)}
-    assert {"history.db", "history.db-wal", "history.told"} <= names
+    assert {"history.db", "history.db-wal", "history.acknowledged"} <= names
     assert [kind for kind, *_ in known].count("S") > BATCHES

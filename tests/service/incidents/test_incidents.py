@@ -36,7 +36,7 @@ from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, view
 EVER = (0, 10**14)
 LINE = SerialSettings.parse(19200, "8E1")
 SENT = TraceEvent(99.0, TraceKind.SENT, b"\x01\x06\x20\x00", 1)
-HEARD = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
+RECEIVED = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
 
 
 def tripped(drive: str = "fan-1") -> Alarm:
@@ -56,7 +56,7 @@ def sample(value: float | None, quality: Quality = Quality.GOOD) -> Sample:
 
 async def frozen(recorder: IncidentRecorder, alarm: Alarm | None = None, now: float = 100.0) -> str | None:
     return await recorder.capture(
-        alarm or tripped(), view(fault=OVERCURRENT), seen(HEARD, SENT), now, 1_795_219_200_000
+        alarm or tripped(), view(fault=OVERCURRENT), seen(RECEIVED, SENT), now, 1_795_219_200_000
     )
 
 
@@ -99,7 +99,7 @@ def test_the_line_of_a_case_is_a_capture_that_every_tool_opens(tmp_path: Path) -
     assert capture.header.started == "2026-11-20T23:59:59.000+00:00"
     assert [(one.time_s, one.direction, one.data) for one in capture.records] == [  # type: ignore[union-attr]
         (0.0, "tx", SENT.data),
-        (0.5, "rx", HEARD.data),
+        (0.5, "rx", RECEIVED.data),
     ]
 
 
@@ -213,7 +213,7 @@ def test_the_oldest_go_when_there_are_too_many_or_too_much(tmp_path: Path) -> No
 
 
 def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever tidies up must not take another writer's half for a dead one's."""
+    """The clean-up must not delete the incomplete file of a writer that is alive."""
     store, together, real = IncidentStore(tmp_path), Barrier(2, timeout=0.2), os.fsync
 
     def slow(fd: int) -> None:

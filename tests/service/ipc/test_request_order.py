@@ -23,10 +23,10 @@ class Wire:
 
     def __init__(self) -> None:
         self.transport = self
-        self.told: list[Json] = []
+        self.messages: list[Json] = []
 
     def write(self, data: bytes) -> None:
-        self.told.append(json.loads(data))
+        self.messages.append(json.loads(data))
 
     def get_write_buffer_size(self) -> int:
         return 0
@@ -47,7 +47,7 @@ async def asked(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
     reader.feed_eof()
     server = SocketServer(kit.service, Path("/nonexistent"))
     await server._connected(reader, cast(asyncio.StreamWriter, wire))
-    return sorted(wire.told, key=lambda message: cast(int, message["id"]))
+    return sorted(wire.messages, key=lambda message: cast(int, message["id"]))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ async def asked(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
     [("drive.run", {"frequency_hz": 20.0}), ("drive.jog", {}), ("group.start", {"group": "fans"})],
 )
 def test_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(command: str, params: Json) -> None:
-    """By somebody whose starts need no second step, behind questions that wait."""
+    """By an actor whose starts need one step, behind waiting queries."""
     place = {"frequency_hz": 20.0} | params if "group" in params else {"drive": "fan-1"} | params
 
     async def story() -> None:
@@ -81,7 +81,7 @@ def test_a_stop_of_everything_holds_whatever_release_came_before_it() -> None:
     run(story())
 
 
-def test_t13_a_hand_on_a_key_waits_for_nobodys_questions() -> None:
+def test_a_jog_renewal_does_not_wait_for_queries() -> None:
     """A jog whose renewal comes late stops the motor; a lease is lost."""
 
     async def story() -> None:
@@ -115,6 +115,6 @@ def test_a_live_message_overtakes_long_answers() -> None:
             connection = _ClientConnection(kit.service, asyncio.StreamReader(), cast(asyncio.StreamWriter, wire))
             messages = [{"id": number, "result": many} for number in range(20)] + [{"id": 20, "live": many}]
             await asyncio.gather(*map(connection._send, messages))
-        assert wire.told[0]["id"] == 20
+        assert wire.messages[0]["id"] == 20
 
     run(story())

@@ -1,4 +1,4 @@
-"""The plant as a process: once, told to systemd, ended in order; its web part may be killed."""
+"""The service as a process: single instance, systemd notification, orderly end, killed web process."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
 
 
 def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(tmp_path: Path) -> None:
-    """A closed window left it running, with its port, and nobody to end it."""
+    """A closed terminal ends the service; otherwise it would keep running with its port."""
     file, (master, slave) = write(tmp_path), os.openpty()
     process = subprocess.Popen(
         ["setsid", "--ctty", *COMMAND, "serve", str(file), "--without", "web"],
@@ -203,10 +203,10 @@ def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "wrong", ["", '[drive.x]\nmodel = "c999"\n', "[drive.x\n", 'title = "no end\n', "[plant]\n"], ids=range(5)
 )
-def test_a_mistake_in_the_file_keeps_nobody_from_stopping_everything(
+def test_an_error_in_the_file_does_not_prevent_a_stop_of_all_drives(
     wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever is in the middle of editing it needs the stop as well."""
+    """The stop is also needed while the file is being edited."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     file = write(tmp_path, wrong)
     assert stop._state_folder(str(file), None) == tmp_path / "state"

@@ -63,7 +63,7 @@ def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.M
     assert len(lines) == 1 and lines[0].startswith("fan-1 ")
 
 
-def test_a_log_that_nobody_reads_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines are dropped, control goes on."""
     ending: list[Any] = []
     monkeypatch.setattr(logging_setup.atexit, "register", lambda *what: ending.append(partial(*what)))
@@ -111,7 +111,7 @@ def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Pat
     notify.feed_watchdog([bus(0.0), bus(99.0, is_open=False)], 12.5)  # known to be lost, and being opened again
     assert manager.recv(100) == b"WATCHDOG=1"
     manager.close()
-    notify.send("READY=1")  # the manager is gone: nobody's problem
+    notify.send("READY=1")  # the manager is gone: no error
     SystemdNotifier({}).send("READY=1")
 
 

@@ -167,11 +167,11 @@ def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, E
         wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
         for drive in interlocks[id].drives:
             first.setdefault(drive, []).extend((other, id) for other in wanted)
-    told: set[frozenset[str]] = set()
+    reported: set[frozenset[str]] = set()
     for drive in first:
         ring = _shortest_cycle(drive, first)
-        if ring and frozenset(ring) not in told:
-            told.add(frozenset(ring))
+        if ring and frozenset(ring) not in reported:
+            reported.add(frozenset(ring))
             last = next(id for other, id in first[ring[-1]] if other == drive)
             yield issue("cycle", ("interlock", last, "require"), " -> ".join([*ring, drive]))
 

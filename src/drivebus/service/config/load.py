@@ -125,7 +125,7 @@ def _name_gateways(one: Issue) -> Issue:
 def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:
     """Return whether a missing key is the consequence of a faulty key of its table that was removed."""
     table = one.path[:-1]
-    return one.kind == "missing_key" and any(told.path[: len(table)] == table for told in tuple(faults))
+    return one.kind == "missing_key" and any(fault.path[: len(table)] == table for fault in tuple(faults))
 
 
 def _remove_key(data: Any, path: Sequence[str | int]) -> None:
@@ -145,8 +145,8 @@ def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> 
     for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
             lines.setdefault(path[:depth], line)
-    told = [one if isinstance(one, Diagnostic) else _complaint_at(one, lines, source) for one in found]
-    return sorted(told, key=lambda one: (one.file != source, one.line or 0))[:MAX_COMPLAINTS]
+    complaints = [one if isinstance(one, Diagnostic) else _complaint_at(one, lines, source) for one in found]
+    return sorted(complaints, key=lambda one: (one.file != source, one.line or 0))[:MAX_COMPLAINTS]
 
 
 def _complaint_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:

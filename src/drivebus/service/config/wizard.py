@@ -220,8 +220,8 @@ class _Examples:
 
 def comment_lines(name: str, language: str, **params: str) -> list[str]:
     """Return a message of the catalogue as comment lines."""
-    said = i18n.text(f"plant_init.file_{name}", language, **params)
-    return [f"# {line}".rstrip() for line in said.split("\n")]
+    text = i18n.text(f"plant_init.file_{name}", language, **params)
+    return [f"# {line}".rstrip() for line in text.split("\n")]
 
 
 def trailing_comment(name: str, language: str, **params: str) -> str:
