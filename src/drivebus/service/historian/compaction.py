@@ -101,13 +101,13 @@ class OpenBlocks:
 
     def oldest_first(self) -> list[tuple[int, int]]:
         """Return ``(tag, number of samples)``, the tag that holds the oldest journal row first."""
-        held = [(buffer.oldest_batch, -len(buffer), tag) for tag, buffer in self._buffers.items() if len(buffer)]
-        return [(tag, -size) for _, size, tag in sorted(held)]
+        buffered = [(buffer.oldest_batch, -len(buffer), tag) for tag, buffer in self._buffers.items() if len(buffer)]
+        return [(tag, -size) for _, size, tag in sorted(buffered)]
 
     def oldest_batch(self, without: Container[int] = ()) -> int | None:
         """Return the oldest journal row that is needed once the tags ``without`` are compacted."""
-        held = (buffer.oldest_batch for tag, buffer in self._buffers.items() if len(buffer) and tag not in without)
-        return min(held, default=None)
+        buffered = (buffer.oldest_batch for tag, buffer in self._buffers.items() if len(buffer) and tag not in without)
+        return min(buffered, default=None)
 
 
 MergedBlockLookup = Callable[[ResolutionLevel, int, int], bytes | None]
@@ -139,13 +139,15 @@ def _raw_blocks(tag: int, first: int, samples: SampleColumns) -> Iterator[Block]
 def _rollup_blocks(
     level: ResolutionLevel, tag: int, first: int, points: Points, found: MergedBlockLookup
 ) -> Iterator[Block]:
-    grain = RESOLUTIONS[level]
-    for start_ms, part in split_partitions(points, grain.partition_ms):
-        there = found(level, tag, start_ms) if grain.merged else None
-        if there is not None:
-            part = roll_up(concat([blocks.decode_points(start_ms, grain.width_ms, there), part]), grain.width_ms)
-        data = blocks.encode_points(start_ms, grain.width_ms, part)
-        yield Block(level, tag, start_ms, 0 if grain.merged else first, data)
+    resolution = RESOLUTIONS[level]
+    for start_ms, part in split_partitions(points, resolution.partition_ms):
+        stored = found(level, tag, start_ms) if resolution.merged else None
+        if stored is not None:
+            part = roll_up(
+                concat([blocks.decode_points(start_ms, resolution.width_ms, stored), part]), resolution.width_ms
+            )
+        data = blocks.encode_points(start_ms, resolution.width_ms, part)
+        yield Block(level, tag, start_ms, 0 if resolution.merged else first, data)
 
 
 MAX_COUNTED_PAUSE_MS = DAY_MS

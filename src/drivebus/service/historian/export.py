@@ -105,11 +105,11 @@ class HistoryExporter:
         at, skip = (params.from_ms, 0) if params.cursor is None else decode_cursor(params.cursor, 2)
         if params.cursor is None:
             writer.writerow(EXPORT_COLUMNS[params.resolution == "raw"])
-        room = CSV_ROWS_PER_PART
+        rows_left = CSV_ROWS_PER_PART
         for start, rows in export_windows(self._reader, params, tags, at):
-            part = rows[skip : skip + room]
+            part = rows[skip : skip + rows_left]
             writer.writerows([iso_time(row[0]), *map(_csv_cell, row[1:])] for row in part)
-            room -= len(part)
+            rows_left -= len(part)
             if skip + len(part) < len(rows):
                 return {"text": text.getvalue(), "next": encode_cursor(start, skip + len(part))}
             skip = 0

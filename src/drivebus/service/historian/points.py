@@ -55,7 +55,7 @@ RESOLUTIONS: dict[ResolutionLevel, Resolution] = {
     ResolutionLevel.HOUR: Resolution("1h", HOUR_MS, 40 * DAY_MS, merged=True),
 }
 
-LEVEL_BY_NAME: dict[str, ResolutionLevel] = {grain.name: level for level, grain in RESOLUTIONS.items()}
+LEVEL_BY_NAME: dict[str, ResolutionLevel] = {resolution.name: level for level, resolution in RESOLUTIONS.items()}
 
 
 GOOD, UNCERTAIN, BAD = 0, 1, 2

@@ -1,7 +1,7 @@
 """Reader of the history: combines stored blocks with the writer's open samples, on a connection and thread of its own.
 
 Open samples are copied first, then the database is read in one snapshot. The snapshot's ``first_uncompacted`` of a tag
-tells which copied samples became blocks in between, so that none is missing and none counts twice.
+shows which copied samples became blocks in between, so that none is missing and none counts twice.
 """
 
 from __future__ import annotations
@@ -95,9 +95,10 @@ class HistoryReader:
     ) -> tuple[dict[int, tuple[int, SampleColumns]], list[Block]]:
         fresh = {tag: self._open_blocks().copy(tag) for tag in tags}
         length = RESOLUTIONS[level].partition_ms
-        sealed, rows = self.store.read_blocks(level, tags, from_ms // length * length, to_ms)
+        first_uncompacted, rows = self.store.read_blocks(level, tags, from_ms // length * length, to_ms)
         return {
-            tag: _skip_compacted(first, samples, sealed.get(tag, 0)) for tag, (first, samples) in fresh.items()
+            tag: _skip_compacted(first, samples, first_uncompacted.get(tag, 0))
+            for tag, (first, samples) in fresh.items()
         }, rows
 
 
@@ -105,9 +106,9 @@ def _run_order(run: tuple[int, int, SampleColumns]) -> tuple[int, int]:
     return run[0], run[1]
 
 
-def _skip_compacted(first: int, samples: SampleColumns, sealed: int) -> tuple[int, SampleColumns]:
+def _skip_compacted(first: int, samples: SampleColumns, first_uncompacted: int) -> tuple[int, SampleColumns]:
     """Drop the samples before number ``first_uncompacted``."""
-    skip = max(0, sealed - first)
+    skip = max(0, first_uncompacted - first)
     time, value, quality = samples
     return first + skip, (time[skip:], value[skip:], quality[skip:])
 

@@ -121,7 +121,7 @@ SqlRow = Sequence[Any]
 CREATE_TABLES = (
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value BIGINT NOT NULL)",
     "CREATE TABLE tag (id BIGINT PRIMARY KEY, name TEXT NOT NULL UNIQUE, unit TEXT NOT NULL, en TEXT NOT NULL, "
-    "zh TEXT NOT NULL, sealed BIGINT NOT NULL DEFAULT 0)",
+    "zh TEXT NOT NULL, first_uncompacted BIGINT NOT NULL DEFAULT 0)",
     "CREATE TABLE journal (id {id}, data {bytes} NOT NULL)",
     "CREATE TABLE block (id {id}, level BIGINT NOT NULL, tag BIGINT NOT NULL, start_ms BIGINT NOT NULL, "
     "number BIGINT NOT NULL, stored_ms BIGINT NOT NULL, data {bytes} NOT NULL)",
@@ -203,7 +203,8 @@ class HistoryStore:
         if version == 0 and not self._reader:
             self._make_tables()
         tags = [
-            Tag(*row) for row in self.connection.fetch("SELECT id, name, unit, en, zh, sealed FROM tag ORDER BY id")
+            Tag(*row)
+            for row in self.connection.fetch("SELECT id, name, unit, en, zh, first_uncompacted FROM tag ORDER BY id")
         ]
         last = self.connection.fetch("SELECT coalesce(max(id), 0) FROM event")[0][0]
         meta = {row[0]: row[1] for row in self.connection.fetch("SELECT key, value FROM meta")}
@@ -239,11 +240,12 @@ class HistoryStore:
                     self.connection.execute(_PUT_DOCUMENT, one.kind, one.id, one.data)
 
     @_raises_store_error
-    def compact(self, seals: Sequence[Compaction], stored_ms: int, keep_from: int | None) -> None:
+    def compact(self, compactions: Sequence[Compaction], stored_ms: int, keep_from: int | None) -> None:
         with self.connection.transaction(writing=True):
-            for seal in seals:
-                self.connection.execute("UPDATE tag SET sealed = ? WHERE id = ?", seal.to_number, seal.tag)
-                rows = ((b.level, b.tag, b.start_ms, b.number, stored_ms, b.data) for b in seal.blocks)
+            for compaction in compactions:
+                update = "UPDATE tag SET first_uncompacted = ? WHERE id = ?"
+                self.connection.execute(update, compaction.to_number, compaction.tag)
+                rows = ((b.level, b.tag, b.start_ms, b.number, stored_ms, b.data) for b in compaction.blocks)
                 self.connection.execute_many(_PUT_BLOCK, rows)
             if keep_from is None:
                 self.connection.execute("DELETE FROM journal")
@@ -288,9 +290,10 @@ class HistoryStore:
         one = "SELECT tag, start_ms, number, data FROM block WHERE level = ? AND tag = ?"
         query = f"{one} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
         with self.connection.transaction(writing=False):
-            sealed = {row[0]: row[1] for row in self.connection.fetch("SELECT id, sealed FROM tag")}
+            query_tags = "SELECT id, first_uncompacted FROM tag"
+            first_uncompacted = {row[0]: row[1] for row in self.connection.fetch(query_tags)}
             rows = [row for tag in tags for row in self.connection.fetch(query, level, tag, from_ms, to_ms)]
-        return sealed, [Block(level, *row) for row in rows]
+        return first_uncompacted, [Block(level, *row) for row in rows]
 
     @_raises_store_error
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
@@ -302,11 +305,11 @@ class HistoryStore:
     def events(self, window: EventQuery) -> list[EventRow]:
         before = window.before or (window.to_ms + 1, 0)
         where = "time_ms BETWEEN ? AND ? AND (time_ms, id) < (?, ?)"
-        given: list[Any] = [window.from_ms, window.to_ms, *before]
+        values: list[Any] = [window.from_ms, window.to_ms, *before]
         if window.drive is not None:
-            where, given = f"{where} AND drive = ?", [*given, window.drive]
+            where, values = f"{where} AND drive = ?", [*values, window.drive]
         query = f"SELECT id, time_ms, kind, drive, data FROM event WHERE {where} ORDER BY time_ms DESC, id DESC LIMIT ?"
-        return [EventRow(*row) for row in self.connection.fetch(query, *given, window.limit)]
+        return [EventRow(*row) for row in self.connection.fetch(query, *values, window.limit)]
 
     @_raises_store_error
     def documents(self, kind: str) -> list[Document]:

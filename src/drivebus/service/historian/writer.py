@@ -105,11 +105,11 @@ class WriteQueue:
 
     def put_document(self, document: Document) -> None:
         with self._lock:
-            place = (document.kind, document.id)
-            if place not in self._waiting.documents and len(self._waiting.documents) >= self._max_notes:
+            key = (document.kind, document.id)
+            if key not in self._waiting.documents and len(self._waiting.documents) >= self._max_notes:
                 self.lost_notes += 1
                 return
-            self._waiting.documents[place] = document
+            self._waiting.documents[key] = document
             self.accepted += 1
 
     def set_labels(self, labels: Mapping[str, tuple[str, Text]]) -> None:
@@ -146,7 +146,7 @@ class PendingBatch:
 
 
 class BatchBuilder:
-    """Builder of batches: knows every tag and the last numbers of batches and events."""
+    """Builder of batches from the queue, with every tag and the last numbers of batches and events."""
 
     def __init__(self) -> None:
         self.tags: dict[str, Tag] = {}
@@ -368,10 +368,10 @@ class HistoryWriter:
     def _compact(self, tags: list[int]) -> None:
         for at in range(0, len(tags), TAGS_PER_COMPACTION):
             part = tags[at : at + TAGS_PER_COMPACTION]
-            seals = [self._compaction_of(tag) for tag in part]
-            self._store.compact(seals, self._age_clock_ms(), self.open_blocks.oldest_batch(without=set(part)))
-            for one in seals:
-                self.open_blocks.drop_compacted(one.tag, one.to_number)
+            compactions = [self._compaction_of(tag) for tag in part]
+            self._store.compact(compactions, self._age_clock_ms(), self.open_blocks.oldest_batch(without=set(part)))
+            for compaction_done in compactions:
+                self.open_blocks.drop_compacted(compaction_done.tag, compaction_done.to_number)
 
     def _compaction_of(self, tag: int) -> Compaction:
         first, samples = self.open_blocks.copy(tag)
