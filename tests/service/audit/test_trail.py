@@ -459,12 +459,13 @@ def test_what_another_process_sends_is_recorded_whatever_it_is(tmp_path: Path) -
     async def go() -> None:
         made = new_trail(tmp_path)
         await made.open()
-        await made.record_json({"what": "login", "who": "li", "outcome": "refused", "why": "password", "target": None})
-        await made.record_json({"params": [1], "frames": None, "of": {"no": "number"}, "who": 7})
+        login = {"what": "login", "who": "eve", "outcome": "refused", "why": "password", "target": None}
+        await made.record(AuditEntry.from_json(login, LI))
+        await made.record(AuditEntry.from_json({"params": [1], "frames": None, "of": {"no": "number"}, "who": 7}, LI))
         await made.close()
-        _, login, odd = lines(made.paths.current)
-        assert (login["who"]["name"], login["params"], login["target"]) == ("li", {"why": "password"}, "")
-        assert (odd["what"], odd["params"], odd["frames"], odd["who"]["name"]) == ("", {"params": [1]}, [], 7)
+        _, first, odd = lines(made.paths.current)
+        assert (first["who"]["name"], first["params"], first["target"]) == ("li", {"why": "password"}, "")
+        assert (odd["what"], odd["params"], odd["frames"], odd["who"]["name"]) == ("", {"params": [1]}, [], "li")
         assert verify_report(made).ok
 
     asyncio.run(go())

@@ -43,7 +43,7 @@ class AlarmShelf:
         return self._until[key][1]
 
     def restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
-        """Shelve an alarm of an earlier run for the rest of its time, as far as the wall clock tells."""
+        """Shelve an alarm of an earlier run for the rest of its time, as far as the wall clock shows."""
         if alarm.shelved_until_ms is not None:
             left_ms = min(max(0, alarm.shelved_until_ms - now_ms), MAX_SHELVED_MS)
             self._until[alarm.key] = (now + left_ms / 1000, alarm.shelved_until_ms)

@@ -51,9 +51,8 @@ class AlarmLog:
             data = b""
         for alarm in _decode_lines(data.split(b"\n")):
             self._remember(alarm)
-        self._lines = data.count(b"\n") + (
-            MAX_LOG_LINES if data and not data.endswith(b"\n") else 0
-        )  # a torn end forces a rewrite
+        is_torn = data and not data.endswith(b"\n")
+        self._lines = data.count(b"\n") + (MAX_LOG_LINES if is_torn else 0)  # a torn end forces a rewrite
         return [alarm for alarm in self._alarms.values() if alarm.active]
 
     def put(self, alarm: Alarm) -> None:

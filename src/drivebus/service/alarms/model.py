@@ -1,4 +1,4 @@
-"""Alarm values: alarms, their keys and changes, and the alarms that the service itself raises."""
+"""Alarms (ISA-18.2): values, their keys and changes, and the alarms that the service itself raises."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ class Alarm:
     """Empty if it concerns no drive."""
     priority: AlarmPriority
     kind: str
-    """An AlarmKind or an ``Own``."""
+    """An ``AlarmKind`` or a ``SystemAlarm``."""
     title: Text
     text: Text
     raised_ms: int
     value: float | int | str | None = None
     """Value or fault code that raised it."""
     subject: str = ""
-    """What else it is about: a bus, an interlock, a store."""
+    """Further subject: a bus, an interlock, a file."""
     cleared_ms: int | None = None
     acknowledged_ms: int | None = None
     acknowledged_by: str | None = None

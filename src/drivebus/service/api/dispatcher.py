@@ -1,7 +1,7 @@
-"""``Dispatcher``: every operation, with its right, its parameters and its audit record.
+"""Dispatcher of operations: right, parameters, state of the service, audit record, handler.
 
-Order: operation, right, parameters, state of the service. A command is recorded before its first frame is sent and
-after it is done; a stop is done first and then recorded.
+The checks are made in this order. A command is recorded before its first frame is sent and after it is done; a stop is
+done first and then recorded.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ TARGET_PARAMS = ("drive", "group", "alarm", "bus")
 
 
 class Dispatcher:
-    """Runs operations for their actors."""
+    """Dispatcher of a service. ``motions``: handlers that move motors; they get a command ticket."""
 
     def __init__(
         self, plant: Plant, handlers: Mapping[str, OperationHandler], motions: Mapping[str, MotionHandler]
@@ -81,13 +81,13 @@ class Dispatcher:
             raise params_error(name, error.params["faults"]) from error
 
     def _check_accepting(self, operation: Operation) -> None:
-        """Raises ServiceUnavailable: a service that is stopping takes stops only, one that has ended nothing."""
+        """Raise ServiceUnavailable for commands while the service is stopping, for everything once it has ended."""
         starts = operation.mutates and not operation.is_stop
         if self.plant.state == "ended" or (starts and self.plant.state == "stopping"):
             raise ServiceUnavailable("plant.stopping")
 
     def check_may_view(self, actor: Actor) -> None:
-        """Raises PermissionDenied."""
+        """Raise PermissionDenied unless the actor may see live values."""
         if not actor.may(Right.VIEW):
             raise PermissionDenied("plant.forbidden", name=actor.name, operation="live", right=Right.VIEW)
 
@@ -143,7 +143,7 @@ class Dispatcher:
         return found
 
     def _check_not_stopped(self, ticket: CommandTicket) -> None:
-        """Raises Superseded after a stop of one of its drives, Expired after a record that took too long."""
+        """Raise Superseded after a stop of one of its drives, Expired after a record that took too long."""
         check_not_superseded(self.plant, ticket)
         age_s = self.plant.now() - ticket.issued_at
         if age_s > MAX_RECORDING_S:
@@ -163,8 +163,7 @@ class Dispatcher:
 
         Raises AuditUnavailable.
         """
-        who = {"who": actor.name, "session": actor.session, "address": actor.address}
-        entry = AuditEntry.from_json({**found, **who})
+        entry = AuditEntry.from_json(found, actor)
         try:
             await self._record(entry)
         except AuditUnavailable:
@@ -239,6 +238,6 @@ def _completed_entry(entry: AuditEntry, found: Json) -> AuditEntry:
     by_drive = {**found.get("outcomes", {}), **found.get("followers", {})}
     outcome = found.get("outcome")
     outcomes = [*([outcome] if outcome else ()), *by_drive.values()]
-    statuses = dict.fromkeys(str(one.get("status") or one.get("code") or "done") for one in outcomes)
-    frames = [frame for one in outcomes for frame in one.get("frames", ())]
+    statuses = dict.fromkeys(str(item.get("status") or item.get("code") or "done") for item in outcomes)
+    frames = [frame for item in outcomes for frame in item.get("frames", ())]
     return replace(entry, outcome=", ".join(statuses) or "done", frames=frames)

@@ -38,7 +38,7 @@ def to_plain(value: Any) -> Any:
 
 
 def os_reason(error: Exception) -> str:
-    """Return why a file or store failed, in the operating system's words where there are any."""
+    """Return why a file or store failed, in the words of the operating system where it gives any."""
     params = error.params if isinstance(error, DrivebusError) else {}
     return str(params.get("reason") or getattr(error, "strerror", None) or error)
 
@@ -78,7 +78,7 @@ def error_from_json(found: Json) -> DrivebusError:
 
 
 def _param_from_json(name: str, value: Any) -> Any:
-    """A right is one word in JSON and a text in both languages in a sentence."""
+    """Return the parameter of a sentence: a right and a text in both languages are objects there."""
     if name == "right":
         return next((right for right in Right if right == value), value)
     return Text(**value) if isinstance(value, dict) and value.keys() == {"en", "zh"} else value

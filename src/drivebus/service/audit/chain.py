@@ -36,7 +36,7 @@ MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class AuditPaths:
-    """Paths of one plant's trail."""
+    """Paths of the audit trail of one plant."""
 
     folder: Path
     checkpoints: Path
@@ -145,7 +145,7 @@ def _tail_from(path: Path, size: int, data: bytes, at: int) -> TornTail:
 
 
 class AuditChain:
-    """Writer of one plant's trail. It must be the only one: the service holds the lock of the state directory."""
+    """Writer of the trail of one plant. It must be the only one: the service holds the lock of the state directory."""
 
     def __init__(
         self, paths: AuditPaths, now_ms: Callable[[], int], max_file_bytes: int = MAX_AUDIT_FILE_BYTES

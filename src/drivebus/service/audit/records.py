@@ -4,7 +4,7 @@ A record is one line of ASCII JSON: ``n`` (1, 2, 3, …), the entry, ``prev`` (h
 member, ``hash``: SHA-256 of the line without that member. ASCII, because then control characters, terminal escapes
 and line ends in names are JSON escapes and cannot forge a line.
 A checkpoint is a line with a record's number and hash and, as its last member, ``mac``: HMAC-SHA-256 under a key that
-a program with write access to the trail need not have. ``docs/explanation/audit.md`` tells what the two show.
+a program with write access to the trail need not have (RFC 2104). ``docs/explanation/audit.md`` states what they prove.
 """
 
 from __future__ import annotations
@@ -61,13 +61,14 @@ class AuditEntry:
         return cls(what, actor.name, actor.session, actor.address, **more)
 
     @classmethod
-    def from_json(cls, found: Mapping[str, Any]) -> AuditEntry:
-        """Return the entry that another process sent. Unknown members become parameters."""
+    def from_json(cls, found: Mapping[str, Any], actor: Actor) -> AuditEntry:
+        """Return the entry of ``actor`` that another process sent. Unknown members become parameters."""
         own = {name: found[name] for name in cls.__dataclass_fields__ if found.get(name) is not None}
         params = own.pop("params", {})
         more = {name: value for name, value in found.items() if name not in cls.__dataclass_fields__}
+        identity = {"who": actor.name, "session": actor.session, "address": actor.address}
         whole = {**(params if isinstance(params, Mapping) else {"params": params}), **more}
-        return cls(**{"what": "", **own}, params=whole)
+        return cls(**{"what": "", **own, **identity}, params=whole)
 
 
 def entry_json(entry: AuditEntry, time_ms: int) -> Json:

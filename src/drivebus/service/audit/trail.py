@@ -87,10 +87,6 @@ class AuditTrail:
         """
         return await self._writer.write(entry_json(entry, self._now_ms()))
 
-    async def record_json(self, entry: Json) -> int:
-        """Record an entry in JSON form. Raises AuditUnavailable."""
-        return await self.record(AuditEntry.from_json(entry))
-
     def record_nowait(self, entry: AuditEntry) -> None:
         """Queue a record, to be written now or when the disk works again. Never waits, never raises."""
         self._writer.write_nowait(entry_json(entry, self._now_ms()))

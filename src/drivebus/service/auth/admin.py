@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 from drivebus.errors import ConfigurationError, DrivebusError
-from drivebus.service.audit import AuditTrail
+from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.users import USER_FILE, UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
@@ -66,9 +66,7 @@ async def _audit_writer(setting: PlantConfig) -> AsyncIterator[WriteAuditRecord]
     trail = AuditTrail.of(setting)
     try:
         await trail.open()
-        yield lambda entry: trail.record_json(
-            entry | {"who": actor.name, "session": actor.session, "address": actor.address}
-        )
+        yield lambda entry: trail.record(AuditEntry.from_json(entry, actor))
     finally:
         await trail.close()
         lock.__exit__(None, None, None)

@@ -77,7 +77,7 @@ class DriveCommands:
                 raise ControlNotHeld("plant.follower_not_owned", drive=follower.id, leader=drive, why=error) from error
         return runtime
 
-    # --- who may --------------------------------------------------------------------------------------------------
+    # --- control ------------------------------------------------------------------------------------------------
 
     async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
         runtime, now = self.plant.drive(params.drive), self.plant.now()
@@ -232,7 +232,7 @@ class DriveCommands:
         )
         return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
 
-    # --- what an engineer allows ------------------------------------------------------------------------------------
+    # --- waivers and limits -----------------------------------------------------------------------------------------
 
     async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
         runtime = self.plant.drive(params.drive)
@@ -259,8 +259,8 @@ class DriveCommands:
         runtime = self.plant.drive(params.drive)
         own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)
         lowest, highest = max(own.minimum_hz, runtime.configured_range_hz[0]), runtime.configured_range_hz[1]
-        wanted = highest if own.maximum_hz is None else own.maximum_hz
-        if wanted > highest or own.minimum_hz > wanted or lowest > wanted:
+        maximum = highest if own.maximum_hz is None else own.maximum_hz
+        if maximum > highest or own.minimum_hz > maximum or lowest > maximum:
             raise LimitError(
                 "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
             )

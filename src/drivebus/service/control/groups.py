@@ -102,7 +102,7 @@ class GroupCommands:
             check_not_superseded(self.plant, ticket)
             self._check_still_owner(runtime, actor)
             check_start(self.plant, runtime)
-            if any(one.id not in self.plant.drives for one in runtimes):
+            if any(other.id not in self.plant.drives for other in runtimes):
                 raise Superseded("plant.another_meanwhile", drive=runtime.id)
             frequency_hz = follower_hz(group, runtime.id, params.frequency_hz)
             found = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
@@ -134,10 +134,14 @@ class GroupCommands:
     def _slot_free(self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime) -> bool:
         now = self.plant.now()
         last = max(
-            (one.group_started_at for one in runtimes if one.group_started_at is not None and one.started_by_service),
+            (
+                other.group_started_at
+                for other in runtimes
+                if other.group_started_at is not None and other.started_by_service
+            ),
             default=None,
         )
-        busy = sum(1 for one in runtimes if one is not runtime and self._is_accelerating(one, now))
+        busy = sum(1 for other in runtimes if other is not runtime and self._is_accelerating(other, now))
         return (last is None or now - last >= group.start_interval_s) and busy < group.max_concurrent_starts
 
     def _is_accelerating(self, runtime: DriveRuntime, now: float) -> bool:
@@ -168,7 +172,7 @@ class GroupCommands:
         found = await asyncio.gather(
             *(self._set_follower_unless_stopped(group, runtime, params.frequency_hz, actor, ticket) for runtime in rest)
         )
-        return {"outcomes": outcomes | {runtime.id: one for runtime, one in zip(rest, found, strict=True)}}
+        return {"outcomes": outcomes | {runtime.id: outcome for runtime, outcome in zip(rest, found, strict=True)}}
 
     async def _set_follower_unless_stopped(
         self, group: GroupConfig, runtime: DriveRuntime, frequency_hz: float, actor: Actor, ticket: CommandTicket
@@ -181,7 +185,7 @@ class GroupCommands:
         return await self.commands.set_follower(group, runtime, frequency_hz, actor)
 
     def group_view(self, group: GroupConfig) -> Json:
-        """Topic ``groups/<id>``."""
+        """Return the live topic ``groups/<id>``."""
         started = self.progress.get(group.id)
         progress = None if started is None else {"started": started, "of": len(group.drives)}
         state = "starting" if progress else self._group_state(group)

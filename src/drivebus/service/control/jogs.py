@@ -48,53 +48,53 @@ class RemoteJogs:
         lease = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
         self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
         await self.commands.run_motion(runtime, lease.start())
-        word = secrets.token_urlsafe(12)
-        self._active[word] = ActiveJog(runtime, actor, lease)
+        id = secrets.token_urlsafe(12)
+        self._active[id] = ActiveJog(runtime, actor, lease)
         assert lease.start_outcome is not None
         answer = self.commands.publish_outcome(runtime, "jog", lease.start_outcome, actor)
-        return {"jog": word, "lease_s": lease.lease_s, **answer}
+        return {"jog": id, "lease_s": lease.lease_s, **answer}
 
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped."""
-        held = self._find(params)
-        if held.actor.session != actor.session:
-            raise ControlNotHeld("plant.not_owner", drive=held.drive.id, owner=held.actor.name)
-        held.lease.renew()
-        return {"lease_s": held.lease.lease_s}
+        jog = self._find(params)
+        if jog.actor.session != actor.session:
+            raise ControlNotHeld("plant.not_owner", drive=jog.drive.id, owner=jog.actor.name)
+        jog.lease.renew()
+        return {"lease_s": jog.lease.lease_s}
 
     async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:
-        """End a jog; everybody with the right to stop may."""
-        held = self._find(params)
+        """End a jog, also one of another session: only the right to stop is needed."""
+        jog = self._find(params)
         self._active.pop(params.jog, None)
-        self.plant.note_stop(held.drive)
-        outcome = await self.commands.finish_stop(held.drive, held.lease.stop())
-        return self.commands.publish_outcome(held.drive, "stop", outcome, actor)
+        self.plant.note_stop(jog.drive)
+        outcome = await self.commands.finish_stop(jog.drive, jog.lease.stop())
+        return self.commands.publish_outcome(jog.drive, "stop", outcome, actor)
 
     def _find(self, params: ActiveJogParams) -> ActiveJog:
-        held = self._active.get(params.jog)
-        if held is None or held.drive.id != params.drive:
+        jog = self._active.get(params.jog)
+        if jog is None or jog.drive.id != params.drive:
             raise NotFound("plant.no_jog", id=params.drive)
-        return held
+        return jog
 
     def expire(self) -> None:
         """Remove jogs that were not renewed in time. Their stop is on its way; its outcome becomes an event."""
-        for word, held in tuple(self._active.items()):
-            if held.lease.expired:
-                del self._active[word]
-                self.plant.note_stop(held.drive)
-                self.plant.publish_event("lease", held.drive.id, "plant.jog_lost", actor=held.actor.name)
-                task = asyncio.create_task(self._finish_expired(held), name=f"lost jog of {held.drive.id}")
+        for id, jog in tuple(self._active.items()):
+            if jog.lease.expired:
+                del self._active[id]
+                self.plant.note_stop(jog.drive)
+                self.plant.publish_event("lease", jog.drive.id, "plant.jog_lost", actor=jog.actor.name)
+                task = asyncio.create_task(self._finish_expired(jog), name=f"lost jog of {jog.drive.id}")
                 self._stop_tasks.add(task)
                 task.add_done_callback(self._stop_tasks.discard)
 
-    async def _finish_expired(self, held: ActiveJog) -> None:
+    async def _finish_expired(self, jog: ActiveJog) -> None:
         try:
-            outcome = await self.commands.finish_stop(held.drive, held.lease.stop())
+            outcome = await self.commands.finish_stop(jog.drive, jog.lease.stop())
         except DrivebusError:
             return  # an unconfirmed stop has raised its alarm and is being repeated
-        self.commands.publish_outcome(held.drive, "stop", outcome, held.actor)
+        self.commands.publish_outcome(jog.drive, "stop", outcome, jog.actor)
 
     async def close(self) -> None:
         """End all jogs."""
-        held, self._active = tuple(self._active.values()), {}
-        await asyncio.gather(*(one.lease.stop() for one in held), *self._stop_tasks, return_exceptions=True)
+        jogs, self._active = tuple(self._active.values()), {}
+        await asyncio.gather(*(jog.lease.stop() for jog in jogs), *self._stop_tasks, return_exceptions=True)

@@ -18,7 +18,7 @@ MAX_ARM_TOKENS = 100  # valid at a time; a further one replaces the oldest
 
 @dataclass(frozen=True, slots=True)
 class ControlLease:
-    """One drive's owner until a monotonic second."""
+    """Control of one drive by one session until ``expires_at``, in monotonic seconds."""
 
     drive: str
     actor: Actor
@@ -29,7 +29,7 @@ class ControlLease:
 
 
 class ControlLeases:
-    """At most one owner a drive."""
+    """Control leases of all drives: at most one for each."""
 
     def __init__(self) -> None:
         self._leases: dict[str, ControlLease] = {}
@@ -37,7 +37,7 @@ class ControlLeases:
         """Ended leases whose drive was taken again before ``pop_expired`` returned them."""
 
     def get(self, drive: str, now: float) -> ControlLease | None:
-        """The lease in force."""
+        """Return the lease in force; None if the drive has none."""
         lease = self._leases.get(drive)
         return lease if lease is not None and now < lease.expires_at else None
 
@@ -89,7 +89,7 @@ class ControlLeases:
         return before + over
 
     def remove_drive(self, drive: str) -> None:
-        """The drive is no longer part of the plant."""
+        """Drop the lease of a drive that was removed from the plant. Idempotent."""
         self._leases.pop(drive, None)
 
 
@@ -104,23 +104,23 @@ class ArmTokens:
         self._tokens: dict[str, tuple[str, str, float]] = {}
 
     def issue(self, what: str, actor: Actor, now: float) -> str:
-        """A word that lets this session start ``what`` once within ten seconds."""
+        """Return a token for one start of ``what``, a drive or ``group:<id>``, by this session within ``ARM_TTL_S``."""
         while len(self._tokens) >= MAX_ARM_TOKENS:
             self._tokens.pop(next(iter(self._tokens)))
-        word = secrets.token_urlsafe(16)
-        self._tokens[word] = what, actor.session, now + ARM_TTL_S
-        return word
+        token = secrets.token_urlsafe(16)
+        self._tokens[token] = what, actor.session, now + ARM_TTL_S
+        return token
 
-    def consume(self, word: str | None, what: str, actor: Actor, now: float) -> None:
+    def consume(self, token: str | None, what: str, actor: Actor, now: float) -> None:
         """Raise ArmRequired unless a remote actor's token was issued to it for this start and is unused."""
         if not actor.remote:
             return
-        if word is None:
+        if token is None:
             raise ArmRequired("plant.arm_needed", what=what)
-        found = self._tokens.pop(word, None)
+        found = self._tokens.pop(token, None)
         if found is None or found[:2] != (what, actor.session) or now > found[2]:
             raise ArmRequired("plant.arm_void", what=what, limit_s=ARM_TTL_S)
 
-    def revoke(self, *whats: str) -> None:
+    def revoke(self, *targets: str) -> None:
         """Invalidate the tokens of these drives and groups: after a stop each start has to be armed again."""
-        self._tokens = {word: one for word, one in self._tokens.items() if one[0] not in whats}
+        self._tokens = {token: issued for token, issued in self._tokens.items() if issued[0] not in targets}

@@ -28,7 +28,7 @@ class StopPolicies:
         self._stopping: dict[str, asyncio.Task[None]] = {}
 
     def expire_leases(self, now: float) -> None:
-        """Handle leases that have ended: stop the drive or leave it running, as its ``on_client_lost`` says."""
+        """Handle leases that have ended: stop the drive or leave it running, by its ``on_client_lost``."""
         for lease in self.plant.leases.pop_expired(now):
             runtime = self.plant.drives.get(lease.drive)
             if runtime is not None:
@@ -58,16 +58,18 @@ class StopPolicies:
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-            runtime.started_by_service = False  # stopped at its keypad, or tripped: a later start is not one of ours
+            runtime.started_by_service = False  # stopped at its keypad, or tripped: a later start is not by the service
         if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
-        """A drive may run only while its interlocks hold; while one that stops does not, it is stopped whenever it
-        turns. Only that is an alarm: one that does not hold over drives that stand is how a plant looks at rest."""
+        """Stop every running drive with a tripped interlock of the action ``stop``, and raise its alarm.
+
+        A tripped interlock of drives at standstill is no alarm: at rest, a plant has many.
+        """
         engine = self.plant.interlocks
-        settings = {one.id: one for one in self.plant.config.interlocks}
+        settings = {interlock.id: interlock for interlock in self.plant.config.interlocks}
         for id, holds in engine.evaluate(views, now):
             for drive in settings[id].drives if holds else ():
                 self.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, drive, subject=id)
@@ -79,8 +81,8 @@ class StopPolicies:
                 and not runtime.drive.stop_pending
                 and runtime.id not in self._stopping
             ):
-                for one in stopping:
-                    self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=one.id)
+                for interlock in stopping:
+                    self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=interlock.id)
                 self.stop_drive(runtime, "plant.stopped_interlock", interlock=stopping[0].id)
 
     def stop_drive(self, runtime: DriveRuntime, key: str, **params: str) -> None:
@@ -97,7 +99,7 @@ class StopPolicies:
             return  # an unconfirmed stop has raised its alarm and is being repeated
 
     async def close(self) -> None:
-        """Wait no longer for confirmations; the stops themselves have been sent."""
+        """Cancel waiting for confirmations; the stops themselves have been sent."""
         tasks = tuple(self._stopping.values())
         for task in tasks:
             task.cancel()
@@ -105,10 +107,10 @@ class StopPolicies:
 
 
 def _state_lost(runtime: DriveRuntime) -> bool:
-    """Return whether a drive that reports its state does not at present: it may be running."""
+    """Return whether the state of a drive that reports one is unknown now: it may be running."""
     return runtime.drive.dialect.reports_run_state and runtime.status().state is DriveState.UNKNOWN
 
 
 def may_be_running(runtime: DriveRuntime) -> bool:
-    """Return whether the motor turns, or was started by this service and not seen at standstill since."""
+    """Return whether the motor turns, or was started by this service and has not reported standstill since."""
     return runtime.started_by_service or runtime.status().state.turning

@@ -17,6 +17,7 @@ from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.config.model import AlarmKind
+from drivebus.service.historian.points import CODE_BY_QUALITY
 from drivebus.service.incidents.store import IncidentStore
 from drivebus.service.live.views import DriveView, Sample
 from drivebus.types import Json
@@ -38,7 +39,6 @@ MAX_BUFFERED_SAMPLES = 20_000
 """333 a second for a minute, more than one drive delivers at 115,200 baud; about 3 MB."""
 MAX_BUFFERED_STATES = 1_000
 MAX_BUFFERED_EVENTS = 50
-QUALITY_CODES = {Quality.GOOD: 0, Quality.UNCERTAIN: 1, Quality.BAD: 2}
 BufferedSample = tuple[float, str, float | None, Quality]
 
 
@@ -87,7 +87,7 @@ class RingBuffer:
                 series = signals.setdefault(name, {"t": [], "v": [], "q": []})
                 series["t"].append(round(at - now, 3))
                 series["v"].append(value)
-                series["q"].append(QUALITY_CODES[quality])
+                series["q"].append(CODE_BY_QUALITY[quality])
         return {"signals": signals, "states": self._states_json(now), "events": list(self._events)}
 
     def _states_json(self, now: float) -> list[Json]:

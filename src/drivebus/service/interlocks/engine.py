@@ -28,26 +28,26 @@ from drivebus.service.live.views import DriveView
 from drivebus.values import Quality, Text
 
 STARTUP_GRACE_S = 10.0
-"""Time in which a slow bus has polled every drive once."""
+"""Time in which a slow bus polls every drive once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """An interlock that does not hold, and the reasons."""
+    """Interlock that does not hold, with the reasons."""
 
     config: InterlockConfig
     since_s: float
     """Monotonic second of the first evaluation at which it did not hold."""
     tripped: bool
-    """It has not held for its delay: an interlock that stops has to stop now."""
+    """Whether it has not held for its delay; an interlock with the action ``stop`` then stops its drives."""
     reasons: tuple[Text, ...]
-    """Each comparison that is not met, with the value that was found."""
+    """Each comparison that does not hold, with the value found."""
 
     @property
     def message_params(self) -> dict[str, Any]:
-        """The places of the sentence ``interlocks.violated``, and which interlock it is for programs."""
+        """Parameters of the sentence ``interlocks.violated``; ``interlock`` and ``require`` are for programs."""
         title, id = self.config.title, self.config.id
-        why = Text("; ".join(one.en for one in self.reasons), "；".join(one.zh for one in self.reasons))
+        why = Text("; ".join(text.en for text in self.reasons), "；".join(text.zh for text in self.reasons))
         names = Text(title.en or id, title.zh or id)
         return {"interlock": id, "require": self.config.require, "title": names, "why": why}
 
@@ -57,77 +57,80 @@ class _InterlockState:
     config: InterlockConfig
     expression: Expression
     was_known: bool = False
-    """Its result was known once."""
+    """Whether its result was ever known."""
     violation: Violation | None = None
     evaluated: bool = False
-    """An interlock that was never evaluated blocks starts."""
+    """Whether it was ever evaluated; before that it blocks starts."""
 
 
 class InterlockEngine:
     """Interlocks of a plant."""
 
     def __init__(self, settings: Iterable[InterlockConfig]) -> None:
-        """Raises ConfigurationError for an expression that can't be read."""
-        self._states = {one.id: _InterlockState(one, parse(one.require)) for one in settings}
+        """Parse the expressions. Raises ConfigurationError for an invalid one."""
+        self._states = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
         self._first_evaluation_at: float | None = None
 
     def replace(self, settings: Iterable[InterlockConfig]) -> None:
-        """Other settings from now on; what has not changed keeps what it knows. Raises as the constructor does."""
-        new = {one.id: _InterlockState(one, parse(one.require)) for one in settings}
+        """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does."""
+        new = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
         same = {id: old for id, old in self._states.items() if id in new and old.config == new[id].config}
         self._states = new | same
 
     def evaluate(self, views: Mapping[str, DriveView], now: float) -> list[tuple[str, bool]]:
-        """Look at everything: the ids of what tripped (False) and of what holds again after it had (True)."""
+        """Evaluate every interlock at ``now``, in monotonic seconds, and return the edges.
+
+        An edge is an id with False (it tripped now) or True (it holds again after a trip).
+        """
         if self._first_evaluation_at is None:
             self._first_evaluation_at = now
-        edges = [(id, self._evaluate_one(one, views, now)) for id, one in self._states.items()]
+        edges = [(id, self._evaluate(state, views, now)) for id, state in self._states.items()]
         return [(id, edge) for id, edge in edges if edge is not None]
 
-    def _evaluate_one(self, one: _InterlockState, views: Mapping[str, DriveView], now: float) -> bool | None:
-        look = value_lookup(views)
-        certain = evaluate(one.expression, look)
-        one.evaluated = True
-        one.was_known = one.was_known or certain is not None
-        before = one.violation
+    def _evaluate(self, state: _InterlockState, views: Mapping[str, DriveView], now: float) -> bool | None:
+        lookup = value_lookup(views)
+        certain = evaluate(state.expression, lookup)
+        state.evaluated = True
+        state.was_known = state.was_known or certain is not None
+        before = state.violation
         was_tripped = before is not None and before.tripped
         if certain:
-            one.violation = None
+            state.violation = None
             return True if was_tripped else None
         since_s = now if before is None else before.since_s
-        tripped = was_tripped or self._should_trip(one, since_s, now)
-        one.violation = Violation(one.config, since_s, tripped, tuple(unmet_reasons(one.expression, look)))
+        tripped = was_tripped or self._should_trip(state, since_s, now)
+        state.violation = Violation(state.config, since_s, tripped, tuple(unmet_reasons(state.expression, lookup)))
         return False if tripped and not was_tripped else None
 
-    def _should_trip(self, one: _InterlockState, since_s: float, now: float) -> bool:
+    def _should_trip(self, state: _InterlockState, since_s: float, now: float) -> bool:
         assert self._first_evaluation_at is not None
-        if not one.was_known and now - self._first_evaluation_at < STARTUP_GRACE_S:
+        if not state.was_known and now - self._first_evaluation_at < STARTUP_GRACE_S:
             return False
-        return now - since_s >= one.config.delay_s
+        return now - since_s >= state.config.delay_s
 
     def violations(self, drive: str) -> list[Violation]:
-        """Why this drive may not be started now: every interlock of it that does not hold, whatever its action.
+        """Return every interlock of a drive that does not hold, whatever its action; each blocks a start.
 
-        Before ``evaluate`` has looked at it nothing is known to hold, also after a reload: it forbids.
+        An interlock counts as violated until its first evaluation, also after a reload.
         """
-        mine = [one for one in self._states.values() if drive in one.config.drives]
+        states = [state for state in self._states.values() if drive in state.config.drives]
         new = [
-            Violation(one.config, 0.0, False, (bilingual_text("interlocks.not_looked"),))
-            for one in mine
-            if not one.evaluated
+            Violation(state.config, 0.0, False, (bilingual_text("interlocks.not_looked"),))
+            for state in states
+            if not state.evaluated
         ]
-        return new + [one.violation for one in mine if one.evaluated and one.violation is not None]
+        return new + [state.violation for state in states if state.evaluated and state.violation is not None]
 
     def tripped_stops(self, drive: str) -> list[InterlockConfig]:
-        """Those that tripped and stop: this drive must not run, now and as long as they do not hold."""
+        """Return the tripped interlocks with the action ``stop``: this drive must not run until they hold."""
         stop = InterlockAction.STOP
-        return [one.config for one in self.violations(drive) if one.tripped and one.config.action is stop]
+        return [found.config for found in self.violations(drive) if found.tripped and found.config.action is stop]
 
 
 def value_lookup(views: Mapping[str, DriveView]) -> ValueLookup:
-    """Values of a plant's drives, good ones only."""
+    """Return a lookup of the values of good quality in these views."""
 
-    def look(drive: str, name: str) -> tuple[float | str, str] | None:
+    def lookup(drive: str, name: str) -> tuple[float | str, str] | None:
         view = views.get(drive)
         if view is None:
             return None
@@ -137,25 +140,25 @@ def value_lookup(views: Mapping[str, DriveView]) -> ValueLookup:
         good = signal is not None and signal.quality is Quality.GOOD and isinstance(signal.value, int | float)
         return (signal.value, signal.unit) if good else None  # type: ignore[union-attr,return-value]
 
-    return look
+    return lookup
 
 
-def unmet_reasons(expression: Expression, look: ValueLookup) -> list[Text]:
-    """Each comparison that is not certainly met, with what was found; all of them where ``not`` turns one round."""
-    unmet = [one for one in comparisons(expression) if not compare(one, look)]
-    return [_comparison_text(one, look) for one in unmet or comparisons(expression)]
+def unmet_reasons(expression: Expression, lookup: ValueLookup) -> list[Text]:
+    """Return each comparison that does not certainly hold with the value found; all where a ``not`` decides."""
+    unmet = [comparison for comparison in comparisons(expression) if not compare(comparison, lookup)]
+    return [_comparison_text(comparison, lookup) for comparison in unmet or comparisons(expression)]
 
 
-def _comparison_text(comparison: Comparison, look: ValueLookup) -> Text:
+def _comparison_text(comparison: Comparison, lookup: ValueLookup) -> Text:
     found = [side for side in (comparison.left, comparison.right) if isinstance(side, SignalReference)]
-    values = [_operand_text(side, look) for side in found]
-    both_values = Text(", ".join(one.en for one in values), "、".join(one.zh for one in values))
+    values = [_operand_text(side, lookup) for side in found]
+    both_values = Text(", ".join(text.en for text in values), "、".join(text.zh for text in values))
     return bilingual_text("interlocks.reason", require=str(comparison), found=both_values)
 
 
-def _operand_text(side: Operand, look: ValueLookup) -> Text:
+def _operand_text(side: Operand, lookup: ValueLookup) -> Text:
     assert isinstance(side, SignalReference)
-    value = look(side.drive, side.name)
+    value = lookup(side.drive, side.name)
     if value is None:
         return bilingual_text("interlocks.not_good", name=str(side))
     number, unit = value

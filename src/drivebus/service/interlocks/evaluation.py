@@ -1,7 +1,7 @@
-"""What an expression comes to: values come from a function. Pure.
+"""Evaluation of interlock expressions in three-valued logic (true, false, unknown). Pure: a function gives the values.
 
-A value that is not good makes its comparison neither true nor false but unknown, and what rests on it too, ``not``
-included: only what certainly holds is True (fail safe).
+A comparison of a value without good quality is unknown, and so is every expression that depends on it, ``not``
+included. Only an expression that certainly holds is true, so that missing values never permit a start.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ UNIT_MEASURES: Mapping[str, tuple[str, float]] = {
     "N·m": ("torque", 1.0),
     "Nm": ("torque", 1.0),
 }
-"""Unit → what it measures, and how many of that measure's first unit it is."""
+"""Unit → quantity that it measures, and its factor to the first unit of that quantity."""
 ZERO_AT_STANDSTILL = frozenset(
     {"output_frequency", "output_current", "output_voltage", "output_power", "output_torque", "speed"}
 )
 """Signals that are 0 while a drive's output is off."""
 ANY_UNIT = "any"
-"""The unit of the 0 that stands for a motor at rest: it is 0 in every unit."""
+"""Unit of the zero of a motor at rest, which is zero in every unit."""
 _OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
     "<=": operator.le,
@@ -59,52 +59,54 @@ _OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
 }
 RUNNING_WORD = str(DriveState.RUNNING)
 _RUNNING_STATES = frozenset({RUNNING_WORD, str(DriveState.ACCELERATING), str(DriveState.DECELERATING)})
-"""A drive that changes its speed runs: a setpoint must not trip what requires it (C320 reports its ramps as states)."""
+"""States that the word ``running`` means. A C320 reports ramps as states, and a new setpoint must trip nothing."""
 _BOTH_RESULTS = frozenset({True, False})
 ValueLookup = Callable[[str, str], tuple[float | str, str] | None]
-"""Drive and name → value and unit; None where there is none that is good."""
+"""Drive and name → value and unit; None without good quality."""
 
 
-def evaluate(expression: Expression, look: ValueLookup) -> bool | None:
-    """True: certainly. None: a value that matters is not good. Never raises."""
+def evaluate(expression: Expression, lookup: ValueLookup) -> bool | None:
+    """Return whether an expression holds; None if that depends on a value without good quality. Never raises."""
     if isinstance(expression, Comparison):
-        return compare(expression, look)
+        return compare(expression, lookup)
     if isinstance(expression, Not):
-        inner = evaluate(expression.inner, look)
+        inner = evaluate(expression.inner, lookup)
         return None if inner is None else not inner
-    found = [evaluate(part, look) for part in expression.parts]
+    found = [evaluate(part, lookup) for part in expression.parts]
     decides = isinstance(expression, Or)
     if decides in found:
         return decides
     return None if None in found else not decides
 
 
-def compare(comparison: Comparison, look: ValueLookup) -> bool | None:
-    """One comparison."""
-    left, right = _operand_value(comparison.left, look), _operand_value(comparison.right, look)
+def compare(comparison: Comparison, lookup: ValueLookup) -> bool | None:
+    """Return whether a comparison holds; None if a value has no good quality or another kind of unit. Never raises."""
+    left, right = _operand_value(comparison.left, lookup), _operand_value(comparison.right, lookup)
     if left is None or right is None:
         return None
-    (one, one_measures), (other, other_measures) = left, right
-    if isinstance(one, str) or isinstance(other, str):
-        known = isinstance(one, str) and isinstance(other, str) and comparison.operator in ("==", "!=")
-        return _same_state(comparison, str(one), str(other)) is (comparison.operator == "==") if known else None
-    if ANY_UNIT not in (one_measures, other_measures) and one_measures != other_measures:
+    (left_value, left_quantity), (right_value, right_quantity) = left, right
+    if isinstance(left_value, str) or isinstance(right_value, str):
+        both_states = isinstance(left_value, str) and isinstance(right_value, str)
+        if not both_states or comparison.operator not in ("==", "!="):
+            return None
+        return _same_state(comparison, str(left_value), str(right_value)) is (comparison.operator == "==")
+    if ANY_UNIT not in (left_quantity, right_quantity) and left_quantity != right_quantity:
         return None
-    return _OPERATORS[comparison.operator](one, other)
+    return _OPERATORS[comparison.operator](left_value, right_value)
 
 
-def _same_state(comparison: Comparison, one: str, other: str) -> bool:
-    """The same state; the word ``running`` stands for every state of a drive that runs, its ramps too."""
+def _same_state(comparison: Comparison, left: str, right: str) -> bool:
+    """Return whether two states are equal; ``running`` means every state of a drive that runs."""
     if RUNNING_WORD in (str(comparison.left), str(comparison.right)):
-        return one in _RUNNING_STATES and other in _RUNNING_STATES
-    return one == other
+        return left in _RUNNING_STATES and right in _RUNNING_STATES
+    return left == right
 
 
-def _operand_value(side: Operand, look: ValueLookup) -> tuple[float | str, str] | None:
-    """A number in its measure's first unit, or a state's word."""
+def _operand_value(side: Operand, lookup: ValueLookup) -> tuple[float | str, str] | None:
+    """Return a number in the first unit of its quantity, or the word of a state."""
     if isinstance(side, StateWord):
         return side.text, STATE_NAME
-    found = (side.value, side.unit) if isinstance(side, Quantity) else look(side.drive, side.name)
+    found = (side.value, side.unit) if isinstance(side, Quantity) else lookup(side.drive, side.name)
     if found is None:
         return None
     value, unit = found
@@ -112,39 +114,39 @@ def _operand_value(side: Operand, look: ValueLookup) -> tuple[float | str, str] 
         return (value, STATE_NAME) if isinstance(side, SignalReference) and side.name == STATE_NAME else None
     if value != value or not (unit in UNIT_MEASURES or unit == ANY_UNIT):
         return None
-    measures, factor = UNIT_MEASURES.get(unit, (ANY_UNIT, 1.0))
-    return value * factor, measures
+    quantity, factor = UNIT_MEASURES.get(unit, (ANY_UNIT, 1.0))
+    return value * factor, quantity
 
 
 def requires_running(expression: Expression, drive: str) -> bool:
-    """It can't hold while this drive's output is off, whatever all other values are: the drive must run first."""
+    """Return whether an expression cannot hold while this drive's output is off: the drive would have to run first."""
     return True not in _possible_results(expression, drive)
 
 
 def _possible_results(expression: Expression, drive: str) -> frozenset[bool]:
-    """What it can be while the drive's output is off."""
+    """Return the results that an expression can have while the drive's output is off."""
     if isinstance(expression, Comparison):
         return _results_at_standstill(expression, drive)
     if isinstance(expression, Not):
-        return frozenset(not one for one in _possible_results(expression.inner, drive))
+        return frozenset(not result for result in _possible_results(expression.inner, drive))
     parts = [_possible_results(part, drive) for part in expression.parts]
     decides = isinstance(expression, Or)
-    one_can = {decides} if any(decides in part for part in parts) else set()
-    all_can = {not decides} if all((not decides) in part for part in parts) else set()
-    return frozenset(one_can | all_can)
+    decided = {decides} if any(decides in part for part in parts) else set()
+    undecided = {not decides} if all((not decides) in part for part in parts) else set()
+    return frozenset(decided | undecided)
 
 
 def _results_at_standstill(comparison: Comparison, drive: str) -> frozenset[bool]:
     found = {compare(comparison, _standstill_lookup(drive, state)) for state in DriveState if state.output_off}
-    return _BOTH_RESULTS if None in found else frozenset(one for one in found if one is not None)
+    return _BOTH_RESULTS if None in found else frozenset(result for result in found if result is not None)
 
 
 def _standstill_lookup(drive: str, state: DriveState) -> ValueLookup:
-    def look(of: str, name: str) -> tuple[float | str, str] | None:
+    def lookup(of: str, name: str) -> tuple[float | str, str] | None:
         if of != drive:
             return None
         if name == STATE_NAME:
             return str(state), ""
         return (0.0, ANY_UNIT) if name in ZERO_AT_STANDSTILL else None
 
-    return look
+    return lookup

@@ -1,7 +1,7 @@
-"""What an interlock requires, read: ``pump-1.state == running and not (fan-1.temperature >= 80 °C)``.
+"""Parser of interlock expressions: ``pump-1.state == running and not (fan-1.temperature >= 80 °C)``.
 
 Comparisons ``< <= > >= == !=`` of signals (``drive.signal``) with numbers that carry their unit, with each other, and
-of ``drive.state`` with a state's word; ``and``, ``or``, ``not``, parentheses. What it comes to is in ``evaluation``.
+of ``drive.state`` with the word of a state; ``and``, ``or``, ``not``, parentheses. ``evaluation`` evaluates them.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError
 
 STATE_NAME = "state"
-"""The name under which a drive's state is asked for; no signal's raw word (VC660 has one of that name)."""
+"""Name of the state of a drive in expressions. It hides a signal of that name (VC660 has one)."""
 STATE_WORDS = tuple(str(state) for state in DriveState if state is not DriveState.UNKNOWN)
-"""States that can be required. An unknown one makes its comparison unknown, so it can't."""
+"""States that an expression can require; an unknown state makes its comparison unknown."""
 MAX_NESTING = 50
-"""Parentheses and ``not`` within each other."""
+"""Greatest depth of nested parentheses and ``not``."""
 _TOKEN = re.compile(
     r"(?P<reference>[a-z0-9][a-z0-9_-]*\.[a-z][a-z0-9_]*)|(?P<number>[+-]?[0-9]+(?:\.[0-9]+)?(?![0-9.]))"
     r"|(?P<operator><=|>=|==|!=|<|>)|(?P<paren>[()])|(?P<word>[A-Za-z_°℃%][A-Za-z0-9_·]*)",
@@ -42,6 +42,8 @@ class SignalReference:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
+    """Number with its unit."""
+
     value: float
     unit: str
     column: int
@@ -52,7 +54,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class StateWord:
-    """A state."""
+    """Word of a state."""
 
     text: str
     column: int
@@ -66,6 +68,8 @@ Operand = SignalReference | Quantity | StateWord
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
+    """Comparison of two operands."""
+
     left: Operand
     operator: str
     right: Operand
@@ -90,7 +94,7 @@ class Or:
 
 
 Expression = Comparison | Not | And | Or
-# --- reading ----------------------------------------------------------------------------------------------------
+# --- parsing ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,10 @@ class _Token:
 
 @lru_cache(256)
 def parse(text: str) -> Expression:
-    """Raises ConfigurationError ``expression.syntax``, ``.character`` or ``.deep``, each with its column from 1."""
+    """Return the expression of a text.
+
+    Raises ConfigurationError ``expression.syntax``, ``.character`` or ``.deep``, each with its column from 1.
+    """
     return _Parser(list(_tokens(text))).parse()
 
 
@@ -125,7 +132,7 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 class _Parser:
-    """Recursive descent; ``or`` binds weakest, then ``and``, then ``not``."""
+    """Recursive-descent parser; ``or`` binds weakest, then ``and``, then ``not``."""
 
     def __init__(self, tokens: list[_Token]) -> None:
         self._tokens = tokens
@@ -147,7 +154,7 @@ class _Parser:
         return self._tokens[self._position - 1]
 
     def _syntax_error(self, expected: str) -> NoReturn:
-        """``expected`` is an i18n key."""
+        """Raise the error of an unexpected token; ``expected`` is an i18n key."""
         token = self._next
         found = token.text or _CatalogueText("expression.end")
         raise ConfigurationError(
@@ -218,7 +225,7 @@ class _Parser:
 
 
 class _CatalogueText:
-    """A sentence of the catalogues that shows itself in the reader's language."""
+    """Sentence of the catalogues, translated when it is shown."""
 
     def __init__(self, key: str) -> None:
         self._key = key
@@ -227,11 +234,11 @@ class _CatalogueText:
         return i18n.text(self._key, language)
 
 
-# --- looking at it ----------------------------------------------------------------------------------------------
+# --- contents ---------------------------------------------------------------------------------------------------
 
 
 def comparisons(expression: Expression) -> Iterator[Comparison]:
-    """Every comparison, from left to right."""
+    """Yield every comparison, from left to right."""
     if isinstance(expression, Comparison):
         yield expression
     elif isinstance(expression, Not):
@@ -242,6 +249,6 @@ def comparisons(expression: Expression) -> Iterator[Comparison]:
 
 
 def references(expression: Expression) -> Iterator[SignalReference]:
-    """Every signal and state that it looks at."""
+    """Yield every signal and state that an expression refers to."""
     for comparison in comparisons(expression):
         yield from (side for side in (comparison.left, comparison.right) if isinstance(side, SignalReference))

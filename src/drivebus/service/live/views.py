@@ -20,7 +20,7 @@ def text_json(text: Text | None) -> Json | None:
 
 
 def fault_json(fault: Fault | FaultEntry | None) -> Json | None:
-    """The fault that a drive has, or one that its model may have."""
+    """Return a present fault of a drive, or a possible one of its model."""
     return (
         None
         if fault is None
@@ -61,7 +61,7 @@ class SignalView:
 
 @dataclass(frozen=True, slots=True)
 class CommLossView:
-    """The badge: what the drive does when this host dies. ``kind``: ``trips``, ``runs_on`` or ``unknown``."""
+    """Behaviour of a drive at communication loss. ``kind``: ``trips``, ``runs_on`` or ``unknown``."""
 
     kind: str
     after_s: float | None
@@ -75,7 +75,7 @@ class CommLossView:
 
 @dataclass(frozen=True, slots=True)
 class LeaseView:
-    """Who may command the drive now."""
+    """Session that may command the drive now."""
 
     owner: str
     session: str
@@ -88,7 +88,7 @@ class LeaseView:
 
 @dataclass(frozen=True, slots=True)
 class DriveView:
-    """One drive as the plant knows it now; topic ``drives/<id>``."""
+    """Present state of one drive; topic ``drives/<id>``."""
 
     id: str
     title: Text
@@ -112,16 +112,16 @@ class DriveView:
     comm_loss: CommLossView
     lease: LeaseView | None = None
     start_inhibited: bool = False
-    """A bus stop forbids every start until it is released."""
+    """Whether a bus stop inhibits every start until it is released."""
     stop_pending: bool = False
-    """A stop is not confirmed yet and is being repeated."""
+    """Whether a stop is not confirmed yet and is being repeated."""
     start_blockers: tuple[Json, ...] = ()
-    """Why it may not be started now: ``{"key", "params", "text": {"en", "zh"}}`` each (interlocks, waiver, latch)."""
+    """Reasons against a start now, each ``{"key", "params", "text": {"en", "zh"}}`` (interlocks, waiver, inhibit)."""
     alarms: Mapping[str, int] = field(default_factory=dict)
     """Active alarms by priority."""
     signals: Mapping[str, SignalView] = field(default_factory=dict)
     directions: tuple[str, ...] = ("forward", "reverse")
-    """Ways in which it may be run: what the model can do, within the limits that hold now."""
+    """Directions in which it may run: those of the model, within the present limits."""
     time_ms: int = 0
     """UTC time of this view; not in topics, which are published only when they change."""
     state_time_ms: int | None = None

@@ -22,7 +22,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
 
 REOPEN_INTERVAL_S = 2.0  # between attempts to open a bus
-MAX_KEPT_FRAMES = 500
+MAX_BUFFERED_FRAMES = 500
 
 
 class TracedFrame(NamedTuple):
@@ -49,12 +49,12 @@ class BusRuntime:
         on_frame: Callable[[BusRuntime, TracedFrame], None],
     ) -> None:
         self.config, self._wall_ms, self._on_problem, self._on_frame = config, wall_ms, on_problem, on_frame
-        bus_runtime = serial_settings_of(config, profile)
-        self.bus: Bus = open_bus(config.link, baud=bus_runtime.baud, format=bus_runtime.format)
+        settings = serial_settings_of(config, profile)
+        self.bus: Bus = open_bus(config.link, baud=settings.baud, format=settings.format)
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""
-        self.frames: deque[TracedFrame] = deque(maxlen=MAX_KEPT_FRAMES)
+        self.frames: deque[TracedFrame] = deque(maxlen=MAX_BUFFERED_FRAMES)
         self._stop_bound: tuple[Any, float | None] = ((), None)
         """Polls and the bound that follows from them, computed again only when they change."""
         self.frame_count = 0
@@ -119,6 +119,6 @@ class BusRuntime:
 
     def _on_trace(self, event: TraceEvent) -> None:
         self.frame_count += 1
-        seen = TracedFrame(self.frame_count, self._wall_ms(), event)
-        self.frames.append(seen)
-        self._on_frame(self, seen)
+        frame = TracedFrame(self.frame_count, self._wall_ms(), event)
+        self.frames.append(frame)
+        self._on_frame(self, frame)

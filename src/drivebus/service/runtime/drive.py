@@ -1,4 +1,4 @@
-"""Runtime of one drive: the drive, its monitor, and what the service knows of it."""
+"""Runtime of one drive: the drive, its monitor, and its state in the service."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class DriveRuntime:
         """Waiver that was recorded under this name for another drive: it allows nothing."""
         self.commanded_hz: float | None = None
         self.started_by_service = False
-        """Started by this service and not seen at standstill since."""
+        """Started by this service and not reported at standstill since."""
         self.last_motion_at = 0.0
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
@@ -93,7 +93,7 @@ class DriveRuntime:
                 self.start_monitor()
 
     def start_monitor(self) -> None:
-        """Begin to poll; the bus is open, so that what was proved on this port before is known."""
+        """Begin to poll. The bus is open, so that earlier calibrations on this port are found."""
         self.monitor = self.monitor or self.drive.monitor(
             self.signals, partial(self._on_status, self), self.config.min_poll_interval_s
         )
@@ -122,9 +122,9 @@ class DriveRuntime:
         self.comm_loss_stale = True
         self.comm_loss_writes += 1
 
-    def set_comm_loss(self, report: CommLossReport, now: float, doubts: int | None = None) -> None:
-        """Take in a read of the communication-loss behaviour; ``doubts``: number of writes before that read."""
-        self.comm_loss_stale = doubts is not None and doubts != self.comm_loss_writes
+    def set_comm_loss(self, report: CommLossReport, now: float, writes_before: int | None = None) -> None:
+        """Take in a read of the communication-loss behaviour; a write since ``writes_before`` makes it stale."""
+        self.comm_loss_stale = writes_before is not None and writes_before != self.comm_loss_writes
         kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]
         self.comm_loss_read = CommLossView(kind, _seconds_of(report.time), Text(report.text("en"), report.text("zh")))
         self.comm_loss_read_at = now
@@ -143,10 +143,10 @@ class DriveRuntime:
 
     def new_samples(self, readings: Mapping[str, Reading], time_ms: int) -> list[Sample]:
         """Return a sample of each reading that had none yet, and one without value where a reading became bad."""
-        found = (self._sample_one(name, reading, time_ms) for name, reading in readings.items())
+        found = (self._sample(name, reading, time_ms) for name, reading in readings.items())
         return [sample for sample in found if sample is not None]
 
-    def _sample_one(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
+    def _sample(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
         if name not in self.signals or isinstance(reading.value, str):
             return None
         bad = reading.quality is Quality.BAD

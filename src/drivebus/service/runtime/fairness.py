@@ -25,17 +25,17 @@ class _TurnQueue:
 
     def __init__(self) -> None:
         self._kinds: deque[deque[asyncio.Future[None]]] = deque((deque(), deque()))
-        self._of = dict(zip((False, True), self._kinds, strict=True))
+        self._queues = dict(zip((False, True), self._kinds, strict=True))
 
     def wait(self, loop: asyncio.AbstractEventLoop, own: bool) -> asyncio.Future[None]:
-        mine = loop.create_future()
+        turn = loop.create_future()
         if not any(self._kinds):
             loop.call_soon(self._next, loop)
-        self._of[own].append(mine)
-        return mine
+        self._queues[own].append(turn)
+        return turn
 
     def _next(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Wake the next task; cancelled ones are skipped."""
+        """Wake the next task; skip cancelled ones."""
         self._kinds.rotate()
         while waiting := self._kinds[0] or self._kinds[1]:
             first = waiting.popleft()

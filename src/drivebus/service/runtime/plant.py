@@ -179,22 +179,22 @@ class Plant:
             listener.on_reload()
 
     def record_samples(self, samples: Sequence[Sample]) -> None:
-        """Hand the new samples of one drive to the historian and the listeners."""
+        """Pass the new samples of one drive to the historian and the listeners."""
         if samples:
             self.historian.append(samples)
             for listener in self._listeners:
                 listener.on_samples(samples)
 
     def drive(self, id: str) -> DriveRuntime:
-        """Raises NotFound."""
+        """Return the runtime of a drive. Raises NotFound."""
         return _lookup(self.drives, "drive", id)
 
     def bus(self, id: str) -> BusRuntime:
-        """Raises NotFound."""
+        """Return the runtime of a bus. Raises NotFound."""
         return _lookup(self.buses, "bus", id)
 
     def group(self, id: str) -> GroupConfig:
-        """Raises NotFound."""
+        """Return the configuration of a group. Raises NotFound."""
         return _lookup({group.id: group for group in self.config.groups}, "group", id)
 
     def bus_of(self, runtime: DriveRuntime) -> BusRuntime:

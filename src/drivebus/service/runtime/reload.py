@@ -15,7 +15,7 @@ from drivebus.errors import ConfigurationError, ServiceError
 from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
-from drivebus.service.api.errors import localized
+from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.plant import ConfigurationParams
 from drivebus.service.auth.actor import Actor
@@ -59,7 +59,7 @@ class ConfigReload:
         return {"text": text, "source": source}
 
     async def check(self, params: ConfigurationParams, actor: Actor) -> Json:
-        """Return every mistake of a text and the changes that it would make."""
+        """Return every fault of a text and the changes that it would make."""
         source = self.plant.config.source
         try:
             new = await self._in_thread(lambda: loads(params.text, source, Path(source).parent))
@@ -70,7 +70,7 @@ class ConfigReload:
     async def reload(self, params: NoParams, actor: Actor) -> Json:
         """Read the file again and apply the differences.
 
-        Raises ConfigurationError with every mistake, and ServiceError where a drive that may be running would be
+        Raises ConfigurationError with every fault, and ServiceError where a drive that may be running would be
         removed from its bus. Then nothing has changed.
         """
         async with self._lock:
@@ -95,7 +95,7 @@ class ConfigReload:
         if turning:
             raise ServiceError("plant.reload_turning", drives=", ".join(turning))
 
-    # --- doing it -----------------------------------------------------------------------------------------------
+    # --- applying -----------------------------------------------------------------------------------------------
 
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
@@ -106,7 +106,7 @@ class ConfigReload:
         for id in inhibited & set(_leaving_drives(change)) & plant.drives.keys():
             runtime = plant.drives[id]
             runtime.bus.inhibit_start([runtime.config.address])
-        self._update_kept(change)
+        self._update_drives(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
         plant.interlocks.replace(new.interlocks)
@@ -121,9 +121,8 @@ class ConfigReload:
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
         for id in _leaving_drives(change):
-            plant_line = self.plant.bus_of(self.plant.drives[id])
-            self.plant.drives.pop(id)
-            plant_line.remove_drive(id)
+            bus = self.plant.bus_of(self.plant.drives.pop(id))
+            bus.remove_drive(id)
         return [self.plant.buses.pop(id) for id in (*change.buses.removed, *change.reopened)]
 
     def _add_new(self, new: PlantConfig) -> None:
@@ -135,7 +134,7 @@ class ConfigReload:
             if drive.id not in self.plant.drives:
                 self.plant.add_drive(drive, self.publisher.on_status)
 
-    def _update_kept(self, change: ConfigDiff) -> None:
+    def _update_drives(self, change: ConfigDiff) -> None:
         """Apply new limits, policies and poll periods to the drives that stay."""
         for id, drive in change.drives.changed.items():
             runtime = self.plant.drives[id]
@@ -161,7 +160,7 @@ class ConfigReload:
 
 def _leaving_drives(change: ConfigDiff) -> list[str]:
     """Return the drives that leave their bus, for good or to be added again."""
-    recreated = [id for id, fate in change.actions.items() if fate is ReloadAction.RECREATE]
+    recreated = [id for id, action in change.actions.items() if action is ReloadAction.RECREATE]
     return [*change.drives.removed, *recreated]
 
 
@@ -192,7 +191,6 @@ def _unique(found: Iterable[str]) -> list[str]:
 
 def _complaints_json(error: ConfigurationError) -> list[Json]:
     found: Iterable[Diagnostic] = error.params.get("complaints", ())
-    return [
-        {"line": one.line, "key": one.key, "found": one.found, "text": {"en": one.text("en"), "zh": one.text("zh")}}
-        for one in found
-    ] or [{"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}]
+    return [{"line": one.line, "key": one.key, "found": one.found, "text": to_plain(one)} for one in found] or [
+        {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
+    ]

@@ -31,7 +31,7 @@ _TURNING_STATES = frozenset(state for state in DriveState if state.turning and s
 
 @dataclass(slots=True)
 class RunStatistics:
-    """One drive's numbers since ``since_ms``."""
+    """Numbers of one drive since ``since_ms``, in UTC milliseconds."""
 
     since_ms: int | None = None
     running_s: float | None = None
@@ -43,27 +43,31 @@ class RunStatistics:
     faults: dict[str, int] = field(default_factory=dict)
     """Fault code → number of trips."""
     turned: bool | None = None
-    """At the last look that knew."""
+    """Whether the motor turned at the last observation with a known state."""
     fault: str | None = None
-    """At the last look that knew."""
-    _seen: float | None = None
+    """Fault code at that observation."""
+    _observed_at: float | None = None
     _power_kw: float | None = None
 
     @classmethod
-    def from_document(cls, kept: Mapping[str, Any]) -> RunStatistics:
+    def from_document(cls, stored: Mapping[str, Any]) -> RunStatistics:
         """Return stored statistics; unknown fields are ignored."""
-        names = {one.name for one in fields(cls)} - {"_seen", "_power_kw"}
-        return cls(**{name: value for name, value in kept.items() if name in names})
+        names = {one.name for one in fields(cls)} - {"_observed_at", "_power_kw"}
+        return cls(**{name: value for name, value in stored.items() if name in names})
 
     def to_document(self) -> Json:
         return {name: value for name, value in asdict(self).items() if not name.startswith("_")}
 
     def observe(self, view: DriveView, now: float, now_ms: int) -> None:
-        """Look at the drive at ``now`` (monotonic seconds); ``now_ms`` is only the label of the beginning."""
+        """Take in a view at ``now``, in monotonic seconds; ``now_ms`` only labels the first one."""
         if self.since_ms is None:
             self.since_ms = now_ms
-        passed_s = None if self._seen is None or now - self._seen > MAX_OBSERVATION_GAP_S else now - self._seen
-        self._seen = now
+        passed_s = (
+            None
+            if self._observed_at is None or now - self._observed_at > MAX_OBSERVATION_GAP_S
+            else now - self._observed_at
+        )
+        self._observed_at = now
         self._count_energy(_power_kw(view), passed_s)
         self.maximum_current_a = _maximum(self.maximum_current_a, _good_value(view.signals.get("output_current"), "A"))
         for name, signal in view.signals.items():
@@ -118,8 +122,8 @@ def _power_kw(view: DriveView) -> float | None:
     return _good_value(view.signals.get("output_power"), "kW")
 
 
-def _maximum(one: float | None, other: float | None) -> float | None:
-    known = [value for value in (one, other) if value is not None]
+def _maximum(first: float | None, second: float | None) -> float | None:
+    known = [value for value in (first, second) if value is not None]
     return max(known, default=None)
 
 
@@ -149,11 +153,11 @@ class RunStatisticsStore:
     async def _load(self) -> None:
         while not self.is_loaded:
             try:
-                kept = await self._historian.documents(DOCUMENT_KIND)
+                stored = await self._historian.documents(DOCUMENT_KIND)
             except ServiceUnavailable:
                 await asyncio.sleep(LOAD_RETRY_S)
                 continue
-            self._drives = {drive: RunStatistics.from_document(document) for drive, document in kept.items()}
+            self._drives = {drive: RunStatistics.from_document(document) for drive, document in stored.items()}
             self.is_loaded = True
 
     def on_view(self, view: DriveView, now: float, now_ms: int) -> None:

@@ -187,10 +187,10 @@ class SupervisionCycle:
         """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
         if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE or runtime.monitor is None:
             return
-        asked = runtime.comm_loss_requested_at
+        requested_at = runtime.comm_loss_requested_at
         wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
         wait_s = COMM_LOSS_REREAD_S if runtime.comm_loss_stale else wait_s
-        if asked is not None and now - asked < wait_s:
+        if requested_at is not None and now - requested_at < wait_s:
             return
         runtime.comm_loss_requested_at = now
         task = asyncio.create_task(self._read_comm_loss(runtime), name=f"communication loss {runtime.id}")
@@ -198,12 +198,12 @@ class SupervisionCycle:
         task.add_done_callback(self._comm_loss_reads.discard)
 
     async def _read_comm_loss(self, runtime: DriveRuntime) -> None:
-        doubts = runtime.comm_loss_writes
+        writes_before = runtime.comm_loss_writes
         try:
             report = await runtime.drive.comm_loss_behaviour()
         except (DrivebusError, KeyError):
             return
-        runtime.set_comm_loss(report, self._plant.now(), doubts)
+        runtime.set_comm_loss(report, self._plant.now(), writes_before)
 
     async def close(self) -> None:
         """Cancel the reads that are under way."""

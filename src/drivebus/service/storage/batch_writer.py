@@ -58,7 +58,7 @@ class BatchWriter(Generic[T, R]):
     def retry(self) -> None:
         """Write the queued items; called by a timer, it ends a failure of the disk."""
         if self._queue and (self._task is None or self._task.done()):
-            self._task = asyncio.get_running_loop().create_task(self._write_pending(), name="keep what waits")
+            self._task = asyncio.get_running_loop().create_task(self._write_pending(), name="write batch")
 
     async def flush(self) -> None:
         """Try once to write the queued items."""
@@ -67,7 +67,7 @@ class BatchWriter(Generic[T, R]):
             await asyncio.wait([self._task])
 
     async def close(self) -> None:
-        """``drain``, and end the thread. Nothing may be put in afterwards."""
+        """Write the queued items once more and end the thread. Nothing may be written afterwards."""
         await self.flush()
         self._thread.shutdown(wait=False)
 
@@ -76,14 +76,14 @@ class BatchWriter(Generic[T, R]):
             batch = [*self._queue]
             self._queue.clear()
             try:
-                kept = await self.run_in_thread(partial(self._write_batch, [one.item for one in batch]))
+                results = await self.run_in_thread(partial(self._write_batch, [pending.item for pending in batch]))
             except Exception as error:  # any error goes to the waiting tasks; the other items stay queued
                 self._on_failure(batch, error)
                 if all(one.result is None for one in self._queue):
                     return
                 continue
             self.error = None
-            for one, result in zip(batch, kept, strict=True):
+            for one, result in zip(batch, results, strict=True):
                 if one.result is not None and not one.result.done():
                     one.result.set_result(result)
 

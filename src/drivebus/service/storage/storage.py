@@ -1,4 +1,4 @@
-"""Everything of a service that outlives it, in one state directory."""
+"""Durable data of a service, in one state directory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drivebus.service.runtime.run_statistics import RunStatisticsStore
 
 @dataclass(frozen=True, kw_only=True)
 class Storage:
-    """Everything that outlives the service: audit trail, history, alarms, incidents, waivers and limits."""
+    """Audit trail, history, alarms, incidents, waivers and limits of a service."""
 
     audit: AuditTrail
     historian: Historian
@@ -45,7 +45,7 @@ class Storage:
         )
 
     def errors(self) -> dict[str, Exception | None]:
-        """Return what is written in the background → why that fails now."""
+        """Return the present error of each file that is written in the background."""
         paths = self.audit.paths
         return {
             "alarms.jsonl": self.alarm_log.error,
@@ -54,14 +54,14 @@ class Storage:
         }
 
     async def open(self, config: PlantConfig) -> None:
-        """Open all of it. Never fails for a disk: what can't be written becomes an alarm."""
+        """Open everything. A disk that cannot be written raises nothing here; it becomes an alarm."""
         await self.audit.open()
         await self.historian.open()
         self.historian.set_labels(signal_labels(config))
         await self.run_statistics.open()
 
     async def close(self) -> None:
-        """Write what is left."""
+        """Write what is queued and close everything."""
         await self.alarm_log.close()
         await self.run_statistics.close()
         await self.historian.close()
