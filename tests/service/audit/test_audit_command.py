@@ -27,7 +27,7 @@ def edited(made: AuditTrail) -> None:
 def test_a_whole_trail_is_reported_as_whole(tmp_path: Path) -> None:
     found = ask("verify", str(written_trail(tmp_path).paths.folder))
     assert found.exit_code == 0
-    assert "Whole: 10 records" in found.output and "record 10" in found.output
+    assert "Complete and unchanged: 10 records" in found.output and "record 10" in found.output
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
