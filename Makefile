@@ -52,7 +52,7 @@ structure: $(VENV)/.test ## Measure the structure before and after; ARGS=--write
 	$(BIN)/python -m verification.structure $(ARGS)
 
 fuzz: $(VENV)/.test ## Fuzz every decoder (pip install atheris first; Linux)
-	PYTHONPATH=tests $(BIN)/python -m fuzz $(ARGS)
+	$(BIN)/python -m verification.atheris_fuzz $(ARGS)
 
 python:
 	@test -n "$(PYTHON)" || { echo "drivebus needs Python 3.11 or newer, and this machine has none on its path."; \

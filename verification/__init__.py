@@ -1,1 +1,1 @@
-"""The laboratory: campaigns that try to break the bus on purpose, each with a seed that reproduces and a report."""
+"""Verification: campaigns that try to break the bus on purpose, with reproducible seeds and committed reports."""

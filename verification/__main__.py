@@ -13,7 +13,7 @@ from verification.campaign import CAMPAIGN_NAMES, Campaign, CampaignRun, load_ca
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the named campaigns one after the other; return 1 where anything was violated."""
+    """Run the named campaigns one after the other; return 1 where a violation was found."""
     campaigns = "\n".join(f"  {name:10} {load_campaign(name).summary['en']}" for name in CAMPAIGN_NAMES)
     options = argparse.ArgumentParser(
         prog="python -m verification",
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _progress(campaign: Campaign, budget: int) -> Callable[[int], None]:
-    """Return what shows the progress in a terminal, at each further percent."""
+    """Return a function that shows the progress in a terminal at each further percent."""
     if not sys.stderr.isatty():
         return lambda done: None
     shown = -1

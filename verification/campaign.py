@@ -1,21 +1,23 @@
-"""What every campaign is: a name, a unit that it counts trials in, and a function that runs them.
+"""Campaigns: a name, a unit of trials and a function that runs them.
 
-A campaign learns its seed and budget from a ``Session`` and tells it everything: trials, counts, violations, and one
-line of text for each thing that happened. The same seed and budget give the same lines, and so the same SHA-256.
+A campaign takes its seed and budget from a ``CampaignRun`` and reports trials, counts, violations and trace lines to
+it. The same seed and budget give the same lines, and so the same SHA-256.
 """
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib import import_module
+from multiprocessing import get_context
 from random import Random
-from typing import Any
+from typing import Any, TypeVar
 
 MAX_LISTED_VIOLATIONS = 50
-"""So many violations are told in full; the rest is counted."""
+"""Violations listed in full; the rest is counted."""
 CAMPAIGN_NAMES = (
     "fuzz",
     "flips",
@@ -30,35 +32,34 @@ CAMPAIGN_NAMES = (
     "clock",
     "failures",
     "audit",
-    "doors",
+    "unauthorized",
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """A named series of trials. ``full_budget`` is that of the committed report, both budgets are in ``unit``."""
+    """Named series of trials; ``full_budget`` is the budget of the committed report, in ``unit``."""
 
     name: str
     unit: str
-    """What a trial is, plural: "bytes", "transactions", "instants"."""
+    """Unit of a trial, plural: "bytes", "transactions", "instants"."""
     evidence_for: tuple[str, ...]
-    """Invariants and traps that it checks (docs/explanation/verification.md), e.g. "I5", "T04"."""
+    """Invariants and traps that the campaign checks (docs/explanation/verification.md), e.g. "I5", "T04"."""
     full_budget: int
     ci_budget: int
     run: Callable[[CampaignRun], None]
     summary: Mapping[str, str]
-    """One sentence in each language ("en", "zh")."""
-    report: str = ""
-    """Name of the report's file without its ending; ``lab-<name>`` where empty."""
+    """One sentence in each language, "en" and "zh"."""
 
     @property
-    def stem(self) -> str:
-        return self.report or f"lab-{self.name}"
+    def report_name(self) -> str:
+        """File name of the committed report."""
+        return f"campaign-{self.name}.json"
 
 
 @dataclass(frozen=True, slots=True)
 class PartResult:
-    """What one part of a run found."""
+    """Result of one part of a run."""
 
     seed: int
     trials: int
@@ -72,38 +73,38 @@ class PartResult:
 
 @dataclass(slots=True)
 class CampaignRun:
-    """One run of a campaign: its seed and budget, and what came of it."""
+    """One run of a campaign: its seed, its budget and its results."""
 
     campaign: str
     seed: int
     budget: int
     progress: Callable[[int], None] = lambda done: None
-    """Called with the trials done so far."""
+    """Called with the number of finished trials."""
     listener: Callable[[str], None] | None = None
-    """Gets every trace line, for people who read them."""
+    """Called with every trace line."""
     commit: str = ""
-    """What was tried, looked up when the run began: a checkout may go on while a long campaign runs."""
+    """Commit at the start of the run; the checkout may change while a long campaign runs."""
     trials: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     figures: dict[str, object] = field(default_factory=dict)
-    """What was measured; virtual seconds, ratios and bytes only, never this machine's time."""
+    """Measured values: virtual seconds, ratios and bytes, never times of this machine."""
     machine: dict[str, object] = field(default_factory=dict)
-    """What depends on the machine (a real-time factor, memory); told apart in the report."""
+    """Values that depend on the machine (real-time factor, memory), separate in the report."""
     violations: list[str] = field(default_factory=list)
     violation_count: int = 0
     _trace_hash: Any = field(default_factory=sha256, repr=False)
 
     @property
     def remaining(self) -> int:
-        """Trials still to do."""
+        """Number of trials left in the budget."""
         return max(0, self.budget - self.trials)
 
     def rng(self, *names: object) -> Random:
-        """Chance of its own for each part of a campaign: one part more does not change the others."""
+        """Return a random generator for one part of the campaign, independent of the other parts."""
         return Random(f"{self.campaign}/{self.seed}/" + "/".join(map(str, names)))
 
     def add_trials(self, trials: int = 1) -> None:
-        """So many more trials are done."""
+        """Count finished trials and report the progress."""
         self.trials += trials
         self.progress(self.trials)
 
@@ -111,20 +112,20 @@ class CampaignRun:
         self.counts[name] += amount
 
     def trace(self, text: str) -> None:
-        """One thing that happened, readable by itself; part of the digest."""
+        """Add one line to the trace and to its hash."""
         self._trace_hash.update(text.encode() + b"\n")
         if self.listener is not None:
             self.listener(text)
 
     def violation(self, text: str) -> None:
-        """Something that must never be. ``text`` names what, when and with which seed it is seen again."""
+        """Record a violation; ``text`` names what happened, when, and the seed that reproduces it."""
         self.trace(f"VIOLATION {text}")
         self.violation_count += 1
         if len(self.violations) < MAX_LISTED_VIOLATIONS:
             self.violations.append(text)
 
     def merge(self, part: PartResult) -> None:
-        """Take over what a part of this run found."""
+        """Add the result of a part of this run."""
         self.trace(f"seed {part.seed}: {part.trials} {self.campaign}, trace {part.digest}")
         self.counts.update(part.counts)
         self.figures |= part.figures
@@ -135,11 +136,11 @@ class CampaignRun:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all lines."""
+        """SHA-256 of all trace lines."""
         return str(self._trace_hash.hexdigest())
 
     def result(self) -> PartResult:
-        """What was found, as values: for a part of a campaign that ran in a process of its own."""
+        """Return the result as values, for a part that ran in another process."""
         return PartResult(
             self.seed,
             self.trials,
@@ -153,18 +154,33 @@ class CampaignRun:
 
 
 def load_campaign(name: str) -> Campaign:
-    """The campaign of this name. Raises KeyError."""
+    """Return the campaign of this name. Raises KeyError."""
     if name not in CAMPAIGN_NAMES:
         raise KeyError(name)
     found: Campaign = import_module(f"verification.campaigns.{name}").CAMPAIGN
     return found
 
 
-def run_campaign(campaign: Campaign, session: CampaignRun) -> CampaignRun:
-    """Run it; whatever escapes from it is a violation too (I8), never a traceback that hides the rest."""
+def run_campaign(campaign: Campaign, campaign_run: CampaignRun) -> CampaignRun:
+    """Run a campaign; an exception that escapes from it is recorded as a violation (I8) and raised again."""
     try:
-        campaign.run(session)
+        campaign.run(campaign_run)
     except Exception as error:
-        session.violation(f"{type(error).__name__} escaped: {error}")
+        campaign_run.violation(f"{type(error).__name__} escaped: {error}")
         raise
-    return session
+    return campaign_run
+
+
+# --- work in several processes ----------------------------------------------------------------------------------------
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def map_in_order(function: Callable[[Task], Result], tasks: Iterable[Task], *, in_process: bool) -> Iterator[Result]:
+    """Yield the results in the order of the tasks, from two processes unless ``in_process``."""
+    if in_process:
+        yield from map(function, tasks)
+        return
+    with get_context("spawn").Pool(min(2, os.cpu_count() or 1)) as pool:
+        yield from pool.imap(function, tasks)

@@ -1,4 +1,7 @@
-"""The drives that campaigns are run with, and what their manuals say of times, written here once more from them."""
+"""Drive variants of the campaigns, and the times that the manuals give for them.
+
+Read a second time from the manuals; no code is shared with ``drivebus.bus``.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivebus.serial_settings import SerialSettings
+
 
 @dataclass(frozen=True, slots=True)
 class DriveVariant:
-    """One family in one encoding. Times are the observer's own, from the manuals (RELIABILITY 5 where silent)."""
+    """One drive model in one encoding, with the times that its manual gives or, where it gives none, the product's page
+    on timing."""
 
     name: str
     model: str
@@ -18,23 +24,23 @@ class DriveVariant:
     drive_options: Mapping[str, Any] = field(default_factory=dict)
     """Undocumented options that the host takes as determined."""
     options: Mapping[str, str] = field(default_factory=dict)
-    """The same for the simulated drives."""
+    """Options of the simulated drives that match ``drive_options``."""
     gap_characters: float = 3.5
     gap_floor_s: float = 0.0
     min_timeout_s: float = 0.1
-    """The host may give up no sooner after its last bit …"""
+    """Minimum time from the master's last bit until it may give up, in seconds …"""
     min_timeout_characters: float = 8
-    """… plus so many characters."""
+    """… plus this number of characters."""
     max_reply_lateness_s: float = 0.5
-    """The family's longest lateness."""
+    """Longest lateness of a reply of this family, in seconds."""
     identical_probe_quarantine_s: float = 0.0
-    """DF800: fences differ in nothing but their count; after an unanswered question of that count none is believed for
-    so long."""
+    """Quarantine after an unanswered read of the same register count, in seconds: the sync probes of the DF800 differ
+    only in that count."""
     reports_running: bool = True
-    """The drive reports whether it runs."""
+    """Whether the drive reports that it runs."""
     broadcast: int | None = 0
     maximum_hz: float = 50.0
-    """No higher frequency is ever sent, unless a user of the drive allows it."""
+    """Highest frequency that may be sent unless the user of the drive raises the limit."""
 
 
 _CODINGS = {"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_coding": "hex-0.1"}
@@ -91,3 +97,86 @@ DF800_ASCII = DriveVariant(
 )
 DRIVE_VARIANTS = (C320, C320_HEX, DZB100, VC660, DF800, DF800_ASCII)
 VARIANTS_BY_NAME = {kind.name: kind for kind in DRIVE_VARIANTS}
+
+
+# --- bounds on the bus ------------------------------------------------------------------------------------------------
+
+ADAPTER_DELAY_MAX_S = 0.02
+TURNAROUND_S = 0.1
+"""Turnaround after a broadcast, in seconds."""
+FOREIGN_TRAFFIC_MAX_CHARACTERS = 64
+"""Longest wait of a stop for a busy line, for example with a late reply, in characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLengths:
+    """Characters of one family's frames in one encoding, and when its stations reply."""
+
+    request: int
+    """The longest request that a host sends."""
+    reply: int
+    """The longest reply to any of them."""
+    stop: int
+    delay_s: float = 0.0
+    """Longest time to the reply's first bit …"""
+    delay_characters: float = 0.0
+    """… plus so many characters; RTU: the 3.5 of silence by which a station knows that the request has ended."""
+
+
+FRAME_LENGTHS: Mapping[str, FrameLengths] = {
+    "c320-ascii": FrameLengths(18, 18, 15, 0.0, 8),
+    "c320-hex": FrameLengths(18, 18, 15, 0.0, 8),
+    "dzb100": FrameLengths(11, 11, 11, 0.1),
+    "vc660": FrameLengths(8, 13, 8, 0.024, 3.5),
+    "df800-rtu": FrameLengths(8, 9, 8, 0.1, 3.5),
+    "df800-ascii": FrameLengths(17, 19, 17, 0.1),
+}
+"""C320 2.2.2: 14, with an operation 15, with a value 18; 8 characters to reply. VC660: FC03 of four registers, F06.06 =
+4 ms and 20 ms of work. DF800: FC03 of two registers at most. A stop of DZB100 always carries 0000 (T11)."""
+
+
+def character_s(line: SerialSettings) -> float:
+    """One start bit, the data bits, the parity bit where there is one, and the stop bits."""
+    return (1 + line.data_bits + (line.parity != "N") + line.stop_bits) / line.baud
+
+
+class TimingBounds:
+    """One family on one line. All in seconds."""
+
+    def __init__(self, kind: DriveVariant, line: SerialSettings) -> None:
+        self.kind, self.frames = kind, FRAME_LENGTHS[kind.name]
+        self.character_s = character_s(line)
+        self.gap_s = max(kind.gap_characters * self.character_s, kind.gap_floor_s)
+        self.foreign_traffic_max_s = self.gap_s + FOREIGN_TRAFFIC_MAX_CHARACTERS * self.character_s
+
+    def reply_timeout_s(self, address: int, data: bytes) -> float:
+        """From the last bit of this request until its reply is whole or given up."""
+        if address == self.kind.broadcast:
+            return TURNAROUND_S
+        return self._timeout_for_reply_s(self._longest_reply(data))
+
+    def _timeout_for_reply_s(self, answer: int) -> float:
+        frames = self.frames
+        return frames.delay_s + (frames.delay_characters + answer) * self.character_s + ADAPTER_DELAY_MAX_S
+
+    def _longest_reply(self, data: bytes) -> int:
+        """Characters of the longest reply to this request."""
+        if self.kind.model in ("c320", "dzb100"):
+            return self.frames.reply
+        ascii_ = self.kind.encoding == "ascii"
+        words = bytes.fromhex(data[1:-2].decode()) if ascii_ else data
+        payload = 1 + 2 * words[5] if words[1] == 3 else 4
+        return 3 + 2 * (3 + payload) if ascii_ else 4 + payload
+
+    @property
+    def stop_bound_s(self) -> float:
+        """The longest request has just begun and its drive is silent; gap, stop frame to its last bit."""
+        frames = self.frames
+        sent_s = (frames.request + frames.stop) * self.character_s
+        return sent_s + self._timeout_for_reply_s(frames.reply) + self.gap_s
+
+    @property
+    def failed_poll_s(self) -> float:
+        """Longest time of a request to a silent station, in seconds."""
+        frames = self.frames
+        return self.gap_s + frames.request * self.character_s + self._timeout_for_reply_s(frames.reply)

@@ -18,7 +18,8 @@ UNDEFINED = re.compile(
     r"|(?<![\w\])}])\([5-9]\.[1-9](?:[,;] ?\d\.\d)*\)"
 )
 """Codes of documents that are not part of this repository."""
-PARAMETER_GROUP = re.compile(r"F0[0-6]")
+PARAMETER_GROUP = re.compile(r"F(?:0\d|1[0-2])")
+"""Parameter groups of the VC660, defined on its page; they are ids of the drive in files on it, on profiles and on group sizes."""
 _DEFINED_TRAP = re.compile(r'^\| (?:<a id="t\d+"></a>)?\*\*(T\d\d)\*\* \|', re.MULTILINE)
 _DEFINED_INVARIANT = re.compile(r'^\| <a id="i\d+"></a>(I\d+) \|', re.MULTILINE)
 
@@ -37,7 +38,7 @@ def undefined_codes(root: Path) -> dict[str, list[str]]:
     for path in searched_files(root):
         text = _text(path)
         used = {*TRAP.findall(text), *INVARIANT.findall(text)} - defined
-        if codes := sorted(used | set(_undefined(text))):
+        if codes := sorted(used.union(_undefined(path, text))):
             found[path.relative_to(root).as_posix()] = codes
     return found
 
@@ -45,9 +46,15 @@ def undefined_codes(root: Path) -> dict[str, list[str]]:
 def count_undefined(root: Path) -> int:
     """Return the number of places where such a code stands."""
     defined = defined_ids(root)
-    texts = [_text(path) for path in searched_files(root)]
-    ids = [one for text in texts for one in (*TRAP.findall(text), *INVARIANT.findall(text))]
-    return sum(one not in defined for one in ids) + sum(len(_undefined(text)) for text in texts)
+    texts = {path: _text(path) for path in searched_files(root)}
+    ids = [one for text in texts.values() for one in (*TRAP.findall(text), *INVARIANT.findall(text))]
+    return sum(one not in defined for one in ids) + sum(len(_undefined(path, text)) for path, text in texts.items())
+
+
+def _undefined(path: Path, text: str) -> list[str]:
+    found = UNDEFINED.findall(text)
+    has_groups = "vc660" in path.name or "profiles" in path.as_posix() or "group_sizes" in text
+    return [code for code in found if not (has_groups and PARAMETER_GROUP.fullmatch(code))]
 
 
 def searched_files(root: Path) -> Iterator[Path]:
@@ -57,12 +64,6 @@ def searched_files(root: Path) -> Iterator[Path]:
             data = folder == "tests" and path.suffix == ".json"  # refused profiles have ids that must not exist
             if path.suffix in SUFFIXES and path.is_file() and "__pycache__" not in path.parts and not data:
                 yield path
-
-
-def _undefined(text: str) -> list[str]:
-    """Return such codes of a text. One about ``group_sizes`` may name the parameter groups of the VC660, as F00."""
-    codes = UNDEFINED.findall(text)
-    return [code for code in codes if not PARAMETER_GROUP.fullmatch(code)] if "group_sizes" in text else codes
 
 
 def _text(path: Path) -> str:

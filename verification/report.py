@@ -1,4 +1,4 @@
-"""What a campaign leaves behind: one JSON file a campaign under ``docs/reports/``, and its summary as a line."""
+"""Report of a campaign: one JSON file under ``docs/reports/``."""
 
 from __future__ import annotations
 
@@ -14,49 +14,50 @@ from verification.campaign import Campaign, CampaignRun
 PACKAGE_FOLDER = Path(drivebus.__file__).parent
 
 
-def report_document(campaign: Campaign, session: CampaignRun) -> dict[str, Any]:
-    """All that the run found. The same seed, budget and commit give the same, but for ``machine``."""
+def report_document(campaign: Campaign, campaign_run: CampaignRun) -> dict[str, Any]:
+    """Return the report. The same seed, budget and commit give the same report, except ``machine``."""
     return {
         "campaign": campaign.name,
         "evidence_for": list(campaign.evidence_for),
-        "commit": session.commit or current_commit(),
-        "seed": session.seed,
-        "budget": session.budget,
+        "commit": campaign_run.commit or current_commit(),
+        "seed": campaign_run.seed,
+        "budget": campaign_run.budget,
         "unit": campaign.unit,
-        "trials": session.trials,
-        "violations": session.violation_count,
-        "upper_bound_95": upper_bound_95(session.violation_count, session.trials),
-        "counts": dict(sorted(session.counts.items())),
-        "figures": session.figures,
-        "machine": session.machine,
-        "trace_sha256": session.digest,
-        "violated": session.violations,
+        "trials": campaign_run.trials,
+        "violations": campaign_run.violation_count,
+        "upper_bound_95": upper_bound_95(campaign_run.violation_count, campaign_run.trials),
+        "counts": dict(sorted(campaign_run.counts.items())),
+        "figures": campaign_run.figures,
+        "machine": campaign_run.machine,
+        "trace_sha256": campaign_run.digest,
+        "violated": campaign_run.violations,
     }
 
 
 def upper_bound_95(violations: int, trials: int) -> float | None:
-    """With no violation in n trials its rate is below this with 95 % confidence: 1 - 0.05^(1/n), about 3/n.
+    """Return the rate below which violations lie with 95 % confidence when n trials had none: 1 - 0.05^(1/n), about
+    3/n.
 
-    None where there was one (then the count itself is the finding), or nothing was tried.
+    None where a violation was found or nothing was tried.
     """
     if violations or not trials:
         return None
     return float(f"{-log(0.05) / trials:.2g}")
 
 
-def write_report(folder: Path, campaign: Campaign, session: CampaignRun) -> Path:
-    """``lab-<campaign>.json`` in ``folder``, or what the campaign calls it."""
+def write_report(folder: Path, campaign: Campaign, campaign_run: CampaignRun) -> Path:
+    """Write ``campaign-<name>.json`` into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{campaign.stem}.json"
-    text = json.dumps(report_document(campaign, session), indent=1, ensure_ascii=False, default=str)
+    path = folder / campaign.report_name
+    text = json.dumps(report_document(campaign, campaign_run), indent=1, ensure_ascii=False, default=str)
     path.write_text(text + "\n", encoding="utf-8")
     return path
 
 
 def current_commit(root: Path = PACKAGE_FOLDER, *paths: str) -> str:
-    """The commit that was tried, "-dirty" where a file under ``paths`` (all of ``root``) was changed since.
+    """Return the current commit, with "-dirty" where a file under ``paths`` (default: ``root``) differs from it.
 
-    "" without a repository.
+    Return "" without a repository.
     """
     try:
         found = _git(root, "rev-parse", "--short=12", "HEAD")

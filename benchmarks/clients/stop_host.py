@@ -24,8 +24,7 @@ from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import StopUnconfirmed
 from drivebus.ports import open_port
 from drivebus.protocols.modbus import ReadRegisters
-from verification.drive_variants import VC660
-from verification.timing_bounds import TimingBounds
+from verification.drive_variants import VC660, TimingBounds
 
 PERIOD_S = 0.01
 """Poll period: shorter than a line allows, so that a poll is always due."""

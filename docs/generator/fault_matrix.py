@@ -9,9 +9,9 @@ from typing import Any
 from drivebus.values import Text
 from generator import terms
 from verification.drive_variants import DRIVE_VARIANTS
-from verification.fault_matrix.table import TABLE
+from verification.fault_matrix.cell import TABLE
 
-REPORT = Path("docs") / "reports" / "lab-matrix.json"
+REPORT = Path("docs") / "reports" / "campaign-matrix.json"
 MODEL_NAMES = {"c320": "C320", "dzb100": "DZB100", "vc660": "VC660 RTU", "df800": "DF800 RTU / ASCII"}
 PASSED, PARTLY, FAILED, NOT_PRESENT = "✔", "◐", "✘", "?"
 FAULT = Text("fault", "故障")

@@ -18,7 +18,7 @@ MISSING = {"en": "no report yet", "zh": "尚无报告"}
 def campaign_table(reports: Path, language: str) -> str:
     """Return one row per campaign, in the order of ``python -m verification all``."""
     rows = [TABLE_HEADS[language], ("---",) * len(TABLE_HEADS[language])]
-    rows += [_row(name, reports / f"{load_campaign(name).stem}.json", language) for name in CAMPAIGN_NAMES]
+    rows += [_row(name, reports / load_campaign(name).report_name, language) for name in CAMPAIGN_NAMES]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 

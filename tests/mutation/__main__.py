@@ -1,4 +1,4 @@
-"""Mutation testing of codecs, the bus's rules, gate and rights: ``PYTHONPATH=tests python -m mutation [MODULE ...]``.
+"""Mutation testing of codecs, bus, permissives and authorization: ``PYTHONPATH=tests python -m mutation [MODULE ...]``.
 
 Writes docs/reports/mutation.json (with --write); the pages beside it quote ``rows``.
 """
@@ -15,7 +15,7 @@ from mutation.children import SURVIVED, UNTESTED
 from mutation.mutate import Mutant
 from mutation.report import (
     MUTATED_MODULES,
-    TRIED,
+    MUTATED_SOURCES,
     key,
     mutation_document,
     previous_survivors,
@@ -29,14 +29,16 @@ from verification.report import current_commit
 
 def main() -> int:
     options = argparse.ArgumentParser(prog="python -m mutation", description=__doc__)
-    options.add_argument("modules", nargs="*", help="such as drives.permissives or protocols.dzb; all without any")
+    options.add_argument(
+        "modules", nargs="*", help="modules such as drives.permissives or protocols.dzb100; default: all"
+    )
     options.add_argument("--kind", help="only changes of this kind, such as comparison")
-    options.add_argument("--again", action="store_true", help="only what survived last time, after tests were added")
+    options.add_argument("--again", action="store_true", help="only the survivors of the committed report")
     options.add_argument("--jobs", type=int, default=2)
     options.add_argument("--deselect", action="append", default=[], help="a test that fails without any mutant")
-    options.add_argument("--write", action="store_true", help="keep the figures in docs/reports/mutation.json")
+    options.add_argument("--write", action="store_true", help="write the figures to docs/reports/mutation.json")
     options.add_argument(
-        "--pages", action="store_true", help="try nothing: write the kept figures with the reasons again"
+        "--pages", action="store_true", help="run no mutant: write the committed figures with the current reasons"
     )
     chosen = options.parse_args()
     if chosen.pages:
@@ -52,19 +54,19 @@ def main() -> int:
             found = judged(wanted, [*tests, *without], _choice(chosen.kind, chosen.again), chosen.jobs)
             print(f"{len(found)} mutants, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
             if chosen.write:
-                told_of = retried_document if chosen.again else mutation_document
-                pages.write(write_document(told_of(found, current_commit(ROOT, *TRIED))))
+                make_document = retried_document if chosen.again else mutation_document
+                pages.write(write_document(make_document(found, current_commit(ROOT, *MUTATED_SOURCES))))
             left += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
     return int(any(unexplained_survivors(one) for one in left))
 
 
 def _choice(kind: str | None, left: bool) -> MutantFilter:
-    """Which mutants are tried: of one kind, or those that survived last time."""
-    kept = cache(previous_survivors)
+    """Return the filter of mutants: of one kind, or the survivors of the committed report."""
+    survivors = cache(previous_survivors)
 
     def wanted(module: str, mutant: Mutant) -> bool:
         return (kind is None or mutant.kind == kind) and (
-            not left or key(module, mutant.scope, mutant.description()) in kept(module)
+            not left or key(module, mutant.scope, mutant.description()) in survivors(module)
         )
 
     return wanted
@@ -73,7 +75,7 @@ def _choice(kind: str | None, left: bool) -> MutantFilter:
 def judged(modules: list[str], tests: list[str], wanted: MutantFilter, jobs: int) -> list[JudgedMutant]:
     found, names = in_functions(modules, tests, wanted, jobs)
     again = [one for one in found if one.reloaded and one.verdict == SURVIVED]
-    print(f"{len(found)} tried, {len(again)} to be loaded", file=sys.stderr, flush=True)
+    print(f"{len(found)} tried, {len(again)} to be reloaded", file=sys.stderr, flush=True)
     for one in retry_reloaded(again, names, jobs):
         if one.verdict == SURVIVED:
             print(verdict_line(one), flush=True)

@@ -1,4 +1,4 @@
-"""Processes in which tests run against one mutant, and what is learnt of the tests before. Needs ``os.fork``."""
+"""Child processes in which tests run against one mutant, and measurements of the tests. Needs ``os.fork``."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import pytest
 from mutation.load import EXECUTED, StatementHit
 
 QUICK_TEST_S = 0.3
-"""A test that takes longer (seconds of the processor) is left out."""
+"""Longest processor time of a test, in seconds; slower tests are left out."""
 KILLED, SURVIVED, UNTESTED, TIMEOUT = "killed", "survived", "untested", "timeout"
 FIRST_PATHS = 100
-"""Exit code of a child that could not try its mutant in living functions: it is to be loaded."""
+"""Exit code of a child whose mutant does not fit into loaded functions: its module must be reloaded."""
 Wait = Callable[[], int]
 
 
 def run_isolated(work: Callable[[], int], seconds: float) -> Wait:
-    """Start ``work`` in a child with so many seconds of processor time; call the result to wait for its code."""
+    """Start ``work`` in a child with limited processor time; the result waits for its exit code."""
     child = os.fork()
     if child == 0:
         code = 3
@@ -38,12 +38,12 @@ def run_isolated(work: Callable[[], int], seconds: float) -> Wait:
 
 
 def verdict(code: int) -> str:
-    """0: all tests passed. A signal: the processor time ran out, or a crash."""
+    """Return the verdict for an exit code; a negative one is a signal (processor time used up, or a crash)."""
     return SURVIVED if code in (0, FIRST_PATHS) else KILLED if code > 0 else TIMEOUT
 
 
 class FirstFailure:
-    """Ends the process at the first failing test, before a report of it is made."""
+    """Plugin that ends the process at the first failing test."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
@@ -64,23 +64,23 @@ def run_items(items: Sequence[pytest.Item]) -> int:
 
 @dataclass
 class TestPaths:
-    """What each test ran, and how long it took."""
+    """Statements and duration of each test."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     tests: dict[StatementHit, list[str]] = field(default_factory=dict)
-    """The tests of a statement."""
+    """Tests by statement."""
 
     def of(self, hit: StatementHit) -> list[str]:
         return sorted(self.tests.get(hit, ()), key=self.seconds.__getitem__)
 
     def names(self, module: str) -> list[str]:
-        """All tests, first those that pass through functions of a module, the quickest first."""
+        """Return all tests, first those that run functions of a module, the quickest first."""
         own = {name for (where, _), names in self.tests.items() if where == module for name in names}
         return sorted(self.seconds, key=lambda name: (name not in own, self.seconds[name]))
 
 
 class OnlyTests:
-    """The plugin that leaves of what is collected these tests, in this order."""
+    """Plugin that restricts the collected tests to these, in this order."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.place = {name: place for place, name in enumerate(names)}
@@ -93,7 +93,7 @@ class OnlyTests:
 
 
 def measure_tests(items: Sequence[pytest.Item], jobs: int) -> TestPaths:
-    """Run every test once, in children, so that they are as new afterwards."""
+    """Run every test once, in children, so that this process stays unchanged."""
     parts = [_measure_in_child(items[part::jobs]) for part in range(jobs)]
     ways = TestPaths()
     for reading, wait in parts:
@@ -112,7 +112,7 @@ def measure_tests(items: Sequence[pytest.Item], jobs: int) -> TestPaths:
 
 
 def _measure_in_child(items: Sequence[pytest.Item]) -> tuple[int, Wait]:
-    """Tells the name of each test, then its seconds and the statements it ran."""
+    """Run tests in a child that reports the name, duration and statements of each."""
     reading, writing = os.pipe()
 
     def work() -> int:

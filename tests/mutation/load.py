@@ -1,4 +1,4 @@
-"""Loads the modules under test so that a test's way through them is seen, and puts changed code in their place."""
+"""Loader of the modules under test: records the statements that a test runs, and replaces code by mutants."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from types import CodeType, FunctionType
 from typing import Any
 
 StatementHit = tuple[str, int]
-"""Module and line of a statement in a function that was run."""
+"""Module and line of an executed statement in a function."""
 EXECUTED: set[StatementHit] = set()
-PROBE_NAME = "__drivebus_seen__"
+PROBE_NAME = "__drivebus_executed__"
 FunctionKey = tuple[str, int]
 """Qualified name and first line of a function."""
 
 
 class MutatedModuleFinder(MetaPathFinder):
-    """Loads ``modules`` through ``change``; never from a compiled file."""
+    """Import finder that passes the source of ``modules`` through ``change``."""
 
     def __init__(self, modules: frozenset[str], change: Callable[[str, ast.Module], None]) -> None:
         self.modules, self.change = modules, change
@@ -50,7 +50,7 @@ class _MutatedModuleLoader(SourceFileLoader):
 
 
 def probed(module: str, tree: ast.Module) -> None:
-    """Each statement of a function is told before it is run."""
+    """Insert a probe before each statement of every function."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             _probe_blocks(module, node)
@@ -76,7 +76,7 @@ def _probe(module: str, node: ast.stmt) -> ast.stmt:
 
 
 def functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
-    """Every function alive that comes from the file ``path``: decorated, property or closure alike."""
+    """Return every loaded function of the file ``path``, also decorated functions, properties and closures."""
     found: dict[FunctionKey, list[FunctionType]] = {}
     for thing in gc.get_objects():
         if isinstance(thing, FunctionType) and thing.__code__.co_filename == path:
@@ -86,7 +86,7 @@ def functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
 
 
 def swap(alive: dict[FunctionKey, list[FunctionType]], changed: CodeType) -> None:
-    """Give each living function its code of the changed module. Raises ValueError where a closure has changed."""
+    """Give each loaded function its code of the changed module. Raises ValueError where a closure has changed."""
     for code in _codes(changed):
         for function in alive.get((code.co_qualname, code.co_firstlineno), ()):
             function.__code__ = code
@@ -100,6 +100,6 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def unload_packages(prefixes: tuple[str, ...]) -> None:
-    """Nothing of these packages has been loaded."""
+    """Remove these packages from the loaded modules."""
     for name in [name for name in sys.modules if name.startswith(prefixes)]:
         del sys.modules[name]

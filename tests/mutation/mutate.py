@@ -1,7 +1,7 @@
-"""Small changes to a module's source, one at a time: what a slip of the hand would be. Pure; nothing is run here.
+"""Mutants of a module: small changes of its source, one at a time. Nothing is run here.
 
 Not changed: docstrings, annotations, decorators, ``__slots__``, ``__all__``, aliases of types, asserts, the text of a
-``ValueError``, and whatever only a type checker reads.
+``ValueError``, and what only a type checker reads.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ NOT_MUTATED = {"__slots__", "__all__"}
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
-    """One change. ``scope`` is the function, "" at a module's top; ``statement`` is the line of its statement."""
+    """One change; ``scope`` is the function, "" at module level; ``statement`` is the line of its statement."""
 
     line: int
     statement: int
@@ -60,7 +60,7 @@ class Mutant:
     before: str
     after: str
     at_load: bool
-    """It acts while the module is loaded: a table, a default, a field of a class."""
+    """Whether it acts while the module is loaded: a table, a default, a field of a class."""
     place: tuple[Any, str, int | None, ast.AST]
     """Parent, field, index, and the new node."""
 
@@ -69,7 +69,7 @@ class Mutant:
 
 
 def apply(mutant: Mutant) -> None:
-    """Change the tree that the mutant was found in, for good."""
+    """Change the tree of the mutant in place."""
     parent, name, index, new = mutant.place
     if index is None:
         setattr(parent, name, new)
@@ -82,13 +82,13 @@ class _MutationScope:
     scope: str
     statement: int
     inside: bool
-    """In a function: its elements are no table."""
+    """Whether the node is in a function."""
     excluded: bool = False
-    """Text for a programmer."""
+    """Whether text is left unchanged."""
 
 
 def mutants(tree: ast.Module) -> list[Mutant]:
-    """Every change of a module, in the order of its source."""
+    """Return every mutant of a module, in source order."""
     return list(_walk(tree, _MutationScope("", 0, False)))
 
 
@@ -124,7 +124,7 @@ def _children(parent: ast.AST) -> Iterator[tuple[str, int | None, Any]]:
 
 
 def _inner(node: ast.AST, at: _MutationScope) -> _MutationScope | None:
-    """Where the inside of a node is; None: left as it is."""
+    """Return the scope inside a node; None: the node is left unchanged."""
     if isinstance(node, ast.Import | ast.ImportFrom | ast.Assert | ast.FormattedValue) or _is_docstring(node):
         return None
     if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
@@ -154,7 +154,7 @@ def _is_typing(node: ast.Assign | ast.AnnAssign) -> bool:
 
 
 def _is_type(node: ast.AST) -> bool:
-    """A union of types, not of sets or numbers."""
+    """Return whether this is a union of types, not of sets or numbers."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr):
         return _is_type(node.left) and _is_type(node.right)
     return isinstance(node, ast.Name) and node.id[0].isupper() and not node.id.isupper()

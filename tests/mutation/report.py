@@ -1,4 +1,4 @@
-"""What became of the mutants, as figures: docs/reports/mutation.json."""
+"""Results of the mutants as figures: docs/reports/mutation.json."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from mutation.run import ROOT, JudgedMutant, tree_of
 
 REPORT = ROOT / "docs" / "reports" / "mutation.json"
 REASONS = ROOT / "tests" / "mutation" / "reasons.json"
-TRIED = ("src/drivebus", "tests")
+MUTATED_SOURCES = ("src/drivebus", "tests")
 
 
-def modules_in(room: str) -> list[str]:
-    found = sorted((ROOT / "src" / "drivebus" / room).rglob("*.py"))
-    names = [".".join(path.relative_to(ROOT / "src").with_suffix("").parts) for path in found]
+def modules_in(package: str) -> list[str]:
+    """Return all modules of a package."""
+    files = sorted((ROOT / "src" / "drivebus" / package).rglob("*.py"))
+    names = [".".join(path.relative_to(ROOT / "src").with_suffix("").parts) for path in files]
     return [name for name in names if not name.endswith("__init__")]
 
 
-def existing(package: str, *names: str) -> list[str]:
-    """Return those of a package's modules that exist: what was merged into another module is tried there."""
-    folder = ROOT / "src" / "drivebus" / package
-    return [f"drivebus.{package}.{name}".replace("/", ".") for name in names if (folder / f"{name}.py").exists()]
+def modules_of(package: str, *names: str) -> list[str]:
+    """Return these modules of a package; a test checks that they exist."""
+    return [f"drivebus.{package}.{name}".replace("/", ".") for name in names]
 
 
 COMMAND_MODULES = [
-    *existing("service/api", "dispatcher"),
-    *existing("service/auth", "actor"),
-    *existing("service/control", "leases", "permissives", "tickets", "waivers"),
-    *existing("service/process", "tuning"),
+    *modules_of("service/api", "dispatcher"),
+    *modules_of("service/auth", "actor"),
+    *modules_of("service/control", "leases", "permissives", "tickets", "waivers"),
+    *modules_of("service/process", "tuning"),
 ]
 COMMAND_TESTS = ("api", "control", "runtime", "test_service.py")
 AUTHORIZATION_MODULES = [
-    *existing("web", "context", "dependencies", "route"),
-    *existing("web/middleware", "auth", "denial_log", "host_check", "request_body", "session_expiry"),
-    *existing("web/routes", "schemas", "session", "users"),
+    *modules_of("web", "context", "route"),
+    *modules_of("web/middleware", "auth", "denial_log", "host_check", "request_body", "session_expiry"),
+    *modules_of("web/routes", "schemas", "session", "users"),
 ]
 AUTHORIZATION_TESTS = (
     "auth_middleware",
@@ -50,14 +50,15 @@ AUTHORIZATION_TESTS = (
     "session_expiry",
     "users",
 )
-"""Who may do what: users and sessions, commands to the plant, requests of the web."""
+"""Tests of authorization: users and sessions, commands to the service, requests to the web."""
+REFERENCE_TESTS = [f"tests/verification/test_reference_{name}.py" for name in ("codecs", "comparison")]
 MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
     (["drivebus.drives.permissives"], ["tests/drives/test_permissives.py"]),
     (
-        existing("bus", "prepared_request", "scheduler", "transaction", "validation"),
+        modules_of("bus", "prepared_request", "scheduler", "transaction"),
         ["tests/bus"],
     ),
-    (modules_in("protocols"), ["tests/protocols", "tests/testing", "tests/oracle"]),
+    (modules_in("protocols"), ["tests/protocols", "tests/testing", *REFERENCE_TESTS]),
     (modules_in("service/auth"), ["tests/service/auth", "tests/cli/test_user.py"]),
     (
         COMMAND_MODULES,
@@ -68,11 +69,11 @@ MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
         [f"tests/web/security/test_{name}.py" for name in AUTHORIZATION_TESTS],
     ),
 ]
-"""Modules, and the tests that have to notice."""
+"""Modules, and the tests that must fail for their mutants."""
 
 
 def mutation_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
-    """Module → figures and survivors."""
+    """Return the figures and survivors by module."""
     made: dict[str, Any] = {}
     for module in dict.fromkeys(one.module for one in found):
         ours = [one for one in found if one.module == module]
@@ -98,15 +99,15 @@ def mutation_document(found: list[JudgedMutant], version: str) -> dict[str, Any]
 
 
 def previous_survivors(module: str) -> frozenset[str]:
-    """The changes that nobody noticed last time, by scope and change."""
-    kept = json.loads(REPORT.read_text(encoding="utf-8")).get(module, {"survivors": ()})
-    return frozenset(key(module, left["scope"], left["change"]) for left in kept["survivors"])
+    """Return the keys of a module's survivors in the committed report."""
+    module_report = json.loads(REPORT.read_text(encoding="utf-8")).get(module, {"survivors": ()})
+    return frozenset(key(module, left["scope"], left["change"]) for left in module_report["survivors"])
 
 
 def retried_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
-    """The kept figures, where only the survivors were tried again.
+    """Return the committed figures, with the survivors that were tried again.
 
-    Raises ValueError where a module has changed since: then all of it is to be tried.
+    Raises ValueError where a module has changed since: all of it must be tried again.
     """
     old = json.loads(REPORT.read_text(encoding="utf-8"))
     made = mutation_document(found, version)
@@ -120,18 +121,18 @@ def retried_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
 
 
 def unexplained_survivors(one: JudgedMutant) -> bool:
-    """It survived, and nobody has said why it may."""
+    """Return whether a mutant has no entry in reasons.json."""
     mutant = mutants(tree_of(one.module))[one.number]
     return key(one.module, mutant.scope, mutant.description()) not in json.loads(REASONS.read_text(encoding="utf-8"))
 
 
 def key(module: str, scope: str, change: str) -> str:
-    """A survivor's name in reasons.json; a line would not outlive an edit above it."""
+    """Return the key of a mutant in reasons.json, which does not depend on its line."""
     return f"{module.removeprefix('drivebus.')} {scope}: {change}"
 
 
 def write_document(made: dict[str, Any]) -> dict[str, Any]:
-    """Put these modules' figures into the report, and the reasons as they are now to all survivors."""
+    """Update these modules in the report, and the reasons of all survivors."""
     old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
     found: dict[str, Any] = dict(sorted((old | made).items()))

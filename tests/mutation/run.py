@@ -1,8 +1,8 @@
-"""Runs the tests against one mutant after another, each in a process of its own.
+"""Run of the tests against one mutant after another, each in its own process.
 
-A mutant within a function is put into the living functions of tests that are already collected, and the tests that
-pass through its statement are run, quickest first. A mutant of what is computed while a module is loaded, and whatever
-survived although its statement also runs then, is loaded afresh; the tests that pass through the module come first.
+A mutant within a function replaces the code of loaded functions, and the tests that run its statement follow, quickest
+first. A mutant of what is computed at import, or a survivor whose statement also runs at import, is loaded in a new
+process; the tests that run the module come first.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from mutation.mutate import Mutant, apply, mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 RELOAD_TIMEOUT_S = 240
-"""Seconds of the processor for all tests of a module that was loaded with a mutant."""
+"""Processor time for all tests of a module that was loaded with a mutant, in seconds."""
 ALWAYS_LOADED = (
     "pytest_asyncio.plugin",
     "hypothesis.strategies",
@@ -50,20 +50,20 @@ ALWAYS_LOADED = (
     "click.testing",
     "prometheus_client",
 )
-"""Of other people: loaded once, not by each child."""
+"""Third-party modules that are loaded once, not by each child."""
 OPTIONS = ["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:terminal", "-s"]
 MutantFilter = Callable[[str, Mutant], bool]
 
 
 @dataclass(slots=True)
 class JudgedMutant:
-    """A mutant by its number in the module, and what became of it."""
+    """Mutant by its number in the module, with its verdict."""
 
     module: str
     number: int
     verdict: str
     reloaded: bool
-    """It is to be loaded, or was."""
+    """Whether it must be or was loaded in a new process."""
     tests: int = 0
 
 
@@ -76,7 +76,7 @@ def tree_of(module: str) -> ast.Module:
 
 
 class MutationPlugin:
-    """The plugin that is given the collected tests, and tries the mutants instead of running them."""
+    """Plugin that tries the mutants with the collected tests instead of running them."""
 
     def __init__(self, modules: Sequence[str], wanted: MutantFilter, jobs: int, out: TextIO) -> None:
         self.modules, self.wanted, self.jobs, self.out = modules, wanted, jobs, out
@@ -89,16 +89,16 @@ class MutationPlugin:
         items = {item.nodeid: item for item in session.items}
         ways = measure_tests(session.items, self.jobs)
         for module in self.modules:
-            self._tell({"module": module, "names": ways.names(module)})
-            for judged in judge_in_order(self._begun(module, items, ways, at_load), self.jobs):
-                self._tell([judged.module, judged.number, judged.verdict, judged.reloaded, judged.tests])
+            self._write({"module": module, "names": ways.names(module)})
+            for judged in judge_in_order(self._started(module, items, ways, at_load), self.jobs):
+                self._write([judged.module, judged.number, judged.verdict, judged.reloaded, judged.tests])
         return True
 
-    def _tell(self, what: object) -> None:
+    def _write(self, what: object) -> None:
         self.out.write(json.dumps(what) + "\n")
         self.out.flush()
 
-    def _begun(
+    def _started(
         self, module: str, items: dict[str, pytest.Item], ways: TestPaths, at_load: frozenset[StatementHit]
     ) -> Iterator[tuple[JudgedMutant, Wait]]:
         path, tree = str(path_of(module)), tree_of(module)
@@ -125,8 +125,8 @@ class MutationPlugin:
             yield judged, run_isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
 
 
-def judge_in_order(begun: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Iterator[JudgedMutant]:
-    """Judge with at most ``jobs`` children at a time."""
+def judge_in_order(started: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Iterator[JudgedMutant]:
+    """Yield the verdicts in order, with at most ``jobs`` children at a time."""
     running: list[tuple[JudgedMutant, Wait]] = []
 
     def ended() -> JudgedMutant:
@@ -136,7 +136,7 @@ def judge_in_order(begun: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Ite
         judged.reloaded = judged.reloaded or code == FIRST_PATHS
         return judged
 
-    for one in begun:
+    for one in started:
         running.append(one)
         if len(running) >= jobs:
             yield ended()
@@ -147,7 +147,7 @@ def judge_in_order(begun: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Ite
 def in_functions(
     modules: Sequence[str], tests: Sequence[str], wanted: MutantFilter, jobs: int
 ) -> tuple[list[JudgedMutant], dict[str, list[str]]]:
-    """The mutants within functions; and the tests of each module, in the best order for what is loaded."""
+    """Return the mutants within functions, and the tests of each module in the best order for reloaded mutants."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -177,16 +177,16 @@ def in_functions(
 
 
 def verdict_line(judged: JudgedMutant) -> str:
-    """One line about a mutant."""
+    """Return one line about a mutant."""
     mutant = mutants(tree_of(judged.module))[judged.number]
     where = f"{judged.module}:{mutant.line} {mutant.scope}"
     return f"{where} [{mutant.kind}] {mutant.description()}: {judged.verdict}, {judged.tests} tests"
 
 
 def retry_reloaded(found: Sequence[JudgedMutant], names: dict[str, list[str]], jobs: int) -> Iterator[JudgedMutant]:
-    """Try again what has to be loaded, each in a process that has loaded nothing of ours."""
+    """Try mutants that must be loaded, each in a process that has not loaded the package."""
 
-    def begun() -> Iterator[tuple[JudgedMutant, Wait]]:
+    def started() -> Iterator[tuple[JudgedMutant, Wait]]:
         for judged in found:
             tree = tree_of(judged.module)
             mutant = mutants(tree)[judged.number]
@@ -205,11 +205,11 @@ def retry_reloaded(found: Sequence[JudgedMutant], names: dict[str, list[str]], j
 
             yield judged, run_isolated(work, RELOAD_TIMEOUT_S)
 
-    yield from judge_in_order(begun(), jobs)
+    yield from judge_in_order(started(), jobs)
 
 
 def settle_hypothesis() -> None:
-    """Property tests: the same examples each time, no search for the smallest one. And load what all children need."""
+    """Make property tests deterministic without shrinking, and load what all children need."""
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
     health: Any = list(hypothesis.HealthCheck)
     hypothesis.settings.register_profile(

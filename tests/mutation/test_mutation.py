@@ -1,4 +1,4 @@
-"""The tool that changes our lines makes the changes that it says, and a slice of them is tried with every test run."""
+"""The mutation tool makes the documented changes, and a slice of them is tried with every test run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from mutation import pages
 from mutation.children import FIRST_PATHS, SURVIVED
 from mutation.mutate import apply, mutants
-from mutation.report import MUTATED_MODULES, REPORT, ROOT
+from mutation.report import MUTATED_MODULES, REASONS, REPORT, ROOT, key
 from mutation.run import JudgedMutant, judge_in_order, tree_of
 
 
@@ -69,18 +69,18 @@ CHANGES = [
 
 
 @pytest.mark.parametrize(("source", "expected"), CHANGES, ids=[row[0][:24] for row in CHANGES])
-def test_these_changes_are_made_and_no_others(source: str, expected: list[str]) -> None:
+def test_exactly_these_changes_are_made(source: str, expected: list[str]) -> None:
     assert changes(source) == expected
 
 
-def test_what_acts_while_a_module_is_loaded_is_known() -> None:
+def test_mutants_at_import_are_marked() -> None:
     source = "A = 1\nclass C:\n b = 2\n def f(self, c=3):\n  return 4"
     found = {mutant.before: mutant.at_load for mutant in mutants(ast.parse(source))}
     assert {number: found[number] for number in "1234"} == {"1": True, "2": True, "3": True, "4": False}
 
 
-def test_what_cannot_be_put_into_a_living_function_is_loaded() -> None:
-    """Such as the last ``super()`` of a function, which is a change of its closure."""
+def test_a_mutant_that_does_not_fit_into_a_loaded_function_is_reloaded() -> None:
+    """The last ``super()`` of a function, for example, changes its closure."""
     (judged,) = judge_in_order(iter([(JudgedMutant("m", 0, SURVIVED, reloaded=False), lambda: FIRST_PATHS)]), jobs=1)
     assert (judged.verdict, judged.reloaded) == (SURVIVED, True)
 
@@ -96,7 +96,7 @@ def test_a_change_is_one_change() -> None:
 
 
 @pytest.mark.parametrize("module", [module for modules, _ in MUTATED_MODULES for module in modules])
-def test_every_module_that_is_tried_exists_and_every_change_of_it_is_python(module: str) -> None:
+def test_every_mutated_module_exists_and_its_mutants_compile(module: str) -> None:
     tree = tree_of(module)
     for mutant in mutants(tree)[::20]:
         parent, name, index, new = mutant.place
@@ -110,7 +110,7 @@ def test_every_module_that_is_tried_exists_and_every_change_of_it_is_python(modu
         assert new is not old
 
 
-def test_the_pages_are_those_of_the_committed_figures_and_every_survivor_has_its_reason() -> None:
+def test_the_pages_show_the_committed_figures_and_every_survivor_has_a_reason() -> None:
     found = json.loads(REPORT.read_text(encoding="utf-8"))
     for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
         assert (REPORT.parent / name).read_text(encoding="utf-8") == pages.page(found, language)
@@ -119,11 +119,18 @@ def test_the_pages_are_those_of_the_committed_figures_and_every_survivor_has_its
         assert all(left["reason"] for left in one["survivors"])
 
 
+def test_every_reason_belongs_to_a_mutant() -> None:
+    """A reason without a mutant would hide a survivor with the same key later."""
+    modules = {module for modules, _ in MUTATED_MODULES for module in modules}
+    keys = {key(module, one.scope, one.description()) for module in modules for one in mutants(tree_of(module))}
+    assert sorted(set(json.loads(REASONS.read_text(encoding="utf-8"))) - keys) == []
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants run in forked processes")
-def test_every_changed_comparison_of_the_gate_is_noticed() -> None:
-    """The slice of continuous integration; the whole is ``make mutation``."""
+def test_every_changed_comparison_of_the_permissives_is_detected() -> None:
+    """This is the slice of continuous integration; ``make mutation`` runs all mutants."""
     command = [sys.executable, "-m", "mutation", "drives.permissives", "--kind", "comparison"]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    assert "20 tried, 0 to be loaded" in done.stderr and done.stdout == ""
+    assert "20 tried, 0 to be reloaded" in done.stderr and done.stdout == ""

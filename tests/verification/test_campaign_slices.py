@@ -1,4 +1,4 @@
-"""Every campaign's slice, as continuous integration runs it: nothing is violated; one seed, one story."""
+"""Every campaign's slice finds no violation, and the same seed gives the same trace."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ SHORT = {
     "clock": 20,
     "audit": 60,
 }
-"""Enough to tell whether chance, hashes or addresses leak into a run."""
+"""Budgets that show whether unseeded randomness, hashes or addresses influence a run."""
 
 
-def test_every_campaign_is_there() -> None:
+def test_every_campaign_has_a_module() -> None:
     assert [*CAMPAIGN_NAMES] == DONE
 
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", DONE)
-def test_a_slice_violates_nothing(name: str) -> None:
+def test_a_slice_finds_no_violation(name: str) -> None:
     campaign = load_campaign(name)
-    session = run_campaign(campaign, CampaignRun(name, 1, campaign.ci_budget))
-    assert session.violations == []
-    assert session.trials > 0
+    campaign_run = run_campaign(campaign, CampaignRun(name, 1, campaign.ci_budget))
+    assert campaign_run.violations == []
+    assert campaign_run.trials > 0
 
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", sorted(SHORT))
 def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> None:
-    """Determinism gate of RELIABILITY 6.1: another process, another hash seed, the same SHA-256."""
+    """Another process with another hash seed gives the same SHA-256."""
     here = run_campaign(load_campaign(name), CampaignRun(name, 7, SHORT[name])).digest
     message = (
         "from verification.campaign import *; "
@@ -57,7 +57,7 @@ def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> Non
 @pytest.mark.parametrize(
     ("pages", "since_first", "since_noon"), [((100, 120, 125, 126), 26.0, 5.0), ((100,), 0.0, 0.0)]
 )
-def test_memory_is_told_since_the_first_hour_and_since_noon(
+def test_memory_growth_is_reported_since_the_first_hour_and_since_noon(
     pages: tuple[int, ...], since_first: float, since_noon: float
 ) -> None:
     found = soak._memory_growth([*pages])

@@ -1,4 +1,4 @@
-"""The campaign ``commands`` finds what it is there to find: each promise of G05 and G19 broken on purpose."""
+"""The campaign ``commands`` finds lost stops, false outcomes and acknowledgements of absent drives that are planted."""
 
 from __future__ import annotations
 
@@ -17,34 +17,38 @@ from verification.campaigns import commands
 from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
 
 WRONG_ECHO = (("echo", "off"), ("", "on"))
-"""What the adapter does, and what the port is told."""
+"""Behaviour of the adapter, and the echo setting of the port."""
 
 
 def campaign(budget: int, seed: int = 1) -> CampaignRun:
-    """A run; it keeps every violation, not only the first ones."""
-    session = CampaignRun("commands", seed, budget)
-    kept: list[str] = []
-    session.listener = lambda line: kept.append(line) if line.startswith("VIOLATION") else None
-    run_campaign(commands.CAMPAIGN, session)
-    session.violations = kept
-    return session
+    """Run the campaign and keep every violation, not only the first ones."""
+    campaign_run = CampaignRun("commands", seed, budget)
+    violations: list[str] = []
+    campaign_run.listener = lambda line: violations.append(line) if line.startswith("VIOLATION") else None
+    run_campaign(commands.CAMPAIGN, campaign_run)
+    campaign_run.violations = violations
+    return campaign_run
 
 
-def found(session: CampaignRun, text: str) -> bool:
-    return any(text in violation for violation in session.violations)
+def found(campaign_run: CampaignRun, text: str) -> bool:
+    return any(text in violation for violation in campaign_run.violations)
 
 
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """With these kinds alone."""
+    """Restrict the campaign to these variants."""
     kinds: tuple[DriveVariant, ...] = tuple(VARIANTS_BY_NAME[name] for name in names)
     monkeypatch.setattr(commands, "DRIVE_VARIANTS", kinds)
 
 
-def test_an_honest_bus_violates_nothing_and_motors_run() -> None:
-    session = campaign(600)
-    assert session.violations == [] and session.trials == 600
-    assert session.counts["motors switched on"] > 10
-    assert session.counts["run: confirmed"] and session.counts["stop: confirmed"] and session.counts["stop: unknown"]
+def test_the_product_has_no_violation_and_motors_run() -> None:
+    campaign_run = campaign(600)
+    assert campaign_run.violations == [] and campaign_run.trials == 600
+    assert campaign_run.counts["motors switched on"] > 10
+    assert (
+        campaign_run.counts["run: confirmed"]
+        and campaign_run.counts["stop: confirmed"]
+        and campaign_run.counts["stop: unknown"]
+    )
 
 
 EPISODES = (
@@ -60,92 +64,94 @@ EPISODES = (
 
 
 @pytest.mark.parametrize("episode", EPISODES)
-def test_an_episode_of_seed_1_that_was_violated_once_is_clean(episode: str) -> None:
-    """What a million commands found: a wrong finding about the echo that nothing could mend any more, a jog that was
-    given up before its first frame and still sent its end, a keypad that ran a drive in emergency stop; and a witness
-    who took a jog's end that was sent again, and the newest wish of a motor that ran already, for something else."""
+def test_an_earlier_violation_of_seed_1_is_fixed(episode: str) -> None:
+    """Errors found by a million commands: a permanent wrong echo detection, a jog cancelled before its first frame that
+    still sent its end, a keypad start during an emergency stop, and two misclassifications of the oracle."""
     name, number = episode.split("/")
-    session = CampaignRun("commands", 1, 10**6)
-    commands.CommandEpisode(session, VARIANTS_BY_NAME[name], int(number)).play(commands.COMMANDS_PER_EPISODE)
-    assert session.violations == []
+    campaign_run = CampaignRun("commands", 1, 10**6)
+    commands.CommandEpisode(campaign_run, VARIANTS_BY_NAME[name], int(number)).play(commands.COMMANDS_PER_EPISODE)
+    assert campaign_run.violations == []
 
 
-def test_a_wrong_echo_acknowledges_nothing_that_an_absent_drive_was_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both ways round."""
+def test_a_wrong_echo_setting_acknowledges_no_command_to_an_absent_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both wrong settings are tried: echo expected without one, and an unexpected echo."""
     monkeypatch.setattr(commands, "ECHO_SETTINGS", WRONG_ECHO)
-    session = campaign(480)
-    assert session.violations == []
-    assert session.counts["echo echo, set off"] and session.counts["echo no, set on"]
-    assert session.counts["acting frames to drives that are not there (G19)"] > 100
+    campaign_run = campaign(480)
+    assert campaign_run.violations == []
+    assert campaign_run.counts["echo echo, set off"] and campaign_run.counts["echo no, set on"]
+    assert campaign_run.counts["acting frames to absent drives"] > 100
 
 
-def test_a_believed_mirror_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """FC06's answer equals its request. Only at first: then the absent drive owes a fence."""
+def test_an_accepted_echo_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reply of function 06 equals its request. Only the first one counts: afterwards the absent drive needs a sync
+    probe."""
     only(monkeypatch, "df800-rtu", "df800-ascii")
     monkeypatch.setattr(commands, "ECHO_SETTINGS", WRONG_ECHO[:1])
     monkeypatch.setattr(commands, "UNPACED_SHARE", 1.0)
-    monkeypatch.setattr(EchoDetector, "accepts", lambda self, flight: True)
-    assert found(campaign(240), "G19")
+    monkeypatch.setattr(EchoDetector, "accepts", lambda self, transaction: True)
+    assert found(campaign(240), "absent drive")
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Unconfirmed, and given up."""
+    """An unconfirmed stop is given up."""
     monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
-    assert found(campaign(240), "given up")
+    assert found(campaign(240), "was given up")
 
 
-def test_a_stop_that_is_believed_unseen_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(talk: Any, *more: Any) -> Any:
+def test_a_stop_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def at_once(op: Any, *more: Any) -> Any:
         yield from ()
-        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
     only(monkeypatch, "c320-ascii", "vc660")
     monkeypatch.setattr(stop, "_until_confirmed", at_once)
     assert found(campaign(480), "confirmed, but the motor is on")
 
 
-def test_a_start_that_is_believed_unseen_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(talk: Any, *more: Any) -> Any:
+def test_a_start_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def at_once(op: Any, *more: Any) -> Any:
         yield from ()
-        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
 
     only(monkeypatch, "c320-ascii", "vc660", "dzb100")
     monkeypatch.setattr(start, "confirm_start", at_once)
     assert found(campaign(1200), "confirmed, but the motor is off")
 
 
-def test_an_unanswered_start_that_is_called_acknowledged_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(talk: Any, *more: Any) -> Any:
+def test_an_unanswered_start_reported_as_acknowledged_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def at_once(op: Any, *more: Any) -> Any:
         yield from ()
-        return talk.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
+        return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
 
     only(monkeypatch, "df800-rtu")
     monkeypatch.setattr(start, "confirm_start", at_once)
-    assert found(campaign(800), "the drive heard nothing of it")
+    assert found(campaign(800), "the drive received no frame of it")
 
 
-def test_a_start_that_outlives_a_newer_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """6.5, I1: the gate no longer asks which stop is newer than the wish, and the bus gets a fresh permit."""
+def test_a_start_sent_after_a_newer_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The permissives ignore a stop that is newer than the command (I1)."""
     monkeypatch.setattr(permissives, "_check_valid", lambda command, effect, around: None)
     monkeypatch.setattr(commands, "IMMEDIATE_COMMAND_SHARE", 1.0)
     assert found(campaign(480), "after a newer stop")
 
 
-def test_a_start_that_the_bus_repeats_by_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """F16, I2: blind retries undo a stop at the keypad."""
+def test_a_start_repeated_by_the_bus_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blind retries undo a stop at the keypad (I2)."""
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda self: 3)
     monkeypatch.setattr(commands, "MEAN_TROUBLE_PAUSE_S", 0.2)
     monkeypatch.setattr(
-        commands.CommandEpisode, "_trouble", lambda self: [s.keypad_stop() for s in self.scenario.bench.stations]
+        commands.CommandEpisode,
+        "_trouble",
+        lambda self: [s.keypad_stop() for s in self.scenario.simulated_bus.stations],
     )
     only(monkeypatch, "c320-ascii")
     assert found(campaign(800), "I2")
 
 
-def test_a_write_that_is_believed_unread_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(talk: Any, wanted: Any, answered: bool, text: Any) -> Any:
+def test_a_write_confirmed_without_a_read_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def at_once(op: Any, wanted: Any, answered: bool, text: Any) -> Any:
         yield from ()
-        return talk.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **text)
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **text)
 
     only(monkeypatch, "dzb100", "df800-rtu")
     monkeypatch.setattr(parameters, "_read_back", at_once)

@@ -1,4 +1,5 @@
-"""The campaign ``failures`` runs clean, repeats itself, and finds planted ways to fall over a failing call."""
+"""The campaign ``failures`` finds no violation, is reproducible, and finds planted errors in the handling of failing
+calls."""
 
 from __future__ import annotations
 
@@ -23,11 +24,10 @@ from drivebus.drives.context import EepromBudget
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import failures
 from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
-from verification.fault_injection import file_failures as files
-from verification.fault_injection.clock_failures import fail_kernel_timers, stall_clock
+from verification.fault_injection import faulty_disk as files
+from verification.fault_injection.clocks import fail_kernel_timers, stall_clock
 from verification.fault_injection.faulty_disk import FaultyDisk, ProgramKilled, installed_disk
-from verification.fault_injection.faulty_port import PORT_ERRORS
-from verification.fault_injection.port_failures import PortFailureScenario
+from verification.fault_injection.faulty_port import PORT_ERRORS, PortFailureScenario
 
 VC660 = VARIANTS_BY_NAME["vc660"]
 
@@ -35,7 +35,7 @@ VC660 = VARIANTS_BY_NAME["vc660"]
 TRACE_LINES: list[str] = []
 
 
-def session(budget: int = 4) -> CampaignRun:
+def campaign_run(budget: int = 4) -> CampaignRun:
     return CampaignRun("failures", 1, budget, listener=TRACE_LINES.append)
 
 
@@ -43,13 +43,13 @@ def reported(what: str) -> bool:
     return any(line.startswith("VIOLATION") and what in line for line in TRACE_LINES)
 
 
-def test_every_seam_bears_its_failures() -> None:
-    found = run_campaign(failures.CAMPAIGN, session(2))
+def test_every_target_handles_its_failures() -> None:
+    found = run_campaign(failures.CAMPAIGN, campaign_run(2))
     assert found.violations == []
     assert found.trials == 2 * len(found.figures) == 26
 
 
-def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
+def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     code = (
         "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.failures import CAMPAIGN\n"
@@ -68,8 +68,8 @@ def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
 
 
 def port(kind: DriveVariant, calls: str, error: str, every: int = 1, most: int = 12) -> CampaignRun:
-    """The calls of this name fail, one in each run."""
-    found = session()
+    """Let the calls of this name fail, one in each run."""
+    found = campaign_run()
     row = PortFailureScenario(found, kind, "clean").run_with_failure()
     places = [nth for nth, call in enumerate(row, 1) if call == calls]
     for nth in places[::every][:most]:
@@ -78,12 +78,12 @@ def port(kind: DriveVariant, calls: str, error: str, every: int = 1, most: int =
 
 
 @pytest.mark.parametrize("error", PORT_ERRORS)
-def test_a_port_that_can_not_be_opened_or_closed_is_borne(error: str) -> None:
+def test_a_port_that_cannot_be_opened_or_closed_is_handled(error: str) -> None:
     for calls in ("open", "close"):
         assert port(VC660, calls, error).violations == []
 
 
-def test_an_error_of_the_port_that_escapes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_escaping_port_error_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     async def plainly(bus: Bus) -> None:
         await bus.port.close()
 
@@ -92,16 +92,16 @@ def test_an_error_of_the_port_that_escapes_is_found(monkeypatch: pytest.MonkeyPa
     assert reported("close raised OSError")
 
 
-def test_a_bus_that_does_not_open_its_port_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_that_does_not_reopen_its_port_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     async def never(bus: Bus) -> None:
         return
 
     monkeypatch.setattr(Bus, "_reopen", never)
     port(VC660, "write", "PortLost", every=30, most=4)
-    assert reported("G12 the bus does not work again") or reported("the motor stays on")
+    assert reported("the bus does not work again") or reported("the motor stays on")
 
 
-def test_i6_a_frame_on_top_of_one_that_left_although_it_failed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i6_a_frame_sent_too_soon_after_a_failed_write_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = BusCore.on_port_open
 
     def hasty(core: BusCore, now: float) -> Any:
@@ -109,7 +109,7 @@ def test_i6_a_frame_on_top_of_one_that_left_although_it_failed_is_found(monkeypa
         return plain(core, now)
 
     monkeypatch.setattr(BusCore, "on_port_open", hasty)
-    found = session()
+    found = campaign_run()
     row = PortFailureScenario(
         found, VC660, "clean"
     ).run_with_failure()  # a stop is the only frame that goes at once after an opening
@@ -124,8 +124,8 @@ def test_i6_a_frame_on_top_of_one_that_left_although_it_failed_is_found(monkeypa
 
 
 def failing(play: Callable[[CampaignRun, FaultyDisk], None], folder: Path, errors: Any, every: int = 1) -> CampaignRun:
-    """Each call to files fails, in each of these ways."""
-    found = session()
+    """Let each file call fail in each of these modes."""
+    found = campaign_run()
     clean = FaultyDisk(folder / "clean")
     clean.folder.mkdir()
     play(found, clean)
@@ -137,7 +137,7 @@ def failing(play: Callable[[CampaignRun, FaultyDisk], None], folder: Path, error
     return found
 
 
-def test_a_store_that_is_written_in_place_is_found_torn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_store_written_in_place_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def in_place(path: Path, text: str) -> None:
         with path.open("w", encoding="utf-8") as file:
             file.write(text)
@@ -147,9 +147,7 @@ def test_a_store_that_is_written_in_place_is_found_torn(monkeypatch: pytest.Monk
     assert reported("torn")
 
 
-def test_a_store_that_is_not_synced_is_found_torn_after_a_power_cut(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_store_without_sync_is_found_after_a_power_cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def unsynced(path: Path, text: str) -> None:
         part = path.with_name("part")
         with part.open("w", encoding="utf-8") as file:
@@ -161,16 +159,16 @@ def test_a_store_that_is_not_synced_is_found_torn_after_a_power_cut(
     assert reported("torn")
 
 
-def test_saves_that_are_counted_too_late_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_saves_counted_too_late_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     plain = EepromBudget.mark_saved
 
-    def charge(wear: EepromBudget, notation: str, day: str) -> Any:
+    def charge(budget: EepromBudget, notation: str, day: str) -> Any:
         return
         yield
 
-    def saved(wear: EepromBudget, notation: str) -> Any:
-        yield from wear._change(notation, lambda old: type(old)("2026-01-01", old.today + 1, old.total + 1))
-        yield from plain(wear, notation)
+    def saved(budget: EepromBudget, notation: str) -> Any:
+        yield from budget._change(notation, lambda old: type(old)("2026-01-01", old.today + 1, old.total + 1))
+        yield from plain(budget, notation)
 
     monkeypatch.setattr(EepromBudget, "consume", charge)
     monkeypatch.setattr(EepromBudget, "mark_saved", saved)
@@ -203,7 +201,7 @@ def test_a_recording_that_ends_silently_is_found(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(CaptureWriter, "_write_line", silently, raising=True)
     monkeypatch.setattr(CaptureWriter, "__slots__", (), raising=False)
     failing(recording, tmp_path, failures.CAPTURE_FAILURES[:1], 40)
-    assert reported("nobody says so")
+    assert reported("without a report")
 
 
 def test_a_recording_whose_failure_reaches_the_bus_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -215,17 +213,17 @@ def test_a_recording_whose_failure_reaches_the_bus_is_found(monkeypatch: pytest.
         failing(recording, tmp_path, failures.CAPTURE_FAILURES[:1], 40)
     except OSError:
         return
-    assert reported("changed what the bus does")
+    assert reported("changed the behaviour of the bus")
 
 
-def test_sentences_that_fail_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_that_fail_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(i18n, "_sentence", lambda key, language: i18n.catalogue(language).get(key))
-    found = session()
+    found = campaign_run()
     files.fail_catalogue(found, FaultyDisk(files.SENTENCES, 5, OSError(24, "Too many open files")))
     assert reported("raised OSError")
 
 
-def test_models_that_are_lost_for_good_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_profiles_that_stay_lost_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def inside(folder: Path) -> list[Path]:
         try:
             return list(folder.iterdir())
@@ -233,10 +231,10 @@ def test_models_that_are_lost_for_good_are_found(monkeypatch: pytest.MonkeyPatch
             return []
 
     monkeypatch.setattr(files.PROFILE_LOADER, "_list_directory", inside)
-    found = session()
+    found = campaign_run()
     files.fail_profile(found, FaultyDisk(files.PROFILES, 1, PermissionError(13, "Permission denied")))
     files.PROFILE_LOADER._builtin_files.cache_clear()
-    assert reported("is not there again")
+    assert reported("cannot be loaded again")
 
 
 # --- time ------------------------------------------------------------------------------------------------------------
@@ -252,24 +250,24 @@ def test_a_timer_that_stays_open_is_found(monkeypatch: pytest.MonkeyPatch) -> No
             return waker, waker
 
     monkeypatch.setattr(timers.TimerQueue, "_create_backends", wakers)
-    found = session()
+    found = campaign_run()
     for nth in range(1, fail_kernel_timers(found, 0) + 1):
         fail_kernel_timers(found, nth)
     assert reported("stayed open")
 
 
-def test_a_clock_that_is_spun_upon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("verification.fault_injection.clock_failures.MAX_CLOCK_READS", 1000)
+def test_a_busy_loop_on_a_stalled_clock_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("verification.fault_injection.clocks.MAX_CLOCK_READS", 1000)
     monkeypatch.setattr(timers, "SLOW_CLOCK_RETRY_S", 1e-6)
-    found = session()
+    found = campaign_run()
     assert stall_clock(found, 40) > 40
-    assert reported("spun upon")
+    assert reported("busy loop")
 
 
 # --- the disk itself -------------------------------------------------------------------------------------------------
 
 
-def test_a_killed_program_leaves_half_a_write_and_touches_nothing_any_more(tmp_path: Path) -> None:
+def test_a_killed_program_leaves_half_a_write_and_changes_nothing_afterwards(tmp_path: Path) -> None:
     disk = FaultyDisk(tmp_path, 2)
     with installed_disk(disk):
         with pytest.raises(ProgramKilled), (tmp_path / "a").open("w") as file:
@@ -280,7 +278,7 @@ def test_a_killed_program_leaves_half_a_write_and_touches_nothing_any_more(tmp_p
     assert (tmp_path / "a").read_text() == "1234" and disk.failed == "write"
 
 
-def test_other_files_are_left_alone(tmp_path: Path) -> None:
+def test_files_outside_the_folder_do_not_fail(tmp_path: Path) -> None:
     disk = FaultyDisk(tmp_path / "inside", 1, OSError(5, "Input/output error"))
     with installed_disk(disk):
         (tmp_path / "outside").write_text(json.dumps(1))

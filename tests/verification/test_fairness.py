@@ -1,4 +1,4 @@
-"""The campaign of dead stations: clean on the product, the same twice, and it finds what it is there to find."""
+"""The campaign ``fairness`` finds no violation, is reproducible, and finds planted errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def violations(budget: int = 1) -> list[str]:
     return run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, budget)).violations
 
 
-def test_the_first_cases_are_clean_and_the_same_twice() -> None:
+def test_the_first_cases_have_no_violation_and_are_reproducible() -> None:
     first, second = (run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, 2)) for _ in range(2))
     assert first.violations == [] and first.trials == 2
     assert first.digest == second.digest
@@ -25,13 +25,13 @@ def test_probes_that_cost_more_than_a_tenth_are_found(monkeypatch: pytest.Monkey
     assert any("stretch" in one for one in violations())
 
 
-def test_a_drive_that_is_looked_for_too_seldom_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drive_that_is_probed_too_rarely_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(station, "MAX_PROBE_INTERVAL_S", 60.0)
     assert any("found after" in one for one in violations())
 
 
-def test_a_manual_question_that_waits_for_the_next_probe_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A dead station's fence goes only when its probe is due, whoever asks."""
+def test_a_user_read_that_waits_for_the_next_probe_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sync probe of a silent station is sent only when its probe is due, even for a user's read."""
     from drivebus.bus.scheduler import Scheduler
 
     first = Scheduler._next_sendable
@@ -41,4 +41,4 @@ def test_a_manual_question_that_waits_for_the_next_probe_is_found(monkeypatch: p
         return None if head.station.state.is_unreachable else first(self, lane, now)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Scheduler, "_next_sendable", patient)
-    assert any("asked and found" in one for one in violations(2))
+    assert any("found on demand" in one for one in violations(2))

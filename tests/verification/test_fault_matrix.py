@@ -1,4 +1,4 @@
-"""The campaign ``matrix``: every cell has a case and words, one seed is one run, planted faults fail their cells."""
+"""Every cell of the fault matrix has a check and texts, runs are reproducible, and planted faults fail their cells."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ from drivebus.serial_settings import StationTiming
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import matrix
 from verification.drive_variants import DRIVE_VARIANTS
-from verification.fault_matrix.table import TABLE
+from verification.fault_matrix.cell import TABLE
 
 CELLS_BY_NAME = {cell.name: cell for cell in matrix.ALL_CELLS}
 
 
 def run_cell_once(name: str) -> CampaignRun:
-    session = CampaignRun("matrix", 1, 1)
-    held = matrix.run_cell(session, CELLS_BY_NAME[name], 0)
-    assert held is not bool(session.violations)
-    return session
+    campaign_run = CampaignRun("matrix", 1, 1)
+    held = matrix.run_cell(campaign_run, CELLS_BY_NAME[name], 0)
+    assert held is not bool(campaign_run.violations)
+    return campaign_run
 
 
-def test_every_cell_has_a_case_and_words_in_both_languages() -> None:
-    """27 faults, four protocols, C320 and DF800 in both encodings; C320 has no wrong scale."""
+def test_every_cell_has_a_check_and_texts_in_both_languages() -> None:
+    """27 faults, four protocols, C320 and DF800 in both encodings; the C320 has no scale row."""
     assert len(TABLE) == 27
     assert len(CELLS_BY_NAME) == 27 * len(DRIVE_VARIANTS) - 2
     for row in TABLE.values():
@@ -59,14 +59,14 @@ def test_every_cell_has_a_case_and_words_in_both_languages() -> None:
         assert any(cell.get("partly") for cell in row["cells"].values()) <= ("missing" in row)
 
 
-def test_a_run_goes_through_all_cells_before_it_takes_another_seed() -> None:
-    session = CampaignRun("matrix", 1, 3)
-    matrix.run(session)
-    assert session.figures["cells"] == {name: {"cases": 1, "held": 1} for name in list(CELLS_BY_NAME)[:3]}
+def test_all_cells_run_before_the_next_seed() -> None:
+    campaign_run = CampaignRun("matrix", 1, 3)
+    matrix.run(campaign_run)
+    assert campaign_run.figures["cells"] == {name: {"cases": 1, "held": 1} for name in list(CELLS_BY_NAME)[:3]}
     assert matrix.CAMPAIGN.full_budget % matrix.CAMPAIGN.ci_budget == 0
 
 
-def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
+def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     code = (
         "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.matrix import CAMPAIGN\n"
@@ -77,13 +77,13 @@ def test_the_run_does_not_hang_on_the_order_of_hashes() -> None:
     assert message.stdout.strip() == run_campaign(matrix.CAMPAIGN, CampaignRun("matrix", 3, 24)).digest
 
 
-def test_a_case_that_breaks_is_a_failed_cell() -> None:
+def test_an_exception_fails_the_cell() -> None:
     def breaks(at: Any) -> None:
         raise RuntimeError("broken")
 
-    session = CampaignRun("matrix", 1, 1)
-    assert not matrix.run_cell(session, replace(CELLS_BY_NAME["batches/vc660"], check=breaks), 0)
-    assert "RuntimeError: broken" in session.violations[0]
+    campaign_run = CampaignRun("matrix", 1, 1)
+    assert not matrix.run_cell(campaign_run, replace(CELLS_BY_NAME["batches/vc660"], check=breaks), 0)
+    assert "RuntimeError: broken" in campaign_run.violations[0]
 
 
 # --- planted faults: one line of the product is wrong, and the cell that is about it fails ---------------------------
@@ -122,7 +122,7 @@ def anything_goes(core: BusCore, one: prepared_request.PreparedRequest) -> prepa
 
 
 def as_before(self: BusCore, address: int) -> Any:
-    return self.stations[address].presence
+    return self.stations[address].state.presence
 
 
 def says_yes(*_: Any, **__: Any) -> bool:
@@ -133,13 +133,13 @@ def says_no(*_: Any, **__: Any) -> bool:
     return False
 
 
-def confirmed_at_once(talk: Any, *_: Any, **__: Any) -> Any:
-    yield from talk.fence()
-    return talk.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=1.0)
+def confirmed_at_once(op: Any, *_: Any, **__: Any) -> Any:
+    yield from op.sync()
+    return op.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=1.0)
 
 
 def hunts(self: Transaction) -> bool:
-    """Looks for an answer anywhere in what it heard."""
+    """Search for a reply anywhere in the received bytes."""
     del self.buffer[:1]
     self.received_count -= 1
     self.bytes_needed = 1
@@ -183,8 +183,8 @@ def lasting(arm: Any) -> Any:
     return lambda self, left_s: arm(self, 60.0)
 
 
-def it_will_stop(talk: Any) -> Any:
-    yield from talk.fence()
+def it_will_stop(op: Any) -> Any:
+    yield from op.sync()
     return CommLossReport(True, "drives.comm_loss_stops", {"time": "1", "notation": "", "action": "", "value": 1})
 
 
@@ -197,11 +197,11 @@ def one_word(self: CommandWord, pulse: int, level: int) -> tuple[int, ...]:
 
 
 def replays(self: BusCore, error: Any, now: float) -> list[Any]:
-    """What was in flight is put into its queue again, with a permit that still holds."""
+    """Queue the interrupted request again with its permit."""
     self.is_open = False
-    flight, self.transaction = self.transaction, None
-    if flight is not None:
-        self.scheduler.requeue(flight.prepared)
+    transaction, self.transaction = self.transaction, None
+    if transaction is not None:
+        self.scheduler.requeue(transaction.prepared)
     return []
 
 
@@ -286,7 +286,11 @@ def test_a_planted_fault_fails_its_cell(
 ) -> None:
     assert run_cell_once(name).violations == []
     plant(monkeypatch)
-    assert run_cell_once(name).violations, fault
+    violations = run_cell_once(name).violations
+    assert violations, fault
+    assert not [text for text in violations if "AttributeError" in text or "TypeError" in text], (
+        "the fault itself broke"
+    )
 
 
 def test_every_row_has_a_planted_fault() -> None:
@@ -296,7 +300,7 @@ def test_every_row_has_a_planted_fault() -> None:
 # --- the page ---------------------------------------------------------------------------------------------------------
 
 ROOT = Path(__file__).resolve().parents[2]
-REPORT = Path("docs") / "reports" / "lab-matrix.json"
+REPORT = Path("docs") / "reports" / "campaign-matrix.json"
 
 
 def test_the_committed_report_ran_every_cell() -> None:
@@ -306,8 +310,8 @@ def test_the_committed_report_ran_every_cell() -> None:
 
 
 @pytest.mark.parametrize("held", [19, None])
-def test_a_page_that_says_otherwise_than_the_report_is_out_of_date(held: int | None, tmp_path: Path) -> None:
-    """A cell that failed, or that nobody ran, is never shown as held, in neither language."""
+def test_a_page_that_differs_from_the_report_is_out_of_date(held: int | None, tmp_path: Path) -> None:
+    """A cell that failed or did not run is shown as such in both languages."""
     for name in ("docs", "vectors", "verification"):
         shutil.copytree(ROOT / name, tmp_path / name)
     for name in ("README.md", "README.zh.md"):

@@ -1,4 +1,4 @@
-"""The damaged frames that are taken are those that were enumerated; none where a CRC-16 stands."""
+"""The accepted damaged frames are the recorded ones; under a CRC-16 there are none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from drivebus.protocols.sunfar import frame as sunfar_frame
 from verification.campaign import CampaignRun
 from verification.campaigns import flips
-from verification.codec_fuzz import bit_flips, check_strength
+from verification.codec_fuzz import bit_flips
 from verification.codec_fuzz.bit_flips import FLIP_COUNTS, FlipCase
 from verification.codec_fuzz.registry import FUZZED_CODECS
 from verification.reference.modbus import reference_crc
@@ -23,21 +23,21 @@ VECTORS = Path(__file__).parents[2] / "vectors"
 
 @pytest.fixture
 def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(check_strength, "undetected_shares", lambda most: {})
+    monkeypatch.setattr(bit_flips, "undetected_shares", lambda most: {})
 
 
 def campaign(budget: int, seed: int = 1) -> CampaignRun:
-    session = CampaignRun("flips", seed, budget)
-    flips.run(session)
-    return session
+    campaign_run = CampaignRun("flips", seed, budget)
+    flips.run(campaign_run)
+    return campaign_run
 
 
-def test_every_vector_is_recorded_with_everybody_who_may_take_it() -> None:
+def test_every_vector_is_recorded_with_every_receiver() -> None:
     assert set(bit_flips.vector_cases(VECTORS)) == set(bit_flips.recorded_cases())
 
 
 def test_no_flip_of_three_bits_passes_a_crc() -> None:
-    """Of every vector that is valid as printed; the misprinted one is three bits from its right form."""
+    """Every frame that is valid as printed is checked; the misprinted one is three bits from its correct form."""
     for case, sets in bit_flips.recorded_cases().items():
         if case.codec.endswith("rtu") and reference_crc(case.frame) == 0:
             assert [sets[str(bits)]["accepted"] for bits in FLIP_COUNTS] == [0, 0, 0], case.name
@@ -53,15 +53,15 @@ def test_no_single_flip_passes_a_sum_read_strictly() -> None:
     assert not found
 
 
-def test_t11_every_single_flip_of_the_dzb100_that_is_taken_is_listed_or_counted() -> None:
-    """Nothing on its wire detects a flip: B, and the data of a read answer."""
+def test_t11_every_accepted_single_flip_of_the_dzb100_is_recorded() -> None:
+    """No check detects a flip in B or in the data of a read reply."""
     (read,) = (case for case in bit_flips.recorded_cases() if case.vector == "dzb100-3-response")
     listed = bit_flips.recorded_cases()[read]["1"]
     assert listed["accepted"] == len(listed["flips"]) == 15
     assert {flip.split(".")[0] for flip in listed["flips"]} == {"2", "7", "8", "9", "10"}
 
 
-def test_the_campaign_does_what_its_budget_says_and_again_with_the_same_seed(no_table: None) -> None:
+def test_the_campaign_keeps_its_budget_and_is_reproducible(no_table: None) -> None:
     first, second = campaign(9_000), campaign(9_000)
     assert not first.violations
     assert first.digest == second.digest
@@ -71,10 +71,10 @@ def test_the_campaign_does_what_its_budget_says_and_again_with_the_same_seed(no_
 
 def test_a_sum_that_is_not_compared_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sunfar_frame, "_check_checksum", lambda frame, found: None)
-    assert any("codec and judge disagree" in text for text in campaign(300).violations)
+    assert any("codec and reference disagree" in text for text in campaign(300).violations)
 
 
-def test_a_set_that_is_not_the_recorded_one_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_set_that_differs_from_the_record_is_found(no_table: None, monkeypatch: pytest.MonkeyPatch) -> None:
     case, sets = next((c, s) for c, s in bit_flips.recorded_cases().items() if c.vector == "dzb100-3-response")
     other = sets | {"1": sets["1"] | {"flips": [*sets["1"]["flips"][:-1], "0.0"]}}
     monkeypatch.setattr(bit_flips, "recorded_cases", lambda: {case: other})
@@ -82,14 +82,14 @@ def test_a_set_that_is_not_the_recorded_one_is_found(no_table: None, monkeypatch
 
 
 def test_a_flip_that_passes_a_crc_is_found(no_table: None) -> None:
-    session = CampaignRun("flips", 1, 1)
+    campaign_run = CampaignRun("flips", 1, 1)
     case = next(c for c in bit_flips.recorded_cases() if c.vector == "vc660-stop" and c.role == "request")
-    flips._compare_with_record(session, case, 1, ["0.0"], [])
-    assert any("pass a CRC-16" in text for text in session.violations)
+    flips._compare_with_record(campaign_run, case, 1, ["0.0"], [])
+    assert any("pass a CRC-16" in text for text in campaign_run.violations)
 
 
 def test_a_case_is_tried_with_every_pattern() -> None:
-    """Of a station that hears anything: every pattern is seen, each once."""
+    """Every pattern is tried once."""
     case = FlipCase("x", True, "request", "dzb100", b"", bytes.fromhex("4303013030303030303030"))
     found, disputed = bit_flips.accepted_flips(case, 1)
     assert not disputed
@@ -115,7 +115,7 @@ def test_few_flips_are_listed_and_many_are_hashed() -> None:
 
 
 def test_parity_leaves_the_patterns_that_are_even_in_every_character() -> None:
-    """Counted here over all nine bits of three characters."""
+    """Compared with all patterns over the nine bits of three characters."""
     for bits in (2, 4):
         masks: list[Any] = []
         for places in combinations(range(27), bits):
@@ -123,11 +123,11 @@ def test_parity_leaves_the_patterns_that_are_even_in_every_character() -> None:
             if all(len(flipped) % 2 == 0 for flipped in per_character):
                 data = [(n, sum(1 << b for b in flipped) & 255) for n, flipped in enumerate(per_character) if flipped]
                 masks.append(tuple(data))
-        assert sorted(check_strength._parity_preserving_patterns(b"abc", bits)) == sorted(masks)
+        assert sorted(bit_flips._parity_preserving_patterns(b"abc", bits)) == sorted(masks)
 
 
-def test_the_table_says_what_each_check_lets_through() -> None:
-    table: Any = check_strength.undetected_shares(2)
+def test_the_table_shows_what_each_check_lets_through() -> None:
+    table: Any = bit_flips.undetected_shares(2)
     assert {name for name, row in table.items() if row["check_1_bit"]["passed"]} == {"DZB100"}
     for name in ("Modbus RTU, 03, one register", "Modbus RTU, 06"):
         assert not any(row["passed"] for row in table[name].values() if isinstance(row, dict))
@@ -141,8 +141,8 @@ def test_the_table_says_what_each_check_lets_through() -> None:
         assert row["check_2_bit_parity"]["passed"] == 0 or row["acceptor"] == "dzb100"
 
 
-def test_every_row_of_the_table_is_a_reply_that_its_codec_takes() -> None:
-    for row in check_strength.STRENGTH_CASES:
+def test_every_row_of_the_table_is_a_valid_reply() -> None:
+    for row in bit_flips.STRENGTH_CASES:
         sent, frame = bytes.fromhex(row.sent), bytes.fromhex(row.frame)
         entry = FUZZED_CODECS[row.codec]
         assert entry.codec.decode_reply(entry.request_of(sent), frame).size == len(frame)  # type: ignore[union-attr]

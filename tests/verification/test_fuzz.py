@@ -1,4 +1,4 @@
-"""G01, G02, I8: the fuzz campaign finds nothing, and finds what is planted."""
+"""The campaign ``fuzz`` finds no violation in the product and every planted one (I8)."""
 
 from __future__ import annotations
 
@@ -18,31 +18,36 @@ from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, I
 from drivebus.protocols.dzb100 import codec as dzb_codec
 from drivebus.protocols.modbus import rtu
 from drivebus.protocols.sunfar import frame as sunfar_frame
-from verification.campaign import CampaignRun
+from verification.campaign import CampaignRun, map_in_order
 from verification.campaigns import fuzz
-from verification.codec_fuzz import decode_cost, fuzz_block
+from verification.codec_fuzz import fuzz_block
 from verification.codec_fuzz.collision_odds import CollisionOdds, false_accept_limit, noise_odds
-from verification.codec_fuzz.frame_damage import DAMAGE_KINDS, DamageBase
-from verification.codec_fuzz.incremental_feed import RefusedBytes, accepted_size, decode_outcome, feed_incrementally
+from verification.codec_fuzz.fuzz_block import (
+    DAMAGE_KINDS,
+    DamageBase,
+    RefusedBytes,
+    accepted_size,
+    decode_outcome,
+    feed_incrementally,
+)
 from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec
-from verification.pool import map_in_order
 from verification.reference.frame_shapes import FrameShape
 
 every_entry = pytest.mark.parametrize("entry", FUZZED_CODECS.values(), ids=FUZZED_CODECS)
 
 
 def campaign(budget: int, seed: int = 1) -> CampaignRun:
-    session = CampaignRun("fuzz", seed, budget)
-    fuzz.run(session)
-    return session
+    campaign_run = CampaignRun("fuzz", seed, budget)
+    fuzz.run(campaign_run)
+    return campaign_run
 
 
 @pytest.fixture(autouse=True)
 def _no_figures_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decode_cost, "decode_costs", lambda rng: {})
+    monkeypatch.setattr(fuzz, "decode_costs", lambda rng: {})
 
 
-def test_garbage_finds_nothing_and_the_same_seed_finds_it_again() -> None:
+def test_garbage_finds_no_violation_and_runs_are_reproducible() -> None:
     first, second, other = campaign(3_000), campaign(3_000), campaign(3_000, seed=2)
     assert not first.violations
     assert (first.digest, first.trials) == (second.digest, second.trials)
@@ -51,15 +56,15 @@ def test_garbage_finds_nothing_and_the_same_seed_finds_it_again() -> None:
     assert set(first.figures) == set(FUZZED_CODECS)
 
 
-def test_pieces_come_back_in_their_order_from_two_processes() -> None:
+def test_results_of_two_processes_keep_their_order() -> None:
     assert list(map_in_order(abs, range(-40, 0), in_process=False)) == list(
         map_in_order(abs, range(-40, 0), in_process=True)
     )
 
 
 @every_entry
-def test_codec_and_judge_agree_on_all_lawful_talk(entry: FuzzedCodec) -> None:
-    """A judge that took nothing would agree on all garbage too."""
+def test_codec_and_reference_agree_on_valid_exchanges(entry: FuzzedCodec) -> None:
+    """A reference that accepted nothing would agree on all garbage, too."""
     rng = Random(entry.name)
     for _ in range(60):
         exchange = entry.make_exchange(rng, entry.codec)
@@ -73,7 +78,7 @@ def test_codec_and_judge_agree_on_all_lawful_talk(entry: FuzzedCodec) -> None:
 
 
 @every_entry
-def test_nobody_answers_a_broadcast(entry: FuzzedCodec) -> None:
+def test_a_broadcast_has_no_valid_reply(entry: FuzzedCodec) -> None:
     rng = Random(entry.name)
     made = [exchange for exchange in (entry.exchange(rng) for _ in range(400)) if as_broadcast(entry, exchange.request)]
     assert made
@@ -93,7 +98,7 @@ def as_broadcast(entry: FuzzedCodec, request: Any) -> bool:
 
 
 class FaultyCodec:
-    """A codec whose host side is wrong."""
+    """Codec with a faulty master side."""
 
     def __init__(self, codec: Any, decode: Callable[[Any, Any, bytes], DecodeResult]) -> None:
         self._codec, self._decode = codec, decode
@@ -116,44 +121,45 @@ def faulty(name: str, decode: Callable[[Any, Any, bytes], DecodeResult]) -> list
 
 def test_a_sum_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sunfar_frame, "_check_checksum", lambda frame, found: None)
-    assert any(text.startswith("G02 c320-ascii reply") for text in violations(FUZZED_CODECS["c320-ascii"]))
-    assert any(text.startswith("G02 c320-hex request") for text in violations(FUZZED_CODECS["c320-hex"]))
+    assert any(text.startswith("reference: c320-ascii reply") for text in violations(FUZZED_CODECS["c320-ascii"]))
+    assert any(text.startswith("reference: c320-hex request") for text in violations(FUZZED_CODECS["c320-hex"]))
 
 
 def test_a_crc_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rtu, "check_frame", lambda data, size: data[: size - 2])
-    assert any(text.startswith("G02 modbus-rtu reply") for text in violations(FUZZED_CODECS["modbus-rtu"]))
+    assert any(text.startswith("reference: modbus-rtu reply") for text in violations(FUZZED_CODECS["modbus-rtu"]))
 
 
-def test_the_constant_of_the_dzb100_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dzb100_constant_that_is_not_compared_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     framed = dzb_codec.check_head
     monkeypatch.setattr(
         dzb_codec, "check_head", lambda data: framed(data[:1] + b"\x03" + data[2:] if data[1:] else data)
     )
-    assert any(text.startswith("G02 dzb100") for text in violations(FUZZED_CODECS["dzb100"]))
+    assert any(text.startswith("reference: dzb100") for text in violations(FUZZED_CODECS["dzb100"]))
 
 
-def test_t02_digits_that_a_strict_reader_may_not_take_are_found() -> None:
+def test_t02_digits_that_a_strict_codec_must_reject_are_found() -> None:
     tolerant = FUZZED_CODECS["c320-ascii-tolerant"]
     assert any(
-        "judge None" in text for text in violations(replace(tolerant, reference=FUZZED_CODECS["c320-ascii"].reference))
+        "reference None" in text
+        for text in violations(replace(tolerant, reference=FUZZED_CODECS["c320-ascii"].reference))
     )
 
 
-def test_a_refused_frame_that_is_lawful_is_found() -> None:
-    """T15: a master that does not know the short error waits for more."""
+def test_a_rejected_valid_frame_is_found() -> None:
+    """A master that does not know the short error waits for more bytes (T15)."""
     standard = FUZZED_CODECS["modbus-rtu"].codec
     found = violations(
         replace(FUZZED_CODECS["df800-rtu"], codec=MixedCodec(standard, FUZZED_CODECS["df800-rtu"].codec))
     )
-    assert any("codec takes None, judge 5" in text for text in found)
+    assert any("codec accepts None, reference 5" in text for text in found)
 
 
 class MixedCodec(FaultyCodec):
-    """Hears like the first, says like the second."""
+    """Codec that decodes like the first and encodes like the second."""
 
-    def __init__(self, hears: Any, says: Any) -> None:
-        super().__init__(says, lambda _, request, data: hears.decode_reply(request, data))
+    def __init__(self, receiver: Any, sender: Any) -> None:
+        super().__init__(sender, lambda _, request, data: receiver.decode_reply(request, data))
 
 
 def test_i8_any_other_exception_is_found() -> None:
@@ -164,31 +170,31 @@ def test_i8_any_other_exception_is_found() -> None:
     assert any(text.startswith("I8 dzb100") and "ValueError" in text for text in faulty("dzb100", decode))
 
 
-def test_a_hunting_codec_is_found() -> None:
+def test_a_codec_that_searches_for_frames_is_found() -> None:
     def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
         return codec.decode_reply(request, data[max(0, data.find(b"*")) :])
 
-    assert any(text.startswith(("G01", "G02")) for text in faulty("c320-ascii", decode))
+    assert any(text.startswith(("feed", "reference")) for text in faulty("c320-ascii", decode))
 
 
 @pytest.mark.parametrize("need", [lambda need: need + 9, lambda need: need - 17], ids=["too much", "too little"])
-def test_a_need_that_is_not_honest_is_found(need: Callable[[int], int]) -> None:
+def test_a_wrong_need_is_found(need: Callable[[int], int]) -> None:
     def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
         verdict = codec.decode_reply(request, data)
         return Incomplete(need(verdict.need)) if isinstance(verdict, Incomplete) else verdict
 
-    assert any(text.startswith("G01") and "need" in text for text in faulty("c320-ascii", decode))
+    assert any(text.startswith("feed") and "need" in text for text in faulty("c320-ascii", decode))
 
 
-def test_more_hits_than_chance_allows_are_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_false_accepts_than_expected_are_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzz, "false_accept_limit", lambda expected: expected / 2)
-    assert any(text.startswith("G02 dzb100 garbled") for text in campaign(8_000).violations)
+    assert any(text.startswith("by chance: dzb100 garbled") for text in campaign(8_000).violations)
 
 
 # -- feeding -------------------------------------------------------------------------------------------------------
 
 
-def test_bytes_after_a_frame_may_not_change_it() -> None:
+def test_bytes_after_a_frame_must_not_change_it() -> None:
     def decode(data: bytes) -> DecodeResult:
         return Incomplete(2) if len(data) < 2 else Complete(len(data) > 3, 2)
 
@@ -196,7 +202,7 @@ def test_bytes_after_a_frame_may_not_change_it() -> None:
     assert "4 bytes" in feed_incrementally(decode, b"abcd", 0, 9)[1]
 
 
-def test_a_message_that_silence_ends_may_still_become_another() -> None:
+def test_a_message_complete_only_by_silence_may_still_change() -> None:
     def decode(data: bytes) -> DecodeResult:
         if len(data) < 2:
             return Incomplete(2)
@@ -206,7 +212,7 @@ def test_a_message_that_silence_ends_may_still_become_another() -> None:
     assert [accepted_size(decode(data), data) for data in (b"a", b"ab", b"abc", b"abcd")] == [None, 2, None, 4]
 
 
-def test_a_refusal_is_told_with_all_that_it_says() -> None:
+def test_a_rejection_keeps_its_key_and_parameters() -> None:
     def decode(data: bytes) -> DecodeResult:
         raise ProtocolError("a.key", expected=1, found=len(data), size=3)
 
@@ -218,7 +224,7 @@ def test_a_refusal_is_told_with_all_that_it_says() -> None:
 
 
 def exact(entry: FuzzedCodec, sent: bytes, frame: bytes, places: tuple[int, ...]) -> float:
-    """The share of all other values of these bytes that the judge takes."""
+    """Return the share of all other values of these bytes that the reference accepts."""
     hits, damaged = 0, bytearray(frame)
     for number in range(255 ** len(places)):
         for place in places:
@@ -252,8 +258,8 @@ def test_the_odds_of_the_dzb100_and_of_two_bytes_under_a_crc_are_exact() -> None
     assert {places: odds.substituted(places) for places in found} == pytest.approx(found)
 
 
-def test_noise_hits_as_often_as_the_product_of_its_fields_says() -> None:
-    """RELIABILITY 4: a DZB100 read answer 2^-71, RTU FC03 of one register 2^-40 and its exceptions."""
+def test_odds_of_noise_are_the_product_of_the_fields() -> None:
+    """The odds are 2^-71 for a DZB100 read reply, and 2^-40 for an RTU read of one register and for each exception."""
     dzb, modbus = FUZZED_CODECS["dzb100"], FUZZED_CODECS["modbus-rtu"]
     (size, done), (_, refused) = noise_odds(dzb.forms(bytes.fromhex("5203013033323330303030")))
     assert (size, done + refused) == (11, pytest.approx(2.0**-71))
@@ -262,8 +268,8 @@ def test_noise_hits_as_often_as_the_product_of_its_fields_says() -> None:
 
 
 @every_entry
-def test_garbled_ends_hit_as_often_as_reckoned(entry: FuzzedCodec) -> None:
-    rng, taken_ones, expected = Random(7), 0, 0.0
+def test_garbled_ends_are_accepted_as_often_as_expected(entry: FuzzedCodec) -> None:
+    rng, accepted, expected = Random(7), 0, 0.0
     for _ in range(10):
         exchange = entry.make_exchange(rng, entry.codec)
         target, _ = fuzz_block.fuzz_targets(entry, exchange)
@@ -273,11 +279,11 @@ def test_garbled_ends_hit_as_often_as_reckoned(entry: FuzzedCodec) -> None:
         for _ in range(100):
             data, places = DAMAGE_KINDS["garbled"](rng, base)
             expected += target.odds.garbled(places[0])
-            taken_ones += data != exchange.received and entry.reference.accepted_size(exchange.sent, data) is not None
-    assert taken_ones <= false_accept_limit(expected)
+            accepted += data != exchange.received and entry.reference.accepted_size(exchange.sent, data) is not None
+    assert accepted <= false_accept_limit(expected)
 
 
-def test_a_form_that_is_shorter_than_the_frame_counts_too() -> None:
+def test_a_shape_shorter_than_the_frame_counts() -> None:
     form = FrameShape((frozenset(b"a"), frozenset(b"b")), range(0), "none")
     assert CollisionOdds(b"axy", (form,), b"bc", 0).garbled(1) == 0.5
     assert CollisionOdds(b"axy", (form,), b"bc", 0).substituted((1,)) == pytest.approx(1 / 255)
@@ -287,7 +293,7 @@ def test_a_form_that_is_shorter_than_the_frame_counts_too() -> None:
 
 
 def steps(decode: Callable[[bytes], object], data: bytes) -> int:
-    """Lines of Python that a decoder runs."""
+    """Return the number of Python lines that a decoder runs."""
     count = 0
 
     def trace(frame: FrameType, event: str, arg: object) -> Any:
@@ -305,9 +311,9 @@ def steps(decode: Callable[[bytes], object], data: bytes) -> int:
 
 
 @every_entry
-def test_the_steps_that_garbage_costs_grow_with_its_length_and_no_faster(entry: FuzzedCodec) -> None:
+def test_the_cost_of_garbage_grows_linearly(entry: FuzzedCodec) -> None:
     rng = Random(3)
-    for decode in decode_cost.decoders(rng, entry):
-        for data in decode_cost.garbage(rng, entry):
+    for decode in fuzz.decoders(rng, entry):
+        for data in fuzz.garbage(rng, entry):
             for size in (16, 64, 256):
                 assert steps(decode, data[:size]) <= 10 * size + 100

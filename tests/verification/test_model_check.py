@@ -1,4 +1,4 @@
-"""The campaign of the gate finds what it looks for: planted holes are found, and without them nothing is (I1, I7)."""
+"""The campaign ``gate`` finds planted holes in the motion gate, and none in the product (I1, I7)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from verification.campaign import CampaignRun
 from verification.campaigns import gate as campaign
-from verification.model_check import core_copy as gate_copy
+from verification.model_check import core_copy as core_copy
 from verification.model_check.gate_state import GateState
-from verification.model_check.model_subject import MODEL_NAMES, model_subject
+from verification.model_check.model_subject import MODEL_NAMES, TimeGrid, model_subject
 from verification.model_check.search import SearchDomain, SearchResult, StateSearch
-from verification.model_check.time_grid import TimeGrid
 from verification.model_check.wire_state import WireState
 from verification.reference.request_effects import RequestEffect, worst_effect
 
@@ -41,13 +40,13 @@ def explored(
     limit: int = 6000,
     world: type[GateState] = GateState,
 ) -> SearchResult:
-    """Until something is wrong, with these events besides those that make a command and pass the time."""
+    """Search until the first finding, with these events besides those that create a command and pass time."""
     domain = SearchDomain(rare="garble" in only, small=True, without=EVERYTHING - only)
     return StateSearch(model_subject(model, kind, grid), domain, limit, world).run(first=True)
 
 
 class KnownStationState(GateState):
-    """A station that has answered before: what it is asked may be asked again."""
+    """State with a station that is online, so that its requests may be retried."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -57,16 +56,16 @@ class KnownStationState(GateState):
 
 
 def found(text: str, **options: Any) -> None:
-    """The hole is found, and is none without the plant (``test_without_a_plant_nothing_is_found``)."""
-    bad = explored(**options).findings
-    assert any(text in one for one in bad), bad[:1]
+    """Check that the search finds the planted hole."""
+    findings = explored(**options).findings
+    assert any(text in one for one in findings), findings[:1]
 
 
 # --- the witness's own reading of bytes --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("model", "frame", "act"),
+    ("model", "frame", "effect"),
     [
         ("c320", b"*0040100000185\r", RequestEffect.MOTION),
         ("c320", b"*01401000001B6\r", RequestEffect.MOTION),
@@ -81,14 +80,14 @@ def found(text: str, **options: Any) -> None:
         ("df800", bytes.fromhex("01062000000c4200"), RequestEffect.MOTION),
     ],
 )
-def test_the_manuals_say_what_a_frame_does(model: str, frame: bytes, act: RequestEffect) -> None:
-    """T01, T11, T16: a start, a stop that is none, a toggle; a class-1 "read" that carries a run is a run."""
-    assert worst_effect(model, frame, 0) is act
+def test_frames_have_the_effect_of_the_manuals(model: str, frame: bytes, effect: RequestEffect) -> None:
+    """A start, a stop with data, a toggle, and a class-1 read that carries a run command are motion (T01, T11, T16)."""
+    assert worst_effect(model, frame, 0) is effect
 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
-def test_what_the_manual_calls_motion_no_dialect_calls_less(model: str) -> None:
-    """Two readings of each manual: every command word, operation and class."""
+def test_every_motion_of_the_manual_is_motion_in_the_dialect(model: str) -> None:
+    """Product and reference agree on every command word, operation and class."""
     dialect = model_subject(model, CommandKind.RESET, COARSE).dialect
     encode = dialect.codec.encode_request
     for frame in _every_command(model, encode):
@@ -113,12 +112,12 @@ def _every_command(model: str, encode: Callable[[Any], bytes]) -> list[bytes]:
 # --- nothing is wrong ---------------------------------------------------------------------------------------------
 
 
-def test_without_a_plant_nothing_is_found_and_every_condition_was_the_only_one_missing() -> None:
-    """Not vacuous: the frame leaves with everything in order, and stays where one thing is missing, whichever."""
+def test_the_product_has_no_finding_and_each_condition_alone_prevents_a_frame() -> None:
+    """The frame is sent with everything met, and each condition alone prevents it."""
     all_but_waits = SearchDomain(rare=False, small=True, without=frozenset({"hang", "raw", "sleep", "read", "reply"}))
-    seen = StateSearch(model_subject("c320", CommandKind.START, COARSE), all_but_waits, 100_000).run()
-    assert seen.closed and seen.findings == [] and seen.moved > 0
-    assert set(seen.refused_by_permissives_only) == {
+    result = StateSearch(model_subject("c320", CommandKind.START, COARSE), all_but_waits, 100_000).run()
+    assert result.closed and result.findings == [] and result.moved > 0
+    assert set(result.refused_by_permissives_only) == {
         "unexpired",
         "no newer stop",
         "port held",
@@ -132,7 +131,7 @@ def test_without_a_plant_nothing_is_found_and_every_condition_was_the_only_one_m
         "no duplicate",
         "no foreign master",
     }
-    assert set(seen.refused_by_bus_only) == {
+    assert set(result.refused_by_bus_only) == {
         "a permit",
         "permit for this station",
         "permit for this effect",
@@ -146,11 +145,11 @@ def test_without_a_plant_nothing_is_found_and_every_condition_was_the_only_one_m
 
 
 def test_every_attribute_of_the_bus_is_known_to_the_campaign() -> None:
-    """A new one might make two states look alike that are not: say in ``gate_copy.PARTS`` what it is."""
-    assert gate_copy.unlisted_attributes(GateState(model_subject("c320", CommandKind.START, COARSE)).core) == []
+    """An unlisted attribute could make different states look alike: list it in ``core_copy.NAMED_ATTRIBUTES``."""
+    assert core_copy.unlisted_attributes(GateState(model_subject("c320", CommandKind.START, COARSE)).core) == []
 
 
-def test_a_copy_goes_its_own_way() -> None:
+def test_a_copy_is_independent() -> None:
     one = GateState(model_subject("vc660", CommandKind.START, COARSE))
     for event in ("open", "step", "read", "stop"):
         one = one.copy().apply(event)
@@ -160,7 +159,7 @@ def test_a_copy_goes_its_own_way() -> None:
         assert one.state_key() == before
 
 
-def test_the_same_exploration_gives_the_same_digest() -> None:
+def test_the_same_search_gives_the_same_digest() -> None:
     def digest() -> str:
         search = StateSearch(model_subject("df800", CommandKind.JOG, COARSE), SearchDomain(rare=False, small=True), 400)
         search.run()
@@ -173,15 +172,15 @@ def test_the_report_says_whether_the_space_was_closed(monkeypatch: pytest.Monkey
     monkeypatch.setattr(
         campaign, "ci_explorations", lambda: [replace(campaign.full_explorations()[0], domain=SearchDomain(small=True))]
     )
-    session = CampaignRun("gate", 1, 300)
-    campaign.CAMPAIGN.run(session)
-    assert session.figures["closed"] is False and session.trials == 300 == session.counts["states"]
+    campaign_run = CampaignRun("gate", 1, 300)
+    campaign.CAMPAIGN.run(campaign_run)
+    assert campaign_run.figures["closed"] is False and campaign_run.trials == 300 == campaign_run.counts["states"]
 
 
 # --- planted holes ------------------------------------------------------------------------------------------------
 
 
-def test_a_gate_that_takes_a_stale_status_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gate_that_accepts_a_stale_status_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(permissives, "MAX_STATUS_AGE_S", float("inf"))
     found("left without: fresh status", only=set())
 
@@ -199,12 +198,12 @@ def test_a_gate_without_one_of_its_checks_is_found(monkeypatch: pytest.MonkeyPat
     found(text, only=set())
 
 
-def test_a_gate_that_ignores_the_generation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    alive = permissives._check_valid
+def test_a_gate_that_ignores_newer_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_valid = permissives._check_valid
     monkeypatch.setattr(
         permissives,
         "_check_valid",
-        lambda command, effect, around: alive(replace(command, stop_epoch=around.stop_epoch), effect, around),
+        lambda command, effect, around: check_valid(replace(command, stop_epoch=around.stop_epoch), effect, around),
     )
     found("left without: no newer stop", only={"stop", "reply"})
 
@@ -214,7 +213,7 @@ def test_a_gate_that_ignores_the_age_is_found(monkeypatch: pytest.MonkeyPatch) -
     found("left without: unexpired", only=set())
 
 
-def test_a_bus_that_does_not_check_again_when_the_first_bit_goes_out_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_without_the_check_at_the_first_bit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Scheduler, "_reject_if_stale", lambda *_: False)
     found("left without: unexpired", only={"read"})
 
@@ -245,17 +244,19 @@ def test_a_bus_without_one_of_its_checks_is_found(
     found(f"left without: {text}", only=only)
 
 
-def test_a_resend_that_is_not_checked_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A setpoint lost its answer, a stop came meanwhile, and it is sent again."""
+def test_a_retry_without_a_check_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A setpoint whose reply was lost is sent again after a stop."""
     refusal = PreparedRequest.permit_error
-    monkeypatch.setattr(PreparedRequest, "permit_error", lambda job, now: None if job.attempts else refusal(job, now))
+    monkeypatch.setattr(
+        PreparedRequest, "permit_error", lambda prepared, now: None if prepared.attempts else refusal(prepared, now)
+    )
     only = {"stop", "reply", "garble"}
     found("left without: no newer stop", model="vc660", kind=CommandKind.SETPOINT, only=only, world=KnownStationState)
 
 
 def test_a_start_that_the_bus_sends_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda _: 3)
-    monkeypatch.setattr(BusCore, "_may_retry", lambda self, job: job.attempts < job.max_attempts)
+    monkeypatch.setattr(BusCore, "_may_retry", lambda self, prepared: prepared.attempts < prepared.max_attempts)
     found("left without: sent once", only={"reply", "garble"}, world=KnownStationState)
 
 
@@ -263,32 +264,32 @@ def test_a_lost_port_that_leaves_permits_valid_is_found(monkeypatch: pytest.Monk
     lost = BusCore.on_port_lost
 
     def forgetful(self: BusCore, error: Any, now: float) -> Any:
-        acts = lost(self, error, now)
+        commands = lost(self, error, now)
         for station in self.stations.values():
             station.stop_epoch -= 1
-        return acts
+        return commands
 
     monkeypatch.setattr(BusCore, "on_port_lost", forgetful)
     found("left without: port held", only={"lose", "reply"}, grid=HALVES)
 
 
-def test_a_station_that_is_registered_anew_and_free_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_registered_station_that_forgets_its_inhibit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Station, "inherit", lambda self, gone: None)
     found("left without: station kept", only={"remove"})
     found("left without: no duplicate", only={"remove", "read", "reply"}, world=WireState, limit=20_000)
 
 
-def test_a_dialect_that_takes_a_start_for_a_setting_is_found() -> None:
-    """The witness reads the bytes itself."""
+def test_a_start_classified_as_a_setting_is_found() -> None:
+    """The permit monitor reads the bytes itself."""
     one = model_subject("c320", CommandKind.RESET, COARSE)
     start = model_subject("c320", CommandKind.START, COARSE).frames
     one.frames, one.permit_needs = start, {}
     one.dialect.station_config = replace(one.dialect.station_config, effect_of=lambda frame: Effect.SETTING)
-    bad = StateSearch(one, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings
-    assert bad and "left without" in bad[0]
+    findings = StateSearch(one, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings
+    assert findings and "left without" in findings[0]
 
 
-def test_a_second_master_that_nobody_notices_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """F14, on the wire: the requests are heard, and the gate is not told."""
+def test_an_undetected_foreign_master_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The foreign requests are received, and the gate does not get them."""
     monkeypatch.setattr("drivebus.bus.unsolicited.FOREIGN_REQUESTS_REQUIRED", 3)
     found("left without: no foreign master", only=set(), world=WireState)

@@ -1,4 +1,4 @@
-"""The witness sees what is there to see: each invariant broken on purpose and found (I9: by ``failures``)."""
+"""The oracle finds a planted violation of each invariant (I9: the campaign ``failures``)."""
 
 from __future__ import annotations
 
@@ -21,76 +21,78 @@ from drivebus.drives.state import DriveStatus
 from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
-from verification.fault_injection.wall_clock import JumpingWallClock, before_midnight, installed_clock
+from verification.fault_injection.clocks import JumpingWallClock, before_midnight, installed_clock
 from verification.reference.request_effects import RequestEffect, classify_request
+from verification.scenario.rules import decode_write
 from verification.scenario.scenario import Scenario
-from verification.scenario.write_rules import decode_write
 
 
 @pytest.fixture
-def session() -> CampaignRun:
+def campaign_run() -> CampaignRun:
     return CampaignRun("test", 1, 1)
 
 
-def stand(session: CampaignRun, kind: DriveVariant = VC660, addresses: Any = (1, 2), **options: Any) -> Scenario:
-    return Scenario(session, kind, addresses, **options)
+def make_scenario(
+    campaign_run: CampaignRun, kind: DriveVariant = VC660, addresses: Any = (1, 2), **options: Any
+) -> Scenario:
+    return Scenario(campaign_run, kind, addresses, **options)
 
 
-def found(session: CampaignRun, invariant: str) -> bool:
-    return any(f": {invariant} " in text for text in session.violations)
+def found(campaign_run: CampaignRun, invariant: str) -> bool:
+    return any(f": {invariant} " in text for text in campaign_run.violations)
 
 
 @pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
-def test_an_honest_run_has_no_violation_and_a_story(session: CampaignRun, kind: DriveVariant) -> None:
-    story: list[str] = []
-    session.listener = story.append
-    here = stand(session, kind, line_quality="lossy")
-    here.monitor(1)
-    run = here.command(1, "run", 12.0)
-    here.finish(run)
-    stop = here.command(1, "stop")
-    here.finish(stop)
-    here.close()
-    assert session.violations == []
-    assert here.oracle.accepted_count > 5
-    assert any(" > 1 move " in line for line in story) or run.result_word not in ("confirmed", "acknowledged")
+def test_the_product_has_no_violation_and_a_trace(campaign_run: CampaignRun, kind: DriveVariant) -> None:
+    trial: list[str] = []
+    campaign_run.listener = trial.append
+    scenario = make_scenario(campaign_run, kind, line_quality="lossy")
+    scenario.monitor(1)
+    run = scenario.command(1, "run", 12.0)
+    scenario.finish(run)
+    stop = scenario.command(1, "stop")
+    scenario.finish(stop)
+    scenario.close()
+    assert campaign_run.violations == []
+    assert scenario.oracle.accepted_count > 5
+    assert any(" > 1 move " in line for line in trial) or run.result_word not in ("confirmed", "acknowledged")
     assert stop.result_word in (("confirmed", "unknown") if kind.reports_running else ("acknowledged", "unknown"))
 
 
-def test_a_remembered_wish_keeps_nothing_of_the_way_to_its_end(session: CampaignRun) -> None:
-    """The frames of its error hold the whole conversation: a day of these was a quarter of the memory."""
-    here = stand(session)
-    here.station(1).faults.silent = True
-    stop = here.command(1, "stop")
+def test_a_remembered_command_keeps_no_traceback(campaign_run: CampaignRun) -> None:
+    """The traceback of its error would keep the whole operation in memory."""
+    scenario = make_scenario(campaign_run)
+    scenario.station(1).faults.silent = True
+    stop = scenario.command(1, "stop")
     assert stop.task is not None
-    here.finish(stop)
-    here.close()
+    scenario.finish(stop)
+    scenario.close()
     assert stop.result_word == "unknown" and stop.task is None
     assert stop.error is not None and stop.error.__traceback__ is stop.error.__cause__ is stop.error.__context__ is None
 
 
-def test_i1_a_move_that_nobody_wished_for(session: CampaignRun) -> None:
-    here = stand(session)
-    here.loop.run_until_complete(here.drives[1].preflight())
-    here.loop.run_until_complete(here.drives[1].run(12.0))
-    assert found(session, "I1")
+def test_i1_a_motion_without_a_command(campaign_run: CampaignRun) -> None:
+    scenario = make_scenario(campaign_run)
+    scenario.loop.run_until_complete(scenario.drives[1].preflight())
+    scenario.loop.run_until_complete(scenario.drives[1].run(12.0))
+    assert found(campaign_run, "I1")
 
 
-def test_i1_a_move_after_a_newer_stop(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i1_a_motion_after_a_newer_stop(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest.permit_error", lambda job, now: None)
     monkeypatch.setattr(Scheduler, "supersede", lambda scheduler, stations: [])
     monkeypatch.setattr(OperationContext, "check_not_superseded", _always)
     monkeypatch.setattr("drivebus.drives.permissives.grant_permit", _granted)
     for instant in range(60):
-        here = stand(session, C320)
-        run = here.command(1, "run", 12.0)
-        here.run(0.02 * instant)
-        here.finish(here.command(1, "stop"), run)
-        here.close()
-    assert found(session, "I1")
+        scenario = make_scenario(campaign_run, C320)
+        run = scenario.command(1, "run", 12.0)
+        scenario.run(0.02 * instant)
+        scenario.finish(scenario.command(1, "stop"), run)
+        scenario.close()
+    assert found(campaign_run, "I1")
 
 
-def _always(talk: OperationContext, command: Any) -> Any:
+def _always(op: OperationContext, command: Any) -> Any:
     return (yield from get_bus_conditions()).now
 
 
@@ -106,27 +108,27 @@ def _granted(inputs: PermitInputs) -> Permit:
 
 @pytest.mark.parametrize("kind", [DZB100, DF800], ids=lambda kind: kind.name)
 def test_i2_a_start_that_is_sent_again_blindly(
-    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
 ) -> None:
-    """Also where the second one finds the motor on and changes nothing."""
+    """This holds also where the second start finds the motor on and changes nothing."""
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest._max_write_attempts", lambda job: 3)
-    here = stand(session, kind)
-    here.loop.run_until_complete(here.drives[1].preflight())
-    run = here.command(1, "run", 12.0)
-    while 1 not in here.oracle.frame_rules._started:
-        here.run(0.005)
-    here.station(1).faults.mute = True
-    here.run(0.3)
-    here.station(1).faults.mute = False
-    here.finish(run)
-    assert found(session, "I2")
+    scenario = make_scenario(campaign_run, kind)
+    scenario.loop.run_until_complete(scenario.drives[1].preflight())
+    run = scenario.command(1, "run", 12.0)
+    while 1 not in scenario.oracle.frame_rules._started:
+        scenario.run(0.005)
+    scenario.station(1).faults.mute = True
+    scenario.run(0.3)
+    scenario.station(1).faults.mute = False
+    scenario.finish(run)
+    assert found(campaign_run, "I2")
 
 
-def test_i3_a_stop_that_waits_for_others(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i3_a_stop_that_waits_for_others(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Scheduler.next
 
     def late(scheduler: Scheduler, now: float) -> Any:
-        """Polls before stops."""
+        """Return polls before stops."""
         lanes = scheduler.queues
         scheduler.queues = (type(lanes[0])(), *lanes[1:])
         job = plain(scheduler, now)
@@ -134,116 +136,118 @@ def test_i3_a_stop_that_waits_for_others(session: CampaignRun, monkeypatch: pyte
         return job or plain(scheduler, now)
 
     monkeypatch.setattr(Scheduler, "next", late)
-    here = stand(session, VC660, range(1, 9))
-    for address in here.drives:
-        here.monitor(address)
-    here.run(1.0)
-    here.finish(here.command(1, "stop"))
-    assert found(session, "I3")
+    scenario = make_scenario(campaign_run, VC660, range(1, 9))
+    for address in scenario.drives:
+        scenario.monitor(address)
+    scenario.run(1.0)
+    scenario.finish(scenario.command(1, "stop"))
+    assert found(campaign_run, "I3")
 
 
 @pytest.mark.parametrize(
-    ("lie", "message"),
+    ("target", "replacement"),
     [
-        ("drivebus.drives.readings.ReadingPairs.with_staleness", lambda book, now, oldest: book.latest),
+        ("drivebus.drives.readings.ReadingPairs.with_staleness", lambda pairs, now, oldest: pairs.latest),
         ("drivebus.values.Reading.age_s", lambda reading, now: 0.0),
     ],
     ids=["good-for-ever", "calls-itself-new"],
 )
 def test_i4_a_silent_drive_whose_values_stay_good(
-    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, lie: str, message: Callable[..., object]
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, target: str, replacement: Callable[..., object]
 ) -> None:
-    """The witness takes nobody's word for an age."""
-    monkeypatch.setattr(lie, message)
-    here = stand(session)
-    here.monitor(1)
-    here.run(5.0)
-    here.station(1).faults.silent = True
-    here.run(120.0)
-    assert found(session, "I4")
+    """The oracle computes ages itself."""
+    monkeypatch.setattr(target, replacement)
+    scenario = make_scenario(campaign_run)
+    scenario.monitor(1)
+    scenario.run(5.0)
+    scenario.station(1).faults.silent = True
+    scenario.run(120.0)
+    assert found(campaign_run, "I4")
 
 
-def test_i4_a_reading_whose_time_is_moved(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    here = stand(session)
-    monitor = here.monitor(1)
-    here.run(5.0)
-    here.station(1).faults.silent = True
-    status, now = monitor.status(), here.loop.time
+def test_i4_a_reading_whose_time_is_moved(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = make_scenario(campaign_run)
+    monitor = scenario.monitor(1)
+    scenario.run(5.0)
+    scenario.station(1).faults.silent = True
+    status, now = monitor.status(), scenario.loop.time
     monkeypatch.setattr(monitor, "status", lambda: _refreshed(status, now()))
-    here.run(120.0)
-    assert found(session, "I4")
+    scenario.run(120.0)
+    assert found(campaign_run, "I4")
 
 
 def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
     return replace(status, readings={name: replace(one, source_time=now) for name, one in status.readings.items()})
 
 
-def test_i5_a_late_reply_that_is_believed(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without quarantine and fence a late reply is the answer to the next request of its shape."""
+def test_i5_a_late_reply_that_is_believed(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without quarantine and sync probe a late reply is accepted for the next request of its form."""
     monkeypatch.setattr("drivebus.bus.core.BusCore._mark_suspect", lambda core, station, now: None)
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now: None)
     monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
-    here = stand(session, VC660, (1,), line_quality="late=0.2:0.3")
-    here.monitor(1)
-    here.run(300.0)
-    assert found(session, "I5")
+    scenario = make_scenario(campaign_run, VC660, (1,), line_quality="late=0.2:0.3")
+    scenario.monitor(1)
+    scenario.run(300.0)
+    assert found(campaign_run, "I5")
 
 
 @pytest.mark.parametrize("kind", [C320, C320_HEX, VC660], ids=lambda kind: kind.name)
-def test_i6_a_gap_that_is_too_short(session: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant) -> None:
-    here = stand(session, kind, range(1, 9))
-    for address, station in here.bus.core.stations.items():
+def test_i6_a_gap_that_is_too_short(
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+) -> None:
+    scenario = make_scenario(campaign_run, kind, range(1, 9))
+    for address, station in scenario.bus.core.stations.items():
         station.gap_s *= 0.9
-        here.monitor(address)
-    here.run(5.0)
-    assert found(session, "I6")
+        scenario.monitor(address)
+    scenario.run(5.0)
+    assert found(campaign_run, "I6")
 
 
-def test_i6_a_second_request_while_one_is_out(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i6_a_second_request_while_one_is_out(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Transaction.__init__
 
-    def hasty(transaction: Transaction, *given: Any, **named: Any) -> None:
-        plain(transaction, *given, **named)
+    def hasty(transaction: Transaction, *arguments: Any, **named: Any) -> None:
+        plain(transaction, *arguments, **named)
         transaction.deadline = transaction.ends_at = transaction.tx_end_at + 0.001
 
     monkeypatch.setattr(Transaction, "__init__", hasty)
-    here = stand(session, DZB100, range(1, 9))
-    for address in here.drives:
-        here.monitor(address)
-    here.run(5.0)
-    assert found(session, "I6")
+    scenario = make_scenario(campaign_run, DZB100, range(1, 9))
+    for address in scenario.drives:
+        scenario.monitor(address)
+    scenario.run(5.0)
+    assert found(campaign_run, "I6")
 
 
 @pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
 def test_i7_a_frequency_beyond_the_limit(
-    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
 ) -> None:
     monkeypatch.setattr("drivebus.drives.context.DriveContext._check_limits", lambda memory, hz: None)
-    here = stand(session, kind)
-    here.loop.run_until_complete(here.drives[1].preflight())
-    here.finish(here.command(1, "run", kind.maximum_hz + 0.1))
-    assert found(session, "I7")
+    scenario = make_scenario(campaign_run, kind)
+    scenario.loop.run_until_complete(scenario.drives[1].preflight())
+    scenario.finish(scenario.command(1, "run", kind.maximum_hz + 0.1))
+    assert found(campaign_run, "I7")
 
 
 @pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
 def test_i7_one_save_more_than_a_day_has(
-    session: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
 ) -> None:
-    """G16. A day is the wall clock's."""
+    """The budget counts days of the wall clock."""
     monkeypatch.setattr(EepromBudget, "consume", lambda wear, notation, day: iter(()))
     clock = JumpingWallClock(before_midnight(3600.0), lambda: 0.0)
     notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[kind.model]
     with installed_clock(clock):
-        here = stand(session, kind)
+        scenario = make_scenario(campaign_run, kind)
         for number in range(20):
-            here.finish(here.command(1, "write", {notation: 10.0 + number}, True))
-        assert session.violations == []
-        here.finish(here.command(1, "write", {notation: 40.0}, True))
-        assert found(session, "I7")
-        session.violations.clear()
+            scenario.finish(scenario.command(1, "write", {notation: 10.0 + number}, True))
+        assert campaign_run.violations == []
+        scenario.finish(scenario.command(1, "write", {notation: 40.0}, True))
+        assert found(campaign_run, "I7")
+        campaign_run.violations.clear()
         clock.jump("+1 h")
-        here.finish(here.command(1, "write", {notation: 10.0}, True))
-        assert session.violations == []
+        scenario.finish(scenario.command(1, "write", {notation: 10.0}, True))
+        assert campaign_run.violations == []
 
 
 @pytest.mark.parametrize(
@@ -258,93 +262,93 @@ def test_i7_one_save_more_than_a_day_has(
         (DF800, "01 06 00 05 00 01"),
         (DZB100, "50 03 01 30 31 38 31 30 30 30 30"),
     ],
-    ids=lambda given: getattr(given, "name", given),
+    ids=lambda arguments: getattr(arguments, "name", arguments),
 )
-def test_i7_what_is_on_no_list(kind: DriveVariant, frame: str) -> None:
-    """T12, T16: 200BH, a place behind the last, codes without a meaning, the toggle, a monitor."""
+def test_i7_an_unlisted_address_or_word(kind: DriveVariant, frame: str) -> None:
+    """200BH, an address after the last one, undefined codes, the toggle and a monitor are rejected (T12, T16)."""
     check = b"" if kind is DZB100 else b"\0\0"
     with pytest.raises(ValueError):
         decode_write(kind, bytes.fromhex(frame) + check)
 
 
-def test_i8_an_error_that_escapes(session: CampaignRun) -> None:
-    here = stand(session)
+def test_i8_an_error_that_escapes(campaign_run: CampaignRun) -> None:
+    scenario = make_scenario(campaign_run)
 
     def fails(status: Any) -> None:
         raise ZeroDivisionError("a sink that fails")
 
-    with running(here.loop):
-        here.drives[1].monitor(on_change=fails)
-    here.run(1.0)
-    assert found(session, "I8")
+    with running(scenario.loop):
+        scenario.drives[1].monitor(on_change=fails)
+    scenario.run(1.0)
+    assert found(campaign_run, "I8")
 
 
-def test_i10_a_start_from_before_the_port_was_lost(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i10_a_start_from_before_the_port_was_lost(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest.permit_error", lambda job, now: None)
     monkeypatch.setattr(BusCore, "on_port_lost", _forgets_nothing)
     monkeypatch.setattr("drivebus.bus.scheduler.Scheduler._reject_if_stale", lambda scheduler, lane, job, now: False)
-    here = stand(session, C320)
+    scenario = make_scenario(campaign_run, C320)
     for instant in range(40):
-        run = here.command(1, "run", 12.0)
-        here.run(0.02 * instant)
-        here.unplug()
-        here.replug()
-        here.finish(run)
-        here.station(1).keypad_stop()
-        here.run(20.0)
-    assert found(session, "I10")
+        run = scenario.command(1, "run", 12.0)
+        scenario.run(0.02 * instant)
+        scenario.unplug()
+        scenario.replug()
+        scenario.finish(run)
+        scenario.station(1).keypad_stop()
+        scenario.run(20.0)
+    assert found(campaign_run, "I10")
 
 
 def _forgets_nothing(core: BusCore, error: Exception, now: float) -> list[Any]:
-    """The port is gone, and what was queued stays queued."""
+    """Lose the port but keep the queue."""
     core.is_open = False
-    flight, core.transaction = core.transaction, None
-    if flight is not None:
-        core.scheduler.enqueue(flight.prepared)
+    transaction, core.transaction = core.transaction, None
+    if transaction is not None:
+        core.scheduler.enqueue(transaction.prepared)
     commands, core._commands = core._commands, []
     return commands
 
 
-def test_i11_a_read_that_acts(session: CampaignRun) -> None:
-    here = stand(session)
-    station = here.station(1)
+def test_i11_a_read_that_acts(campaign_run: CampaignRun) -> None:
+    scenario = make_scenario(campaign_run)
+    station = scenario.station(1)
     answer = station.handle_request
 
-    def acts(message: Any, codec: Any) -> Any:
+    def acts(replacement: Any, codec: Any) -> Any:
         station.setpoint_hz += 1.0
-        return answer(message, codec)
+        return answer(replacement, codec)
 
     station.handle_request = acts
-    here.monitor(1)
-    here.run(1.0)
-    assert found(session, "I11")
+    scenario.monitor(1)
+    scenario.run(1.0)
+    assert found(campaign_run, "I11")
 
 
-def test_i12_questions_that_are_remembered_for_ever(session: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: list[Any] = []
+def test_i12_requests_remembered_without_limit(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    remembered: list[Any] = []
     monkeypatch.setattr(
-        BusCore, "_remember_unanswered", lambda core, transaction, now: kept.append((now, transaction.prepared))
+        BusCore, "_remember_unanswered", lambda core, transaction, now: remembered.append((now, transaction.prepared))
     )
-    here = stand(session, line_quality="loss=0.1")
-    here.bus.core.stations[1].unanswered_requests = kept
-    here.monitor(1)
-    here.run(1500.0)
-    here.close()
-    assert found(session, "I12")
+    scenario = make_scenario(campaign_run, line_quality="loss=0.1")
+    scenario.bus.core.stations[1].unanswered_requests = remembered
+    scenario.monitor(1)
+    scenario.run(1500.0)
+    scenario.close()
+    assert found(campaign_run, "I12")
 
 
-def test_i12_a_queue_that_nobody_empties(session: CampaignRun) -> None:
-    here = stand(session)
-    with running(here.loop):
+def test_i12_a_queue_that_only_grows(campaign_run: CampaignRun) -> None:
+    scenario = make_scenario(campaign_run)
+    with running(scenario.loop):
         for _ in range(500):
-            here.loop.create_task(here.drives[1].read(("F00.00",)))
-    here.run(0.1)
-    assert found(session, "I12")
+            scenario.loop.create_task(scenario.drives[1].read(("F00.00",)))
+    scenario.run(0.1)
+    assert found(campaign_run, "I12")
 
 
-def test_the_manuals_tables_know_every_request() -> None:
-    """T01, T07, T16: what the observer's own tables say of frames from the manuals."""
-    message = {
+def test_requests_have_the_effect_of_the_manuals() -> None:
+    """The oracle's own tables classify frames of the manuals (T01, T07, T16)."""
+    replacement = {
         ("c320", "ascii", "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D"): (0, RequestEffect.READ),
         ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, RequestEffect.MOTION),
         ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, RequestEffect.MOTION),
@@ -358,36 +362,36 @@ def test_the_manuals_tables_know_every_request() -> None:
         ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, RequestEffect.MOTION),
         ("dzb100", "ascii", "43 03 01 30 31 30 30 30 30 30 30"): (1, RequestEffect.STOP),
     }
-    for (family, encoding, frame), meaning in message.items():
+    for (family, encoding, frame), meaning in replacement.items():
         assert classify_request(family, encoding, bytes.fromhex(frame)) == meaning, frame
 
 
 @pytest.mark.parametrize(
     "frame", ["2A 30 30 37 30 30 30 30 30 30 31 38 31 0D", "2A 30 30 31 32 32 30 30 30 30 31 38 31 0D"]
 )
-def test_the_manuals_tables_refuse_what_no_manual_knows(frame: str) -> None:
+def test_undefined_requests_are_rejected(frame: str) -> None:
     with pytest.raises(ValueError):
         classify_request("c320", "ascii", bytes.fromhex(frame))
 
 
-def test_i8_what_escapes_from_a_command_is_found(session: CampaignRun) -> None:
+def test_i8_an_error_that_escapes_from_a_command(campaign_run: CampaignRun) -> None:
     async def fails() -> None:
         raise RuntimeError("not ours")
 
-    here = stand(session)
-    here.finish(here.command_by(fails, 1, "run"))
-    assert found(session, "I8")
+    scenario = make_scenario(campaign_run)
+    scenario.finish(scenario.command_by(fails, 1, "run"))
+    assert found(campaign_run, "I8")
 
 
-def test_a_lease_that_is_renewed_lives_on_the_loop_of_the_laboratory(session: CampaignRun) -> None:
+def test_a_lease_can_be_renewed_in_virtual_time(campaign_run: CampaignRun) -> None:
     async def jog() -> Any:
-        async with here.drives[1].jog() as lease:
+        async with scenario.drives[1].jog() as lease:
             for _ in range(3):
                 await asyncio.sleep(0.3)
                 lease.renew()
         return lease.start_outcome
 
-    here = stand(session)
-    command = here.command_by(jog, 1, "jog")
-    here.finish(command)
-    assert command.result_word == "acknowledged" and session.violations == []
+    scenario = make_scenario(campaign_run)
+    command = scenario.command_by(jog, 1, "jog")
+    scenario.finish(command)
+    assert command.result_word == "acknowledged" and campaign_run.violations == []

@@ -1,4 +1,4 @@
-"""Which commit a report is of."""
+"""Commit of a report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from verification.__main__ import main
 from verification.report import current_commit
 
 
-def test_a_report_names_its_commit_and_whether_what_it_tried_was_changed(tmp_path: Path) -> None:
+def test_a_report_names_its_commit_and_local_changes(tmp_path: Path) -> None:
     def git(*words: str) -> str:
         own = ["-c", "user.name=a", "-c", "user.email=a@b"]
         return subprocess.run(["git", *own, *words], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
@@ -34,9 +34,9 @@ def test_a_report_names_its_commit_and_whether_what_it_tried_was_changed(tmp_pat
     )
 
 
-def test_a_report_is_of_the_commit_at_which_its_run_began(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A checkout goes on while a campaign runs for hours."""
+def test_a_report_names_the_commit_at_the_start_of_its_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The checkout may change while a campaign runs for hours."""
     heads = iter(("began", "went on"))
     monkeypatch.setattr(report, "current_commit", lambda: next(heads))
     main(["matrix", "--budget", "1", "--report", str(tmp_path)])
-    assert json.loads((tmp_path / "lab-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"
+    assert json.loads((tmp_path / "campaign-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"

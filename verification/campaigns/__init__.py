@@ -1,1 +1,1 @@
-"""One module a campaign, each with a ``CAMPAIGN``. They know the bench, never each other."""
+"""Campaigns: one module each, with its ``CAMPAIGN``; no campaign imports another."""

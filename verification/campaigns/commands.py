@@ -1,9 +1,8 @@
-"""``commands``: users command drives over a line that loses 10 % of the frames each way.
+"""``commands``: two users command drives over a bus that loses 10 % of the frames each way.
 
-Two users at once run, stop, jog, set, reset and write at random, at times on a line that doubles and delays replies or
-with an echo set wrong, while drives fall silent, reboot, trip, and are started and stopped at their keypads. An
-episode ends with the line made good: then every stop must have been heard. The witness holds each outcome against the
-motor (``outcomes``), counts executions (I2) and knows that an absent drive can say nothing.
+Replies are duplicated and delayed, the echo setting may be wrong, and drives go silent, reboot, trip, and are started
+and stopped at their keypads. An episode ends with a good bus: then every stop must have been received. The oracle
+compares each outcome with the motor and counts executions (I2).
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ from verification.scenario.user_command import UserCommand
 PRESENT, ABSENT = (1, 2), 3
 BAUD, RAMP_S = 38400, 1
 COMMANDS_PER_EPISODE, COMMANDS_PER_WRONG_ECHO_EPISODE = 40, 8
-"""Commands on one line; then another one is built: soon, where a station that failed once is believed no more."""
+"""Commands of one episode; fewer where a wrong echo setting makes the master distrust a station after its first
+failure."""
 LINE_LOSS = "loss=0.1"
 COMMAND_LINE_QUALITIES = (
     "",
@@ -33,16 +33,16 @@ COMMAND_LINE_QUALITIES = (
     ",batch=8",
 )
 UNPACED_SHARE = 0.3
-"""Of the ports don't know when their last bit is out (TCP): there an echo can't be told by its time."""
+"""Share of ports that do not know when their last bit is out (TCP), so that time does not reveal an echo."""
 RIGHT_ECHO_SETTINGS = (("", "off"),) * 12 + (("echo", "on"), ("echo", "detect"), ("", "detect"))
 ECHO_SETTINGS = RIGHT_ECHO_SETTINGS + (("echo", "off"), ("", "on")) * 6
-"""What the adapter does, and what the port is told."""
+"""Behaviour of the adapter ("echo" or none), and the echo setting of the port."""
 MEAN_PAUSE_S, MEAN_TROUBLE_PAUSE_S, MEAN_TROUBLE_DURATION_S = 0.6, 5.0, 1.5
-"""Mean time between two commands of one user and between two things that go wrong; how long silence lasts."""
+"""Mean seconds between two commands of one user and between two faults, and longest duration of a silent drive."""
 WAITING_USER_SHARE = 0.7
-"""Of the commands are waited for by their user before the next."""
+"""Share of commands whose user waits for the outcome before the next command."""
 IMMEDIATE_COMMAND_SHARE = 0.15
-"""Of the runs are followed by a stop within ``SOON_MEAN_S``."""
+"""Share of run commands that a stop follows within ``SOON_MEAN_S``."""
 SOON_MEAN_S = 0.3
 SETTLING_TIME_S = 90.0
 FREQUENCIES_HZ = (2.0, 3.0, 5.0)
@@ -52,7 +52,7 @@ WRITTEN_PARAMETERS = {
     "vc660": ("F00.02", False, 2, 100),
     "df800": ("F1.00", True, 100, 100),
 }
-"""A parameter that may be written while the drive runs: its notation, saved or not, where it lies, raw per unit."""
+"""Parameter that may be written while the drive runs: notation, saved or not, address, raw counts per unit."""
 COMMAND_WEIGHTS = {
     "run": 6,
     "stop": 5,
@@ -66,41 +66,43 @@ COMMAND_WEIGHTS = {
 
 
 class CommandEpisode:
-    """One line with two drives and a gap where a third should be."""
+    """One bus with two drives and an address without a drive."""
 
-    def __init__(self, session: CampaignRun, kind: DriveVariant, number: int) -> None:
-        self.session, self.kind = session, kind
-        self.rng = chance = session.rng(kind.name, number)
-        self.adapter, setting = chance.choice(ECHO_SETTINGS)
+    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
+        self.campaign_run, self.kind = campaign_run, kind
+        self.rng = rng = campaign_run.rng(kind.name, number)
+        self.adapter, setting = rng.choice(ECHO_SETTINGS)
         self.echoes_right = setting == "detect" or (self.adapter == "echo") is (setting == "on")
-        self.scenario = stand = Scenario(
-            session,
+        self.scenario = scenario = Scenario(
+            campaign_run,
             kind,
             PRESENT,
             name=f"{kind.name}/{number}",
             baud=BAUD,
             ramp=RAMP_S,
             echo=setting,
-            seed=chance.randrange(2**31),
+            seed=rng.randrange(2**31),
         )
-        stand.bench.line_quality = (
-            LINE_LOSS + chance.choice(COMMAND_LINE_QUALITIES) + ("," + self.adapter if self.adapter else "")
+        scenario.simulated_bus.line_quality = (
+            LINE_LOSS + rng.choice(COMMAND_LINE_QUALITIES) + ("," + self.adapter if self.adapter else "")
         )
-        stand.bus.core.has_line_timing = chance.random() >= UNPACED_SHARE
-        batched = self.adapter == "echo" and stand.bench.line_quality.batch_s > 0.0
-        stand.oracle.frame_rules.misled_drives = not self.echoes_right or not stand.bus.core.has_line_timing or batched
-        session.count(f"echo {self.adapter or 'no'}, set {setting}")
+        scenario.bus.core.has_line_timing = rng.random() >= UNPACED_SHARE
+        batched = self.adapter == "echo" and scenario.simulated_bus.line_quality.batch_s > 0.0
+        scenario.oracle.frame_rules.misled_drives = (
+            not self.echoes_right or not scenario.bus.core.has_line_timing or batched
+        )
+        campaign_run.count(f"echo {self.adapter or 'no'}, set {setting}")
         self.addresses: tuple[int, ...] = (1, ABSENT, ABSENT) if not self.echoes_right else PRESENT
-        if self.echoes_right and chance.random() < 0.2:
+        if self.echoes_right and rng.random() < 0.2:
             self.addresses = (*PRESENT, ABSENT)
         if ABSENT in self.addresses:
-            stand.drives[ABSENT] = stand._drive(ABSENT)
-        capable = stand.drives[PRESENT[0]].profile.capabilities
+            scenario.drives[ABSENT] = scenario._drive(ABSENT)
+        capable = scenario.drives[PRESENT[0]].profile.capabilities
         self.what = [name for name in COMMAND_WEIGHTS if name in capable]
         self.commands: list[UserCommand] = []
 
     def play(self, most: int) -> None:
-        """Commands of two users, and what goes wrong meanwhile; then calm, and the truth."""
+        """Run commands and faults, restore the bus, and check the final state."""
         commands = min(most, COMMANDS_PER_EPISODE if self.echoes_right else COMMANDS_PER_WRONG_ECHO_EPISODE)
         loop = self.scenario.loop
         users: dict[int, UserCommand | None] = {0: None, 1: None}
@@ -138,55 +140,57 @@ class CommandEpisode:
         return command
 
     def _issue_command(self, address: int, what: str) -> UserCommand:
-        stand, chance = self.scenario, self.rng
-        hz = chance.choice(FREQUENCIES_HZ)
+        scenario, rng = self.scenario, self.rng
+        hz = rng.choice(FREQUENCIES_HZ)
         match what:
             case "run":
-                backward = chance.random() < 0.2
-                user_command = stand.command(address, what, hz, *(("reverse",) if backward else ()))
+                backward = rng.random() < 0.2
+                user_command = scenario.command(address, what, hz, *(("reverse",) if backward else ()))
             case "set_frequency":
-                user_command = stand.command(address, what, hz)
+                user_command = scenario.command(address, what, hz)
             case "write":
                 notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
-                user_command = stand.command(address, what, {notation: float(chance.randrange(1, 20))}, save)
+                user_command = scenario.command(address, what, {notation: float(rng.randrange(1, 20))}, save)
             case "jog":
-                user_command = stand.command_by(partial(self._jog, address, chance.uniform(0.0, 1.0)), address, what)
+                user_command = scenario.command_by(partial(self._jog, address, rng.uniform(0.0, 1.0)), address, what)
             case "reset_fault":
-                user_command = stand.command(address, what)
+                user_command = scenario.command(address, what)
             case _:
-                user_command = stand.command(address, what, chance.random() < 0.7)
+                user_command = scenario.command(address, what, rng.random() < 0.7)
         self.commands.append(user_command)
         assert user_command.task is not None
         user_command.task.add_done_callback(lambda _: self._on_command_ended(user_command))
         return user_command
 
     async def _jog(self, address: int, seconds: float) -> Any:
-        """A hand on the key; at times longer than the lease without a renewal."""
+        """Jog without renewals, at times longer than the lease."""
         hz = 2.0 if self.kind.model == "dzb100" else None
         async with self.scenario.drives[address].jog(hz) as lease:
             await asyncio.sleep(seconds)
         return lease.start_outcome
 
-    def _on_command_ended(self, wish: UserCommand) -> None:
-        """A stop that is not known to have worked goes on; a written value is there."""
-        drive = self.scenario.drives[wish.address]
-        newer = any(one.is_motion and one.at >= wish.at for one in self._commands_of(wish.address))
-        if wish.is_stop and wish.result_word == "unknown" and not drive.stop_pending and not newer:
-            others = [one for one in self._commands_of(wish.address) if one.is_stop and one.number > wish.number]
+    def _on_command_ended(self, command: UserCommand) -> None:
+        """Check that an unconfirmed stop is repeated and that a written value is in the drive."""
+        drive = self.scenario.drives[command.address]
+        newer = any(one.is_motion and one.at >= command.at for one in self._commands_of(command.address))
+        if command.is_stop and command.result_word == "unknown" and not drive.stop_pending and not newer:
+            others = [one for one in self._commands_of(command.address) if one.is_stop and one.number > command.number]
             if not others:
-                self.scenario.oracle.violation(f"G05 {wish}: given up")
-        deeds = self.scenario.oracle.histories.get(wish.address)
-        if wish.method == "write" and deeds is not None and deeds.is_undisturbed(wish):
-            self._check_written(wish, deeds.station)
+                self.scenario.oracle.violation(f"lost stop: {command} was given up")
+        history = self.scenario.oracle.histories.get(command.address)
+        if command.method == "write" and history is not None and history.is_undisturbed(command):
+            self._check_written(command, history.station)
 
-    def _check_written(self, wish: UserCommand, station: Any) -> None:
+    def _check_written(self, command: UserCommand, station: Any) -> None:
         _, _, key, raw = WRITTEN_PARAMETERS[self.kind.model]
-        (wanted,) = wish.arguments[0].values()
+        (wanted,) = command.arguments[0].values()
         there = station.memory[key] == round(wanted * raw)
-        if (wish.result_word in ("confirmed", "acknowledged") and not there) or (
-            wish.result_word == "failed" and there
+        if (command.result_word in ("confirmed", "acknowledged") and not there) or (
+            command.result_word == "failed" and there
         ):
-            self.scenario.oracle.violation(f"{wish}: {wish.result_word}, and the drive holds {station.memory[key]}")
+            self.scenario.oracle.violation(
+                f"{command}: {command.result_word}, and the drive holds {station.memory[key]}"
+            )
 
     def _commands_of(self, address: int) -> list[UserCommand]:
         return [command for command in self.commands if command.address == address]
@@ -194,21 +198,21 @@ class CommandEpisode:
     # --- what goes wrong -----------------------------------------------------------------------------------------
 
     def _trouble(self) -> None:
-        chance = self.rng
-        station = self.scenario.station(chance.choice(PRESENT))
-        match chance.randrange(7):
+        rng = self.rng
+        station = self.scenario.station(rng.choice(PRESENT))
+        match rng.randrange(7):
             case 0:
                 station.faults.silent = True
-                self.scenario.loop.call_later(chance.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+                self.scenario.loop.call_later(rng.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
             case 1:
                 station.faults.mute = True
-                self.scenario.loop.call_later(chance.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+                self.scenario.loop.call_later(rng.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
             case 2:
-                station.power_cycle(chance.uniform(0.2, 2 * MEAN_TROUBLE_DURATION_S))
+                station.power_cycle(rng.uniform(0.2, 2 * MEAN_TROUBLE_DURATION_S))
             case 3:
-                station.trip(chance.choice(list(Trip)))
+                station.trip(rng.choice(list(Trip)))
             case 4:
-                station.keypad_run(chance.choice(FREQUENCIES_HZ))
+                station.keypad_run(rng.choice(FREQUENCIES_HZ))
             case _:
                 station.keypad_stop()
 
@@ -218,24 +222,26 @@ class CommandEpisode:
     # --- the end -------------------------------------------------------------------------------------------------
 
     def _restore_line(self) -> None:
-        """The line and its settings are made good; everybody gets the time to say what became of it."""
-        stand, loop = self.scenario, self.scenario.loop
+        """Restore the line and its settings, and let all commands end."""
+        scenario, loop = self.scenario, self.scenario.loop
         right = self.adapter if self.echoes_right else {"echo": "", "": "echo"}[self.adapter]
-        stand.bench.line_quality = f"batch={1000 * stand.bench.line_quality.batch_s:g}" + ("," + right if right else "")
+        scenario.simulated_bus.line_quality = f"batch={1000 * scenario.simulated_bus.line_quality.batch_s:g}" + (
+            "," + right if right else ""
+        )
         for address in PRESENT:
-            self._can_receive(stand.station(address))
+            self._can_receive(scenario.station(address))
         end = loop.time() + SETTLING_TIME_S
         while loop.time() < end and not self._all_settled():
-            stand.run(1.0)
-        stand.finish(*(command for command in self.commands if command.address != ABSENT), within_s=1.0)
-        stand.run(RAMP_S)
+            scenario.run(1.0)
+        scenario.finish(*(command for command in self.commands if command.address != ABSENT), within_s=1.0)
+        scenario.run(RAMP_S)
 
     def _all_settled(self) -> bool:
         pending = any(self.scenario.drives[address].stop_pending for address in PRESENT)
         return not pending and all(command.is_ended for command in self.commands if command.address != ABSENT)
 
     def _check_final_state(self) -> None:
-        """No stop is lost."""
+        """Check that no stop is lost."""
         for address in sorted({*self.addresses}):
             stops = [command for command in self._commands_of(address) if command.is_stop]
             if stops:
@@ -244,27 +250,29 @@ class CommandEpisode:
     def _check_last_stop(self, stop: UserCommand, pending: bool) -> None:
         newer = [one for one in self._commands_of(stop.address) if one.is_motion and one.number > stop.number]
         tell = self.scenario.oracle.violation
-        deeds = self.scenario.oracle.histories.get(stop.address)
-        if deeds is None:
+        history = self.scenario.oracle.histories.get(stop.address)
+        if history is None:
             if not newer and stop.is_ended and not pending:
-                tell(f"G05 {stop}: given up, and there is no such drive")
+                tell(f"absent drive: {stop} was given up")
             return
         self.scenario.station(stop.address)
         overruled = any(one.frames_sent for one in newer)
         if pending and not overruled:
-            tell(f"G05 {stop}: not done {SETTLING_TIME_S} s after all was well")
-        if deeds.stop_received_at < stop.at and not overruled and not self.kind.reports_running:
-            tell(f"G05 {stop}: {stop.result_word}, and the drive never heard it")
+            tell(f"lost stop: {stop} is not done {SETTLING_TIME_S} s after the bus was restored")
+        if history.stop_received_at < stop.at and not overruled and not self.kind.reports_running:
+            tell(f"lost stop: {stop} ended as {stop.result_word}, and the drive never received it")
         run_since = any(
             one.method == "run" and one.frames_sent for one in newer
         )  # also as a new frequency of a motor that ran
-        by_another = deeds.on_at > stop.at and (deeds.started_for is None or deeds.started_for.number > stop.number)
-        if deeds.on and not run_since and not by_another:
-            tell(f"G05 {stop}: {stop.result_word}, and the motor is on")
-        self.session.count("stops looked at in the end")
+        by_another = history.on_at > stop.at and (
+            history.started_for is None or history.started_for.number > stop.number
+        )
+        if history.on and not run_since and not by_another:
+            tell(f"lost stop: {stop} ended as {stop.result_word}, and the motor is on")
+        self.campaign_run.count("stops checked at the end")
 
     def _check_out_of_range(self) -> None:
-        """I7: what is out of range is refused before anything is sent for it."""
+        """Check that values out of range are rejected before anything is sent (I7)."""
         notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
         too_fast, address = self.kind.maximum_hz + 0.1, PRESENT[0]
         for user_command in (
@@ -279,16 +287,16 @@ class CommandEpisode:
                 )
 
 
-def run(session: CampaignRun) -> None:
-    """Episodes, the kinds in turn."""
+def run(campaign_run: CampaignRun) -> None:
+    """Run episodes, the variants in turn."""
     number = 0
-    while session.remaining:
-        episode = CommandEpisode(session, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
-        episode.play(session.remaining)
-        session.count("requests", episode.scenario.oracle.request_count)
-        session.count("to absent drives", sum(command.address == ABSENT for command in episode.commands))
-        session.count("motors switched on", sum(command.executions for command in episode.commands))
-        session.add_trials(len(episode.commands))
+    while campaign_run.remaining:
+        episode = CommandEpisode(campaign_run, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
+        episode.play(campaign_run.remaining)
+        campaign_run.count("requests", episode.scenario.oracle.request_count)
+        campaign_run.count("to absent drives", sum(command.address == ABSENT for command in episode.commands))
+        campaign_run.count("motors switched on", sum(command.executions for command in episode.commands))
+        campaign_run.add_trials(len(episode.commands))
         number += 1
 
 

@@ -1,11 +1,11 @@
-"""``failures``: the n-th call fails, for n = 1, 2, … until a run comes through clean, seam by seam.
+"""``failures``: the n-th call fails, for n = 1, 2, … until a run has no failure.
 
-Seams: the port (open, write, delivery, close; all families), the store of counts (each call of the system to its
-files; the program killed there; the power cut there), a capture, profiles, the catalogues of sentences, kernel timers,
-and a bus's own clock that stands still. Each time a user's whole story is lived through the failure: no hang, no torn
-file, no error that is not ours, stops go, and afterwards everything works again.
+Targets: the port (open, write, delivery, close; all variants), the store of save counts (errors, kill, power cut), a
+capture, profiles, message catalogues, kernel timers, and the bus clock. A user's commands run through each failure:
+nothing hangs, no file is torn, no foreign error escapes, stops are sent, and afterwards everything works.
 
-The budget is how many calls of each seam fail: where it has more, so many are drawn, and one error for each.
+The budget is the number of failing calls of each target; where a target has more calls, that many are drawn, with one
+error each.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from typing import Any, TypeVar
 
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
-from verification.fault_injection import file_failures as files
-from verification.fault_injection.clock_failures import fail_kernel_timers, stall_clock
+from verification.fault_injection import faulty_disk as files
+from verification.fault_injection.clocks import fail_kernel_timers, stall_clock
 from verification.fault_injection.faulty_disk import FaultyDisk
-from verification.fault_injection.faulty_port import failure_modes
-from verification.fault_injection.port_failures import PortFailureScenario
+from verification.fault_injection.faulty_port import PortFailureScenario, failure_modes
 
 FailureMode = TypeVar("FailureMode")
 FailingRun = Callable[[FaultyDisk], None]
@@ -42,38 +41,44 @@ READ_FAILURES = _os_errors("EIO", "EACCES", "EMFILE")
 
 
 def _failing_calls(
-    session: CampaignRun, seam: str, ways_of: Sequence[Sequence[FailureMode]]
+    campaign_run: CampaignRun, target: str, modes_of_calls: Sequence[Sequence[FailureMode]]
 ) -> list[tuple[int, FailureMode]]:
-    """Which calls fail, and how: all in every way, or as many as the budget allows, each in one."""
-    total, budget = len(ways_of), session.budget
-    session.figures[seam] = {"calls": total, "failed": min(total, budget)}
+    """Return the failing calls and their modes: all calls in every mode, or a random choice within the budget."""
+    total, budget = len(modes_of_calls), campaign_run.budget
+    campaign_run.figures[target] = {"calls": total, "failed": min(total, budget)}
     if total <= budget:
-        return [(nth, way) for nth, found in enumerate(ways_of, 1) for way in found]
-    chance = session.rng(seam)
-    return [(nth, chance.choice(ways_of[nth - 1])) for nth in sorted(chance.sample(range(1, total + 1), budget))]
+        return [(nth, mode) for nth, found in enumerate(modes_of_calls, 1) for mode in found]
+    rng = campaign_run.rng(target)
+    return [(nth, rng.choice(modes_of_calls[nth - 1])) for nth in sorted(rng.sample(range(1, total + 1), budget))]
 
 
-def fail_port_calls(session: CampaignRun, kind: DriveVariant) -> None:
-    def story(nth: int = 0, error: str = "EIO", late: bool = False) -> PortFailureScenario:
+def fail_port_calls(campaign_run: CampaignRun, kind: DriveVariant) -> None:
+    def trial(nth: int = 0, error: str = "EIO", late: bool = False) -> PortFailureScenario:
         name = f"{kind.name}/{nth}/{error}" + ("/sent" if late else "")
-        found = PortFailureScenario(session, kind, name)
-        row.append(found.run_with_failure(nth, error, late))
+        found = PortFailureScenario(campaign_run, kind, name)
+        calls_of_runs.append(found.run_with_failure(nth, error, late))
         return found
 
-    row: list[list[str]] = []
-    story()
-    for nth, (error, late) in _failing_calls(session, f"port {kind.name}", [failure_modes(call) for call in row[0]]):
-        if not story(nth, error, late).port.failed:
-            session.violation(f"{kind.name}: call {nth} of the port never came")
-        session.add_trials()
-    if story(len(row[0]) + 1).port.failed:
-        session.violation(f"{kind.name}: the run after the last call was not clean")
+    calls_of_runs: list[list[str]] = []
+    trial()
+    for nth, (error, late) in _failing_calls(
+        campaign_run, f"port {kind.name}", [failure_modes(call) for call in calls_of_runs[0]]
+    ):
+        if not trial(nth, error, late).port.failed:
+            campaign_run.violation(f"{kind.name}: call {nth} of the port never came")
+        campaign_run.add_trials()
+    if trial(len(calls_of_runs[0]) + 1).port.failed:
+        campaign_run.violation(f"{kind.name}: the run after the last call was not clean")
 
 
 def fail_file_calls(
-    session: CampaignRun, seam: str, errors: Sequence[dict[str, Any]], play: FailingRun, place: Path | None = None
+    campaign_run: CampaignRun,
+    target: str,
+    errors: Sequence[dict[str, Any]],
+    play: FailingRun,
+    place: Path | None = None,
 ) -> None:
-    """Files in ``place``, else in a new folder for each run."""
+    """Let the file calls fail, in ``place`` or in a new folder for each run."""
 
     def played(nth: int, **how: Any) -> FaultyDisk:
         with TemporaryDirectory() as folder:
@@ -82,39 +87,43 @@ def fail_file_calls(
         return found
 
     calls = played(0).calls
-    for nth, how in _failing_calls(session, seam, [errors] * calls):
+    for nth, how in _failing_calls(campaign_run, target, [errors] * calls):
         found = played(nth, **how)
-        session.trace(f"{seam} {nth} {how.get('error') or 'killed'}: {found.failed}")
-        session.count(f"{seam}: {found.failed} failed")
+        campaign_run.trace(f"{target} {nth} {how.get('error') or 'killed'}: {found.failed}")
+        campaign_run.count(f"{target}: {found.failed} failed")
         if not found.failed:
-            session.violation(f"{seam}: call {nth} never came")
-        session.add_trials()
+            campaign_run.violation(f"{target}: call {nth} never came")
+        campaign_run.add_trials()
     if played(calls + 1, **errors[0]).failed:
-        session.violation(f"{seam}: the run after the last call was not clean")
+        campaign_run.violation(f"{target}: the run after the last call was not clean")
 
 
-def fail_counted_calls(session: CampaignRun, seam: str, play: Callable[[CampaignRun, int], int]) -> None:
-    """A seam that fails in one way only."""
-    calls = play(session, 0)
-    for nth, _ in _failing_calls(session, seam, [(None,)] * calls):
-        play(session, nth)
-        session.trace(f"{seam} {nth}")
-        session.add_trials()
+def fail_counted_calls(campaign_run: CampaignRun, target: str, play: Callable[[CampaignRun, int], int]) -> None:
+    """Let the calls of a target fail that has only one failure mode."""
+    calls = play(campaign_run, 0)
+    for nth, _ in _failing_calls(campaign_run, target, [(None,)] * calls):
+        play(campaign_run, nth)
+        campaign_run.trace(f"{target} {nth}")
+        campaign_run.add_trials()
 
 
-def run(session: CampaignRun) -> None:
-    """Every seam; two for the store, as a killed program and a cut power leave different files."""
+def run(campaign_run: CampaignRun) -> None:
+    """Run every target; the store twice, as a kill and a power cut leave different files."""
     for kind in DRIVE_VARIANTS:
-        fail_port_calls(session, kind)
+        fail_port_calls(campaign_run, kind)
     clean: list[str] = []
     records: list[bytes] = []
-    fail_file_calls(session, "store", STORE_FAILURES, partial(files.fail_store, session))
-    fail_file_calls(session, "store, power cut", (KILL_MODE,), partial(files.fail_store, session, power=True))
-    fail_file_calls(session, "capture", CAPTURE_FAILURES, lambda one: files.fail_capture(session, one, clean, records))
-    fail_file_calls(session, "profiles", READ_FAILURES, partial(files.fail_profile, session), files.PROFILES)
-    fail_file_calls(session, "sentences", READ_FAILURES, partial(files.fail_catalogue, session), files.SENTENCES)
-    fail_counted_calls(session, "kernel timers", fail_kernel_timers)
-    fail_counted_calls(session, "still clock", stall_clock)
+    fail_file_calls(campaign_run, "store", STORE_FAILURES, partial(files.fail_store, campaign_run))
+    fail_file_calls(campaign_run, "store, power cut", (KILL_MODE,), partial(files.fail_store, campaign_run, power=True))
+    fail_file_calls(
+        campaign_run, "capture", CAPTURE_FAILURES, lambda one: files.fail_capture(campaign_run, one, clean, records)
+    )
+    fail_file_calls(campaign_run, "profiles", READ_FAILURES, partial(files.fail_profile, campaign_run), files.PROFILES)
+    fail_file_calls(
+        campaign_run, "sentences", READ_FAILURES, partial(files.fail_catalogue, campaign_run), files.SENTENCES
+    )
+    fail_counted_calls(campaign_run, "kernel timers", fail_kernel_timers)
+    fail_counted_calls(campaign_run, "still clock", stall_clock)
 
 
 CAMPAIGN = Campaign(

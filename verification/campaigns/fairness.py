@@ -1,4 +1,4 @@
-"""Dead stations on a full line: the living keep their cycle, and whoever comes back is found."""
+"""``fairness``: silent stations on a full bus do not slow the others, and a station that returns is found."""
 
 from __future__ import annotations
 
@@ -11,45 +11,46 @@ from drivebus.bus import Poll
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant
+from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant, TimingBounds
 from verification.reference.request_effects import classify_request
 from verification.scenario.scenario import Scenario
-from verification.timing_bounds import TimingBounds
 
 STATION_COUNT = 31
 CYCLE_STRETCH_MAX = 1.112
-"""The most that any number of dead stations may cost the living."""
+"""Longest cycle of the answering stations relative to a bus without silent stations."""
 PROBE_SHARE_MAX = 0.1
 REDISCOVERY_MAX_S = 60.0
 ON_DEMAND_REPLY_MAX_S = 2.0
-"""A station that somebody asks by hand is found within this time; DF800, whose fences are alike, that much later."""
+"""Longest time to the reply of a returned station that a user reads; the quarantine of the DF800 is added."""
 ALIVE_S, DYING_S, SETTLING_S, OBSERVATION_S = 5.0, 10.0, 20.0, 60.0
 STEP_S = 0.01
 MISSED_POLL_S = 0.03
-"""Longer than any question is on the wire."""
+"""Longer than any request on the wire, in seconds."""
 CI_CASES = ((VC660, 1), (VC660, 5), (VC660, 15), (VC660, 30)) + tuple(
     (kind, 4 + 5 * place) for place, kind in enumerate(kind for kind in DRIVE_VARIANTS if kind is not VC660)
 )
 
 
 def addresses_of(kind: DriveVariant) -> range:
-    """31 stations: C320 has the addresses 0 to 30, 31 is its broadcast."""
+    """Return 31 addresses; the C320 has 0 to 30, with 31 as its broadcast address."""
     return range(31) if kind in (C320, C320_HEX) else range(1, 32)
 
 
 class FairnessBus:
-    """31 stations that are polled as fast as the bus goes; some of them die or were never there."""
+    """31 stations polled as fast as possible, some of which go silent or never replied."""
 
-    def __init__(self, session: CampaignRun, kind: DriveVariant, dead: int) -> None:
-        self.session, self.kind, self.number = session, kind, dead
-        self.rng: Random = session.rng(kind.name, dead)
-        self.scenario = Scenario(session, kind, addresses_of(kind), name=f"{kind.name}, {dead} dead", seed=1 + dead)
-        self.stations = {station.address: station for station in self.scenario.bench.stations}
+    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, dead: int) -> None:
+        self.campaign_run, self.kind, self.number = campaign_run, kind, dead
+        self.rng: Random = campaign_run.rng(kind.name, dead)
+        self.scenario = Scenario(
+            campaign_run, kind, addresses_of(kind), name=f"{kind.name}, {dead} dead", seed=1 + dead
+        )
+        self.stations = {station.address: station for station in self.scenario.simulated_bus.stations}
         self.dead = self.rng.sample(addresses_of(kind), dead)
         self.answers: dict[int, list[float]] = defaultdict(list)
-        """When each station answered a poll."""
+        """Times at which each station answered a poll."""
         self._requested_at = -1
-        """Whom the host spoke to last."""
+        """Address of the last request."""
         self._replied_at: dict[int, int] = {}
         self._poll()
         self._observe_wire()
@@ -64,18 +65,18 @@ class FairnessBus:
             self.answers[answer.bus_request.station].append(answer.received_at)
 
     def _observe_wire(self) -> None:
-        wire: Any = self.scenario.bench.wire
-        say = wire.transmit
+        wire: Any = self.scenario.simulated_bus.wire
+        transmit = wire.transmit
 
-        def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            if hasattr(talker, "receive"):
+        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            if hasattr(source, "receive"):
                 self._requested_at = classify_request(self.kind.model, self.kind.encoding, data)[0]
-            return say(talker, data, *more, **named)
+            return transmit(source, data, *more, **named)
 
-        wire.transmit = on_say
+        wire.transmit = on_transmit
 
     def silence_stations(self) -> None:
-        """Every other case: they were never there; else they die one after the other at random instants."""
+        """Silence the stations: from the start in odd cases, else one after the other at random instants."""
         if self.number % 2:
             self._silence_station(*self.dead)
         self.scenario.run(ALIVE_S)
@@ -90,7 +91,7 @@ class FairnessBus:
             self.scenario.oracle.trace(f"{address} is silent")
 
     def cycles_s(self) -> list[float]:
-        """Mean time between two answers of each living station."""
+        """Return the mean time between two replies of each answering station."""
         since = self.scenario.loop.time()
         self.scenario.run(OBSERVATION_S)
         living = [address for address in self.scenario.drives if address not in self.dead]
@@ -100,18 +101,18 @@ class FairnessBus:
     # --- coming back -----------------------------------------------------------------------------------------------
 
     def _restore_station(self, address: int) -> float:
-        """The station hears again; when that was."""
+        """Let a station reply again; return the time."""
         station = self.stations[address]
         station.faults.silent, self._replied_at[address] = False, station.reply_count
-        self.scenario.oracle.trace(f"{address} hears again")
+        self.scenario.oracle.trace(f"{address} replies again")
         return self.scenario.loop.time()
 
     def _advance(self) -> None:
-        """A short while, without the look around that ``stand.run`` ends with."""
+        """Let a short time pass without the checks of ``Scenario.run``."""
         self.scenario.loop.run_until(self.scenario.loop.time() + STEP_S)
 
     def _rediscovery_s(self, address: int, at: float, within_s: float) -> float:
-        """Seconds until it was asked and answered; twice ``within_s`` is watched, and no more."""
+        """Return the seconds until the station replied; infinite after twice ``within_s``."""
         while self.scenario.loop.time() < at + 2 * within_s:
             if self.stations[address].reply_count > self._replied_at[address]:
                 return self.scenario.loop.time() - at
@@ -119,7 +120,7 @@ class FairnessBus:
         return float("inf")
 
     def revive_one(self, within_s: float) -> float:
-        """One station comes back while the others stay dead, just when it has been asked in vain."""
+        """Let one station return just after an unanswered request; return the seconds until it is found."""
         address = self.dead.pop()
         self._requested_at = -1
         while self._requested_at != address:
@@ -128,83 +129,83 @@ class FairnessBus:
         return self._rediscovery_s(address, self._restore_station(address), within_s)
 
     def revive_on_demand(self) -> float:
-        """One comes back, and somebody asks it at once. Seconds until the answer is there."""
+        """Let one station return and read it at once; return the seconds until the reply."""
         address = self.dead.pop()
         at, drive = self._restore_station(address), self.scenario.drives[address]
         with running(self.scenario.loop):
-            asking = self.scenario.loop.create_task(
+            task = self.scenario.loop.create_task(
                 self.scenario.bus.transact(BusRequest(address, drive.dialect.echo_test_read()))
             )
-        while not asking.done():
+        while not task.done():
             self._advance()
-        answer: BusResult = asking.result()
+        answer: BusResult = task.result()
         return float("inf") if answer.received_at is None else answer.received_at - at
 
     def revive_all(self, within_s: float) -> float:
-        """All the others come back at once; the last one counts."""
+        """Let all other stations return at once; return the seconds until the last one is found."""
         at = max([self._restore_station(address) for address in self.dead], default=0.0)
         return max([self._rediscovery_s(address, at, within_s) for address in self.dead], default=0.0)
 
 
-def run(session: CampaignRun) -> None:
+def run(campaign_run: CampaignRun) -> None:
     alone: dict[str, float] = {}
     worst: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    for kind, dead in list(_cases())[: session.budget]:
+    for kind, dead in list(_cases())[: campaign_run.budget]:
         if kind.name not in alone:
-            alone[kind.name] = _mean(_cycles_without_dead(session, kind)) / STATION_COUNT
-        _case(session, FairnessBus(session, kind, dead), alone[kind.name], worst[kind.name])
-        session.add_trials()
+            alone[kind.name] = _mean(_cycles_without_dead(campaign_run, kind)) / STATION_COUNT
+        _case(campaign_run, FairnessBus(campaign_run, kind, dead), alone[kind.name], worst[kind.name])
+        campaign_run.add_trials()
     for name, found in worst.items():
-        session.figures[name] = {what: round(most, 4) for what, most in found.items()}
+        campaign_run.figures[name] = {what: round(most, 4) for what, most in found.items()}
 
 
 def _cases() -> Iterator[tuple[DriveVariant, int]]:
-    """Those of the slice first."""
+    """Yield all cases, those of the slice first."""
     yield from CI_CASES
     yield from (
         (kind, dead) for dead in range(1, STATION_COUNT) for kind in DRIVE_VARIANTS if (kind, dead) not in CI_CASES
     )
 
 
-def _cycles_without_dead(session: CampaignRun, kind: DriveVariant) -> list[float]:
-    """The cycles of a line on which nobody is dead."""
-    line = FairnessBus(session, kind, 0)
-    line.scenario.run(ALIVE_S)
-    cycles = line.cycles_s()
-    line.scenario.close()
+def _cycles_without_dead(campaign_run: CampaignRun, kind: DriveVariant) -> list[float]:
+    """Return the cycles of a bus on which every station replies."""
+    bus = FairnessBus(campaign_run, kind, 0)
+    bus.scenario.run(ALIVE_S)
+    cycles = bus.cycles_s()
+    bus.scenario.close()
     return cycles
 
 
-def _case(session: CampaignRun, line: FairnessBus, alone_s: float, worst: dict[str, float]) -> None:
-    """``alone_s``: what one poll costs on a line on which nobody is dead."""
-    line.silence_stations()
-    cycles = line.cycles_s()
+def _case(campaign_run: CampaignRun, bus: FairnessBus, alone_s: float, worst: dict[str, float]) -> None:
+    """Run one case; ``alone_s``: seconds per poll on a bus on which every station replies."""
+    bus.silence_stations()
+    cycles = bus.cycles_s()
     stretch = _mean(cycles) / (alone_s * len(cycles))
-    _record_worst(line, worst, "stretch", stretch, CYCLE_STRETCH_MAX)
+    _record_worst(bus, worst, "stretch", stretch, CYCLE_STRETCH_MAX)
     worst["stretch of a single drive"] = max(worst["stretch of a single drive"], max(cycles) / (alone_s * len(cycles)))
-    probe_s = TimingBounds(line.kind, line.scenario.bench.settings).failed_poll_s
-    within_s = max(REDISCOVERY_MAX_S, line.number * probe_s / PROBE_SHARE_MAX)
-    _record_worst(line, worst, "found after s", line.revive_one(within_s), within_s)
-    if line.dead:
-        asked_s = line.revive_on_demand()
-        session.count("asked by hand: later than 2 s", int(asked_s > ON_DEMAND_REPLY_MAX_S))
+    probe_s = TimingBounds(bus.kind, bus.scenario.simulated_bus.settings).failed_poll_s
+    within_s = max(REDISCOVERY_MAX_S, bus.number * probe_s / PROBE_SHARE_MAX)
+    _record_worst(bus, worst, "found after s", bus.revive_one(within_s), within_s)
+    if bus.dead:
+        on_demand_s = bus.revive_on_demand()
+        campaign_run.count("read on demand: later than 2 s", int(on_demand_s > ON_DEMAND_REPLY_MAX_S))
         _record_worst(
-            line,
+            bus,
             worst,
-            "asked and found after s",
-            asked_s,
-            ON_DEMAND_REPLY_MAX_S + line.kind.identical_probe_quarantine_s,
+            "found on demand after s",
+            on_demand_s,
+            ON_DEMAND_REPLY_MAX_S + bus.kind.identical_probe_quarantine_s,
         )
-    _record_worst(line, worst, "all found after s", line.revive_all(within_s), within_s)
-    session.count("stations revived", line.number)
-    line.scenario.close()
+    _record_worst(bus, worst, "all found after s", bus.revive_all(within_s), within_s)
+    campaign_run.count("stations revived", bus.number)
+    bus.scenario.close()
 
 
-def _record_worst(line: FairnessBus, worst: dict[str, float], what: str, value: float, most: float) -> None:
-    line.scenario.oracle.trace(f"{what}: {value:.4f}")
+def _record_worst(bus: FairnessBus, worst: dict[str, float], what: str, value: float, most: float) -> None:
+    bus.scenario.oracle.trace(f"{what}: {value:.4f}")
     worst[what] = max(worst[what], value)
     if value > most:
-        line.scenario.oracle.violation(f"G08 {what}: {value:.4f}, more than {most:.4f}")
+        bus.scenario.oracle.violation(f"{what}: {value:.4f}, more than {most:.4f}")
 
 
 def _mean(values: list[float]) -> float:

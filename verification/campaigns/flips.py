@@ -1,8 +1,8 @@
-"""Every 1, 2 and 3 bit flip of every vector.
+"""``flips``: every 1, 2 and 3 bit flip of every worked frame.
 
-For each frame of the manuals and each codec that may take it, the set of damaged frames that are taken must be the
-one that was recorded, and the one that an independent judge enumerates. Where a CRC-16 stands it is empty, for every
-vector that is valid as printed. What each check lets through, with and without parity, goes into the figures.
+For each frame and each codec that may decode it, the set of accepted damaged frames must be the recorded one and the
+one of the reference codec. Under a CRC-16 it must be empty for every frame that is valid as printed. The figures give
+what each check lets through, with and without parity.
 """
 
 from __future__ import annotations
@@ -10,61 +10,60 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from verification.campaign import Campaign, CampaignRun
-from verification.codec_fuzz import bit_flips, check_strength
+from verification.campaign import Campaign, CampaignRun, map_in_order
+from verification.codec_fuzz import bit_flips
 from verification.codec_fuzz.bit_flips import FLIP_COUNTS, FlipCase
-from verification.pool import map_in_order
 from verification.reference.modbus import reference_crc
 
 IN_PROCESS_MAX_FLIPS = 2_000_000
-"""No more flips than this are done by one process."""
+"""Largest number of flips for one process."""
 FlipTask = tuple[FlipCase, int]
 
 
-def run(session: CampaignRun) -> None:
-    """All single flips, all double ones, then triple ones of the cases in random order, while the budget lasts."""
-    tasks = tuple(_tasks(session))
-    results = map_in_order(enumerate_case, tasks, in_process=session.budget <= IN_PROCESS_MAX_FLIPS)
+def run(campaign_run: CampaignRun) -> None:
+    """Try all single flips, all double flips, then triple flips of the cases in random order, within the budget."""
+    tasks = tuple(_tasks(campaign_run))
+    results = map_in_order(enumerate_case, tasks, in_process=campaign_run.budget <= IN_PROCESS_MAX_FLIPS)
     for (case, bits), (found, disputed) in zip(tasks, results, strict=True):
-        _compare_with_record(session, case, bits, found, disputed)
-        session.add_trials(case.pattern_count(bits))
-    everything = session.trials >= FULL_BUDGET
-    session.figures["cases"] = len({case.name for case, _ in tasks})
-    session.figures["undetected"] = check_strength.undetected_shares(3 if everything else 2)
+        _compare_with_record(campaign_run, case, bits, found, disputed)
+        campaign_run.add_trials(case.pattern_count(bits))
+    everything = campaign_run.trials >= FULL_BUDGET
+    campaign_run.figures["cases"] = len({case.name for case, _ in tasks})
+    campaign_run.figures["undetected"] = bit_flips.undetected_shares(3 if everything else 2)
 
 
-def _tasks(session: CampaignRun) -> Iterator[FlipTask]:
+def _tasks(campaign_run: CampaignRun) -> Iterator[FlipTask]:
     every, planned = list(bit_flips.recorded_cases()), 0
     for bits in FLIP_COUNTS:
         if bits == max(FLIP_COUNTS):
-            session.rng("order").shuffle(every)
+            campaign_run.rng("order").shuffle(every)
         for case in every:
-            if planned >= session.budget:
+            if planned >= campaign_run.budget:
                 return
             planned += case.pattern_count(bits)
             yield case, bits
 
 
 def enumerate_case(task: FlipTask) -> tuple[list[str], list[str]]:
-    """One case; called in any process."""
+    """Enumerate one case, in any process."""
     return bit_flips.accepted_flips(*task)
 
 
 def _compare_with_record(
-    session: CampaignRun, case: FlipCase, bits: int, found: list[str], disputed: list[str]
+    campaign_run: CampaignRun, case: FlipCase, bits: int, found: list[str], disputed: list[str]
 ) -> None:
     known = bit_flips.recorded_cases()[case][str(bits)]
     now: dict[str, Any] = bit_flips.flips_digest(found)
     message = f"{case.name}, {bits} bits"
-    session.trace(f"{message}: {now}")
-    session.count(f"{case.codec} {case.role}: {bits} bits tried", case.pattern_count(bits))
-    session.count(f"{case.codec} {case.role}: {bits} bits accepted", len(found))
+    campaign_run.trace(f"{message}: {now}")
+    campaign_run.count(f"{case.codec} {case.role}: {bits} bits tried", case.pattern_count(bits))
+    campaign_run.count(f"{case.codec} {case.role}: {bits} bits accepted", len(found))
     if now != known:
-        session.violation(f"{message}: {now}, recorded {known}")
+        campaign_run.violation(f"{message}: {now}, recorded {known}")
     if disputed:
-        session.violation(f"{message}: codec and judge disagree on {len(disputed)}, first {disputed[:3]}")
+        campaign_run.violation(f"{message}: codec and reference disagree on {len(disputed)}, first {disputed[:3]}")
     if found and case.codec.endswith("rtu") and reference_crc(case.frame) == 0:
-        session.violation(f"{message}: {len(found)} pass a CRC-16, first {found[:3]}")
+        campaign_run.violation(f"{message}: {len(found)} pass a CRC-16, first {found[:3]}")
 
 
 def _sizes() -> dict[int, int]:
@@ -74,7 +73,7 @@ def _sizes() -> dict[int, int]:
 FULL_BUDGET = sum(_sizes().values())
 CAMPAIGN = Campaign(
     name="flips",
-    summary={"en": "Every 1, 2 and 3 bit flip of every vector.", "zh": "每个样例帧的所有 1、2、3 位翻转。"},
+    summary={"en": "Every 1, 2 and 3 bit flip of every worked frame.", "zh": "每个样例帧的所有 1、2、3 位翻转。"},
     unit="damaged frames",
     evidence_for=(
         "T11",

@@ -1,8 +1,8 @@
-"""``gate``: the motion gate's whole state space. No path leads to a moving frame without all that it needs.
+"""``gate``: model check of the motion gate; no path leads to a frame that moves a motor without all permissives.
 
-Explicit states, breadth first, to closure: the real gate, conversation, permit and bus core of each family and intent,
-on a grid of time, against a witness with books of its own and its own reading of the manuals' bytes. The seed changes
-nothing; a budget below that of the committed report takes a smaller domain, and says so.
+Explicit states are searched breadth first until no new one is found: the real permissives, operation, permit and bus
+core of each model and command kind, on a grid of time, against a permit monitor with its own records and its own
+reading of the manuals. The seed has no effect; a budget below that of the committed report searches a smaller domain.
 """
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ from drivebus.drives.permissives import CommandKind
 from verification.campaign import Campaign, CampaignRun
 from verification.model_check.core_copy import unlisted_attributes
 from verification.model_check.gate_state import GateState
-from verification.model_check.model_subject import MODEL_NAMES, model_subject
+from verification.model_check.model_subject import MODEL_NAMES, TimeGrid, model_subject
 from verification.model_check.search import SearchDomain, SearchResult, StateSearch
-from verification.model_check.time_grid import TimeGrid
 from verification.model_check.wire_state import WireState
 
 COARSE_GRID, HALF_SECOND_GRID, FINE_GRID = TimeGrid(1.0, fine=False), TimeGrid(0.5, fine=False), TimeGrid(1.0)
-"""A start lives two seconds, a setpoint five; a frame takes a tick on the wire, and its answer's gap another."""
+"""Grids: a start expires after two seconds, a setpoint after five; a frame takes one tick, and so does the gap after
+it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """One exploration."""
+    """One search: model, command kind, grid and domain."""
 
     model: str
     kind: CommandKind
     grid: TimeGrid
     domain: SearchDomain
-    world: type[GateState] = GateState
+    state_class: type[GateState] = GateState
 
     @property
     def name(self) -> str:
-        how = "wire" if self.world is WireState else f"{self.grid.tick_s:g} s" + ", fine" * self.grid.fine
-        how += ", spoiled" * self.domain.rare
+        how = "wire" if self.state_class is WireState else f"{self.grid.tick_s:g} s" + ", fine" * self.grid.fine
+        how += ", damaged" * self.domain.rare
         return f"{self.model}/{self.kind.value}, {how}"
 
 
 def full_explorations() -> list[Exploration]:
-    """Every family and intent; starts also by half seconds and at the instants just after the ticks; what may be sent
-    again also with spoiled replies and cancelled asks."""
+    """Return all searches: every model and command kind, starts also on finer grids, retried commands also with damaged
+    replies and cancelled requests."""
     plain, brief = SearchDomain(rare=False), SearchDomain(rare=False, without=frozenset({"raw", "sleep"}))
-    spoiled = SearchDomain(without=frozenset({"raw", "sleep", "hang", "everyone", "remove", "lose", "latch"}))
+    damaged = SearchDomain(without=frozenset({"raw", "sleep", "hang", "everyone", "remove", "lose", "latch"}))
     parts = [
         Exploration(model, kind, COARSE_GRID, plain)
         for model in MODEL_NAMES
@@ -58,16 +58,16 @@ def full_explorations() -> list[Exploration]:
         Exploration("c320", CommandKind.START, HALF_SECOND_GRID, plain),
         Exploration("c320", CommandKind.START, FINE_GRID, brief),
     ]
-    parts.append(Exploration("vc660", CommandKind.SETPOINT, COARSE_GRID, spoiled))
+    parts.append(Exploration("vc660", CommandKind.SETPOINT, COARSE_GRID, damaged))
     return parts + [Exploration(model, CommandKind.START, COARSE_GRID, plain, WireState) for model in MODEL_NAMES]
 
 
 EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove"})
-"""What the small domain leaves to the full one."""
+"""Events that only the full domain contains."""
 
 
 def ci_explorations() -> list[Exploration]:
-    """One intent of each family, without some events; the gate's questions without their doubles."""
+    """Return the searches of continuous integration: one command kind of each model, with fewer events and inputs."""
     parts = [
         Exploration(
             "c320", CommandKind.START, COARSE_GRID, SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI)
@@ -81,59 +81,59 @@ def ci_explorations() -> list[Exploration]:
 NOT_EXPLORED = (
     "lengths: every frame, gap, quarantine and late answer takes one tick",
     "two commands of one drive at a time, and a permit kept while another command is made",
-    "polls, and requests of others that come while a command waits",
-    "how damaged answers add up to a bad link: the gate is asked with every link, and told by no wire",
-    "answers that come late, and all that follows from disbelief; other campaigns do",
+    "polls, and other requests while a command waits",
+    "the error rate of a bad link: it is an input of the gate, not a result of damaged replies",
+    "late replies and the recovery from them, which other campaigns cover",
 )
-"""What the states leave out, for whoever reads the report."""
+"""Limits of the model, for the report."""
 
 
-def run(session: CampaignRun) -> None:
-    """Explore; ``session.budget`` is the most states, all parts together."""
+def run(campaign_run: CampaignRun) -> None:
+    """Run all searches; the budget is the largest number of states of all searches together."""
     closed = True
-    parts = full_explorations() if session.budget >= CAMPAIGN.full_budget else ci_explorations()
+    parts = full_explorations() if campaign_run.budget >= CAMPAIGN.full_budget else ci_explorations()
     for part in parts:
         search = StateSearch(
-            model_subject(part.model, part.kind, part.grid), part.domain, session.remaining, part.world
+            model_subject(part.model, part.kind, part.grid), part.domain, campaign_run.remaining, part.state_class
         )
         if names := unlisted_attributes(search.initial_state().core):
             raise TypeError(f"the bus has what the campaign does not know: {', '.join(names)}")
-        found = search.run(session.add_trials)
+        found = search.run(campaign_run.add_trials)
         closed = closed and found.closed
-        _report_exploration(session, part, found, search.digest)
-    session.figures["closed"] = closed
-    session.figures["domain"] = "full" if parts == full_explorations() else "small"
-    session.figures["not explored"] = NOT_EXPLORED
+        _report_exploration(campaign_run, part, found, search.digest)
+    campaign_run.figures["closed"] = closed
+    campaign_run.figures["domain"] = "full" if parts == full_explorations() else "small"
+    campaign_run.figures["not explored"] = NOT_EXPLORED
 
 
-def _report_exploration(session: CampaignRun, part: Exploration, found: SearchResult, digest: str) -> None:
-    session.trace(f"{part.name}: {found.states} states, {found.edges} edges, depth {found.depth}, {digest}")
+def _report_exploration(campaign_run: CampaignRun, part: Exploration, found: SearchResult, digest: str) -> None:
+    campaign_run.trace(f"{part.name}: {found.states} states, {found.edges} edges, depth {found.depth}, {digest}")
     for text in found.findings:
-        session.violation(text)
-    alone = {
+        campaign_run.violation(text)
+    only_missing = {
         **{f"gate: {name}": count for name, count in sorted(found.refused_by_permissives_only.items())},
         **{f"bus: {name}": count for name, count in sorted(found.refused_by_bus_only.items())},
     }
-    for name, count in alone.items():
-        session.trace(f"{part.name}: only {name} missing in {count} states")
-        session.count(f"only missing, {name}", count)
+    for name, count in only_missing.items():
+        campaign_run.trace(f"{part.name}: only {name} missing in {count} states")
+        campaign_run.count(f"only missing, {name}", count)
     if found.closed and not found.moved + found.acted:
-        session.violation(f"{part.name}: nothing ever left: the exploration shows nothing")
-    session.figures[part.name] = {
+        campaign_run.violation(f"{part.name}: nothing ever left: the exploration shows nothing")
+    campaign_run.figures[part.name] = {
         "states": found.states,
         "edges": found.edges,
-        "combinations asked of the gate": found.decisions,
+        "combinations of inputs decided": found.decisions,
         "moving frames left": found.moved,
         "setting frames left": found.acted,
         "depth": found.depth,
         "closed": found.closed,
-        "states where only this was missing": alone,
+        "states where only this was missing": only_missing,
     }
     for name, count in (("states", found.states), ("edges", found.edges), ("moving edges", found.moved)):
-        session.count(name, count)
-        session.count(f"{part.model}: {name}", count)
-    session.count("setting edges", found.acted)
-    session.count("combinations asked of the gate", found.decisions)
+        campaign_run.count(name, count)
+        campaign_run.count(f"{part.model}: {name}", count)
+    campaign_run.count("setting edges", found.acted)
+    campaign_run.count("combinations of inputs decided", found.decisions)
 
 
 CAMPAIGN = Campaign(

@@ -1,48 +1,130 @@
-"""The adapter pulled at random instants and put back under another name: polled again soon, and nothing is replayed."""
+"""``replug``: the adapter is unplugged at random instants and replugged under another name.
+
+Polling must resume soon, and no command from before may act afterwards.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from math import inf
+from typing import Any
 
 from drivebus.testing.virtual_time import running
+from drivebus.values import Quality
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
-from verification.fault_injection.hotplug_bus import HOTPLUG_ADDRESSES, HotplugBus
-from verification.fault_injection.port_reopening import reopen_ports
+from verification.fault_injection.usb_adapter import UsbAdapter, UsbHost, reopen_ports
+from verification.reference.request_effects import RequestEffect, classify_request
+from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
 
+HOTPLUG_LINE_QUALITIES = ("bytes", "clean", "bytes", "batch=16")
+HOTPLUG_ADDRESSES = range(1, 4)
+HOTPLUG_SETTLING_S = 2.0  # until every drive was polled for the first time
 UNPLUGS_PER_BUS = 20
-"""Unplugs on one line, before another one is built."""
+"""Unplugs of one bus before the next one is built."""
 LOSS_DETECTED_MAX_S = 1.0
 FIRST_POLL_MAX_S = 2.0
-"""Somebody is polled again; every drive within twice that. DF800 (``alike_s``): one that was asked a question of
-the fences' count just then comes so much later."""
+"""Longest time until the first drive is polled again, in seconds; every drive within twice that, plus the quarantine of
+the DF800."""
 STEP_S = 0.005
 REJECTED_MAX_S = 0.5
-"""Whoever asks for something while there is no port is told so within this time."""
+"""Longest time until a command without a port is rejected, in seconds."""
 REOPENINGS, CI_REOPENINGS = 400, 50
 REPLUG_SETTLING_S = 6.0
-"""Until every conversation has ended that the cut has left."""
+"""Time for all interrupted operations to end, in seconds."""
 
 
-class ReplugBus(HotplugBus):
-    """Three polled drives behind one adapter, and a user who commands them."""
+class ReplugBus:
+    """Three polled drives behind one adapter, which the bus finds by its identity, and a user who commands them."""
 
-    def __init__(self, session: CampaignRun, kind: DriveVariant, number: int) -> None:
-        super().__init__(session, kind, number)
+    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
+        self.campaign_run, self.kind, self.rng = campaign_run, kind, campaign_run.rng(number)
+        machine = UsbHost(campaign_run.rng("machine", number), "FT4ZK1X9" if number % 3 else None)
+        self.adapter: Any = None
+        self.scenario = Scenario(
+            campaign_run,
+            kind,
+            HOTPLUG_ADDRESSES,
+            name=f"{kind.name}/{number}",
+            line_quality=HOTPLUG_LINE_QUALITIES[number % len(HOTPLUG_LINE_QUALITIES)],
+            seed=number,
+            around=lambda port: self._attach_adapter(port, machine),
+        )
+        for address in HOTPLUG_ADDRESSES:
+            self.scenario.monitor(address)
+        self.requests: list[tuple[float, RequestEffect]] = []
+        self._observe_wire()
+        self.scenario.run(HOTPLUG_SETTLING_S)
+        self.initial_handles = self._open_handles()
         self.detected_s: list[float] = []
         self.first_s: list[float] = []
+        """Seconds from each replug until the first drive was polled."""
         self.back_s: list[float] = []
-        """Until the first drive, and every drive, was polled again."""
+        """Seconds from each replug until every drive was polled."""
+
+    def _attach_adapter(self, port: Any, machine: UsbHost) -> UsbAdapter:
+        adapter = self.adapter = UsbAdapter(port, machine)
+        return adapter
+
+    def _observe_wire(self) -> None:
+        wire: Any = self.scenario.simulated_bus.wire
+        transmit = wire.transmit
+
+        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            text = transmit(source, data, *more, **named)
+            if hasattr(source, "receive"):
+                self.requests.append((text.start, classify_request(self.kind.model, self.kind.encoding, data)[1]))
+            return text
+
+        wire.transmit = on_transmit
+
+    @property
+    def now(self) -> float:
+        return self.scenario.loop.time()
+
+    def violation(self, text: str) -> None:
+        self.scenario.oracle.violation(text)
+
+    def phase(self) -> str:
+        transaction = self.scenario.bus.core.transaction
+        if transaction is None:
+            return "idle or in a gap"
+        if self.now < transaction.tx_end_at:
+            return "sending"
+        return "receiving a reply" if transaction.received_count else "waiting for a reply"
+
+    def newest_reading_at(self, address: int) -> float:
+        """Return the time of the newest value that is not bad (values of the DF800 are uncertain, as its scales are
+        unpublished)."""
+        readings = self.scenario.monitors[address].status().readings.values()
+        return max((one.source_time or 0.0 for one in readings if one.quality is not Quality.BAD), default=0.0)
+
+    def _open_handles(self) -> dict[str, int]:
+        """Return the numbers of open ports, running tasks and queued requests."""
+        loop, drives = self.scenario.loop, self.scenario.drives.values()
+        return {
+            "ports": self.adapter.opened - self.adapter.closed,
+            "hosts": len(self.scenario.simulated_bus.masters),
+            "tasks": len(loop.tasks) - sum(drive.stop_pending for drive in drives),
+            "queued": len(self.scenario.bus.core.scheduler),
+            "polls": len(self.scenario.bus.core.scheduler.poll_schedule),
+        }
+
+    def check_handles(self) -> None:
+        """Check that the numbers are those before the first unplug."""
+        found = self._open_handles()
+        for what, count in self.initial_handles.items():
+            if what != "queued" and found[what] != count:
+                self.violation(f"{found[what]} {what} after a replug, {count} before")
 
     # --- one unplug ------------------------------------------------------------------------------------------------
 
     def unplug(self) -> None:
-        """Pull it while something is going on, wish for more meanwhile, put it back, and see."""
+        """Unplug the adapter during operation, give commands meanwhile, replug it, and check the result."""
         commands = self._issue_commands()
         self.scenario.run(self.rng.uniform(0.0, 1.5))
-        self.session.count(f"pulled while {self.phase()}")
+        self.campaign_run.count(f"unplugged while {self.phase()}")
         motors = self._motor_starts()
         self._pull()
         refused = self._check_while_unplugged()
@@ -53,7 +135,7 @@ class ReplugBus(HotplugBus):
         self.check_handles()
 
     def _issue_commands(self) -> list[UserCommand]:
-        """Commands that are under way when it happens."""
+        """Give commands that are in progress when the adapter is unplugged."""
         commands = []
         for address in HOTPLUG_ADDRESSES:
             if self.rng.random() < 0.5:
@@ -63,36 +145,36 @@ class ReplugBus(HotplugBus):
         return commands
 
     def _motor_starts(self) -> Counter[int]:
-        """How often each motor has been started."""
+        """Return the number of starts of each motor."""
         return Counter({address: self.scenario.station(address).motor.starts for address in HOTPLUG_ADDRESSES})
 
     def _pull(self) -> None:
         hangs_up = self.rng.random() < 0.7
-        self.session.count("told by a hang-up" if hangs_up else "told by a write")
+        self.campaign_run.count("reported by a hang-up" if hangs_up else "reported by a failed write")
         at = self.now
         self.scenario.oracle.on_unplugged()
         with running(self.scenario.loop):
             self.adapter.unplug(hangs_up)
         while self.scenario.bus.is_open and self.now < at + 2 * LOSS_DETECTED_MAX_S:
             self.scenario.loop.run_until(self.now + STEP_S)
-        self.scenario.oracle.on_unplugged()  # what was wished until it was noticed is older than the port, too
+        self.scenario.oracle.on_unplugged()  # commands given until the loss was detected are older than the port, too
         self.detected_s.append(self.now - at)
         if self.scenario.bus.is_open:
-            self.violation("G09 the port is gone, and the bus has not noticed")
+            self.violation("the port is lost, and the bus has not detected it")
 
     def _check_while_unplugged(self) -> list[UserCommand]:
-        """Nothing is sent, and whoever asks is told soon."""
-        asked = len(self.requests)
+        """Check that nothing is sent and that commands are rejected soon."""
+        sent = len(self.requests)
         commands = []
         self.scenario.run(self.rng.uniform(0.0, 2.0))
         if self.rng.random() < 0.5:
             commands = [self.scenario.command(self.rng.choice(HOTPLUG_ADDRESSES), "run", 10.0)]
             self.scenario.run(REJECTED_MAX_S)
             if not commands[0].is_ended:
-                self.violation(f"{commands[0]} was not refused within {REJECTED_MAX_S} s")
+                self.violation(f"{commands[0]} was not rejected within {REJECTED_MAX_S} s")
         self.scenario.run(self.rng.uniform(0.0, 2.0))
-        if len(self.requests) != asked:
-            self.violation("something was said on a line that is not there")
+        if len(self.requests) != sent:
+            self.violation("a request was sent without a port")
         return commands
 
     def _check_return(self) -> None:
@@ -102,7 +184,7 @@ class ReplugBus(HotplugBus):
         self.scenario.oracle.frame_rules.on_port_lost(self.now)  # nothing older than this may act
 
     def _poll_delay_s(self) -> None:
-        """A drive, and then every drive, has a value that is younger than the return."""
+        """Measure the time until the first and until every drive has a value from after the replug."""
         at, since = self.now, {address: self.newest_reading_at(address) for address in HOTPLUG_ADDRESSES}
         waiting, first_s = set(HOTPLUG_ADDRESSES), inf
         within_s = 2 * FIRST_POLL_MAX_S + self.kind.identical_probe_quarantine_s
@@ -113,71 +195,70 @@ class ReplugBus(HotplugBus):
                 first_s = min(first_s, self.now - at)
         self.first_s.append(first_s)
         self.back_s.append(self.now - at)
-        self.session.count("every drive polled again: later than 2 s", int(self.back_s[-1] > FIRST_POLL_MAX_S))
+        self.campaign_run.count("every drive polled again: later than 2 s", int(self.back_s[-1] > FIRST_POLL_MAX_S))
         if first_s > FIRST_POLL_MAX_S or waiting:
             self.violation(
-                f"G09 first polled again {first_s:.3f} s after the return, "
-                f"never within {within_s:g} s: {waiting or '-'}"
+                f"first polled again {first_s:.3f} s after the return, never within {within_s:g} s: {waiting or '-'}"
             )
         name = self.adapter.opened_names[-1]
         if name != self.adapter.machine.name:
-            self.violation(f"F12 opened {name}, where our adapter is {self.adapter.machine.name}")
+            self.violation(f"opened the wrong adapter {name} instead of {self.adapter.machine.name}")
 
-    def _check_no_late_start(self, starts: Counter[int], wishes: list[UserCommand]) -> None:
-        """Nothing that was wished before the return starts a motor after it."""
+    def _check_no_late_start(self, starts: Counter[int], commands: list[UserCommand]) -> None:
+        """Check that no command from before the replug starts a motor after it."""
         for address, count in self._motor_starts().items():
-            moved = sum(user_command.executions for user_command in wishes if user_command.address == address)
+            moved = sum(user_command.executions for user_command in commands if user_command.address == address)
             if count - starts[address] > moved:
-                self.violation(f"I10 the motor of {address} was started by nobody")
+                self.violation(f"I10 the motor of {address} was started without a command")
         self.scenario.finish(*(self.scenario.command(address, "stop") for address in HOTPLUG_ADDRESSES))
         self.scenario.run(REPLUG_SETTLING_S)
 
 
-def run(session: CampaignRun) -> None:
+def run(campaign_run: CampaignRun) -> None:
     lines: list[ReplugBus] = []
     number = 0
-    while session.remaining:
-        line = ReplugBus(session, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
-        for _ in range(min(UNPLUGS_PER_BUS, session.remaining)):
-            line.unplug()
-            session.add_trials()
-        line.scenario.close()
-        lines.append(line)
+    while campaign_run.remaining:
+        bus = ReplugBus(campaign_run, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
+        for _ in range(min(UNPLUGS_PER_BUS, campaign_run.remaining)):
+            bus.unplug()
+            campaign_run.add_trials()
+        bus.scenario.close()
+        lines.append(bus)
         number += 1
-    _figures(session, lines)
-    _reopen_real_ports(session)
+    _figures(campaign_run, lines)
+    _reopen_real_ports(campaign_run)
 
 
-def _figures(session: CampaignRun, lines: list[ReplugBus]) -> None:
-    detected = sorted(one for line in lines for one in line.detected_s)
+def _figures(campaign_run: CampaignRun, lines: list[ReplugBus]) -> None:
+    detected = sorted(one for bus in lines for one in bus.detected_s)
     for kind in DRIVE_VARIANTS:
-        back = sorted(one for line in lines if line.kind is kind for one in line.back_s)
+        back = sorted(one for bus in lines if bus.kind is kind for one in bus.back_s)
         if back:
-            session.figures[kind.name] = {
+            campaign_run.figures[kind.name] = {
                 "polled again at most s": round(
-                    max(one for line in lines if line.kind is kind for one in line.first_s), 3
+                    max(one for bus in lines if bus.kind is kind for one in bus.first_s), 3
                 ),
                 "every drive polled again p50 s": round(back[len(back) // 2], 3),
                 "every drive polled again at most s": round(back[-1], 3),
             }
-    session.figures["noticed at most s"] = round(detected[-1], 3)
-    session.figures["names of the adapter"] = len({name for line in lines for name in line.adapter.opened_names})
+    campaign_run.figures["noticed at most s"] = round(detected[-1], 3)
+    campaign_run.figures["names of the adapter"] = len({name for bus in lines for name in bus.adapter.opened_names})
 
 
-def _reopen_real_ports(session: CampaignRun) -> None:
-    """The same with real descriptors."""
-    times = REOPENINGS if session.budget > CAMPAIGN.ci_budget else CI_REOPENINGS
+def _reopen_real_ports(campaign_run: CampaignRun) -> None:
+    """Repeat the replug with real file descriptors."""
+    times = REOPENINGS if campaign_run.budget > CAMPAIGN.ci_budget else CI_REOPENINGS
     found = reopen_ports(times)
-    session.figures["real reopenings"] = times
-    session.figures["descriptors more after them"] = found["descriptors"]
-    session.machine["a hang-up of a real pty noticed at most s"] = round(found["slowest_s"], 4)
+    campaign_run.figures["real reopenings"] = times
+    campaign_run.figures["descriptors more after them"] = found["descriptors"]
+    campaign_run.machine["a hang-up of a real pty noticed at most s"] = round(found["slowest_s"], 4)
     if found["descriptors"] > 0 or found["names"] < 2:
-        session.violation(f"G09 {found['descriptors']} descriptors stay open after {times} real reopenings")
+        campaign_run.violation(f"{found['descriptors']} descriptors stay open after {times} real reopenings")
 
 
 CAMPAIGN = Campaign(
     name="replug",
-    summary={"en": "The adapter pulled and put back.", "zh": "拔插适配器。"},
+    summary={"en": "The adapter unplugged and replugged.", "zh": "拔插适配器。"},
     unit="unplugs",
     evidence_for=("I10",),
     full_budget=1_000,

@@ -1,7 +1,7 @@
-"""``soak``: 24 h of virtual time, 31 drives on one line, users who start and stop, and everything going wrong.
+"""``soak``: 24 h of virtual time with 31 drives on one bus, users who start and stop, and all faults.
 
-One seed is one day with one family, the families in turn; every seed runs in a process of its own. The line is made
-good again every hour: then every drive must be found as it is.
+One seed is one day with one variant, the variants in turn; every seed runs in its own process. The bus is restored
+every hour: then the state of every drive must be known and true.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ SOAK_DRIVE_COUNT = 31
 HOURS_PER_DAY = 24
 HOUR_S = 3600.0
 QUIET_PHASE_S = 180.0
-"""The end of each hour: nothing goes wrong any more, and the truth must be known."""
+"""Time without faults at the end of each hour, in seconds."""
 SOAK_POLL_PERIOD_S = 4.0
-"""Of each poll of state, frequency and faults: 31 drives at 9,600 baud (the DZB100 at 4,800) fill the line."""
+"""Period of each poll of state, frequency and faults, in seconds: 31 drives at 9,600 baud (DZB100: 4,800) load the bus
+fully."""
 MEAN_TROUBLE_INTERVAL_S, MEAN_COMMAND_INTERVAL_S = 45.0, 20.0
-"""Mean time between two things that go wrong, and between two wishes."""
+"""Mean time between two faults and between two commands, in seconds."""
 SOAK_LINE_QUALITIES = (
     "clean",
     "clean",
@@ -47,13 +48,13 @@ TURNING_STATES = frozenset(
 
 
 class SoakDay:
-    """One line for some hours."""
+    """One bus for some hours."""
 
-    def __init__(self, session: CampaignRun, kind: DriveVariant, seed: int) -> None:
-        self.session, self.kind, self.rng = session, kind, Random(f"soak/{seed}")
+    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, seed: int) -> None:
+        self.campaign_run, self.kind, self.rng = campaign_run, kind, Random(f"soak/{seed}")
         lowest = 0 if kind.model == "c320" else 1
         self.scenario = Scenario(
-            session, kind, range(lowest, lowest + SOAK_DRIVE_COUNT), seed=seed, name=f"{kind.name}/{seed}"
+            campaign_run, kind, range(lowest, lowest + SOAK_DRIVE_COUNT), seed=seed, name=f"{kind.name}/{seed}"
         )
         self.addresses = list(self.scenario.drives)
         for address in self.addresses:
@@ -62,7 +63,7 @@ class SoakDay:
             )
 
     def run_hour(self) -> None:
-        """Trouble for most of an hour, then quiet."""
+        """Run faults and commands for most of an hour, then check the final state."""
         loop, commands = self.scenario.loop, list[UserCommand]()
         end = loop.time() + HOUR_S - QUIET_PHASE_S
         event, command = self._next_time(MEAN_TROUBLE_INTERVAL_S), self._next_time(MEAN_COMMAND_INTERVAL_S)
@@ -84,43 +85,43 @@ class SoakDay:
         return self.scenario.loop.time() + self.rng.expovariate(1.0 / mean_s)
 
     def _random_command(self) -> UserCommand:
-        chance, stand = self.rng, self.scenario
-        address = chance.choice(self.addresses)
-        match chance.randrange(6):
+        rng, scenario = self.rng, self.scenario
+        address = rng.choice(self.addresses)
+        match rng.randrange(6):
             case 0 | 1:
-                return stand.command(address, "run", chance.choice((5.0, 12.0, 20.0)))
+                return scenario.command(address, "run", rng.choice((5.0, 12.0, 20.0)))
             case 2 | 3:
-                return stand.command(address, "stop")
+                return scenario.command(address, "stop")
             case 4:
-                return stand.command(address, "set_frequency", chance.choice((5.0, 12.0, 20.0)))
+                return scenario.command(address, "set_frequency", rng.choice((5.0, 12.0, 20.0)))
             case _:
-                return stand.command(address, "reset_fault")
+                return scenario.command(address, "reset_fault")
 
     def _disturb(self) -> None:
-        """One more thing goes wrong, or right again."""
-        chance, stand = self.rng, self.scenario
-        station = stand.station(chance.choice(self.addresses))
-        kind = chance.randrange(11)
-        self.session.count(f"trouble {kind:02d}")
+        """Apply or clear one random fault."""
+        rng, scenario = self.rng, self.scenario
+        station = scenario.station(rng.choice(self.addresses))
+        kind = rng.randrange(11)
+        self.campaign_run.count(f"trouble {kind:02d}")
         match kind:
             case 0 | 1:
                 station.faults.silent = not station.faults.silent
             case 2:
                 station.faults.mute = not station.faults.mute
             case 3:
-                station.trip(chance.choice(list(Trip)))
+                station.trip(rng.choice(list(Trip)))
             case 4:
-                station.power_cycle(chance.uniform(0.5, 20.0))
+                station.power_cycle(rng.uniform(0.5, 20.0))
             case 5 | 6:
-                stand.bench.line_quality = chance.choice(SOAK_LINE_QUALITIES)
+                scenario.simulated_bus.line_quality = rng.choice(SOAK_LINE_QUALITIES)
             case 7:
                 station.keypad_stop()
             case 8:
-                station.faults.added_delay_s = chance.choice((0.0, 0.0, 0.01, 0.3))
+                station.faults.added_delay_s = rng.choice((0.0, 0.0, 0.01, 0.3))
             case 9:
-                station.faults.next_added_delays_s.append(chance.uniform(0.1, 2.0))
+                station.faults.next_added_delays_s.append(rng.uniform(0.1, 2.0))
             case _:
-                self._unplug_for(chance.uniform(0.1, 20.0))
+                self._unplug_for(rng.uniform(0.1, 20.0))
 
     def _unplug_for(self, seconds: float) -> None:
         self.scenario.unplug()
@@ -128,7 +129,7 @@ class SoakDay:
         self.scenario.replug()
 
     def _restore_line(self) -> None:
-        self.scenario.bench.line_quality = "clean"
+        self.scenario.simulated_bus.line_quality = "clean"
         for address in self.addresses:
             station = self.scenario.station(address)
             station.faults = replace(
@@ -136,7 +137,7 @@ class SoakDay:
             )
 
     def _check_final_state(self) -> None:
-        """After quiet every drive that can tell is known as it is."""
+        """Check that the state of every drive that reports it is known and true."""
         for address, monitor in self.scenario.monitors.items():
             state = monitor.status().state
             on = self.scenario.station(address).motor.energised
@@ -147,57 +148,59 @@ class SoakDay:
 
 
 def run_day(seed: int, hours: int, listener: Callable[[str], None] | None = None) -> PartResult:
-    """One seed, in a process of its own."""
-    session = CampaignRun("soak", seed, hours, listener=listener)
+    """Run one seed, in its own process."""
+    campaign_run = CampaignRun("soak", seed, hours, listener=listener)
     kind = DRIVE_VARIANTS[seed % len(DRIVE_VARIANTS)]
     began, pages = time.process_time(), list[int]()
-    day = SoakDay(session, kind, seed)
+    day = SoakDay(campaign_run, kind, seed)
     for _ in range(hours):
         day.run_hour()
-        session.add_trials()
+        campaign_run.add_trials()
         pages.append(_resident_pages())
-    witness = day.scenario.oracle
+    oracle = day.scenario.oracle
     day.scenario.close()
-    session.counts["requests"] += witness.request_count
-    session.counts["replies believed"] += witness.accepted_count
-    session.figures[f"seed {seed}"] = f"{kind.name}: {witness.request_count} requests, trace {session.digest[:16]}"
+    campaign_run.counts["requests"] += oracle.request_count
+    campaign_run.counts["replies accepted"] += oracle.accepted_count
+    campaign_run.figures[f"seed {seed}"] = (
+        f"{kind.name}: {oracle.request_count} requests, trace {campaign_run.digest[:16]}"
+    )
     factor = hours * HOUR_S / (time.process_time() - began)  # of a processor's seconds: others may use it too
-    session.machine[f"seed {seed}"] = {"real_time_factor": round(factor), **_memory_growth(pages)}
-    return session.result()
+    campaign_run.machine[f"seed {seed}"] = {"real_time_factor": round(factor), **_memory_growth(pages)}
+    return campaign_run.result()
 
 
 def _memory_growth(pages: list[int]) -> dict[str, float]:
-    """Of the memory at the end of each hour, since the first one and since noon, when all that is bounded is full."""
+    """Return the growth of the memory since the first hour, and since noon, when all bounded collections are full."""
     since = {"rss_growth_percent": pages[0], "rss_growth_since_noon_percent": pages[len(pages) // 2 - 1]}
     return {name: round(100 * (pages[-1] - first) / max(first, 1), 2) for name, first in since.items()}
 
 
 def _resident_pages() -> int:
-    """Pages of this process that are in memory; 0 where the system doesn't tell."""
+    """Return the resident memory pages of this process; 0 where the system does not report them."""
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except OSError:
         return 0
 
 
-def run(session: CampaignRun) -> None:
-    """A day a seed, as many at once as there are cores; the last one may be shorter."""
+def run(campaign_run: CampaignRun) -> None:
+    """Run one day a seed, one process a core; the last day may be shorter."""
     days = [
-        (session.seed + number, min(HOURS_PER_DAY, session.budget - number * HOURS_PER_DAY))
-        for number in range(-(-session.budget // HOURS_PER_DAY))
+        (campaign_run.seed + number, min(HOURS_PER_DAY, campaign_run.budget - number * HOURS_PER_DAY))
+        for number in range(-(-campaign_run.budget // HOURS_PER_DAY))
     ]
-    if session.listener is not None or len(days) == 1:
+    if campaign_run.listener is not None or len(days) == 1:
         for seed, hours in days:
-            session.merge(run_day(seed, hours, session.listener))
+            campaign_run.merge(run_day(seed, hours, campaign_run.listener))
         return
     with ProcessPoolExecutor(os.cpu_count(), max_tasks_per_child=1) as pool:
         for part in pool.map(run_day, *zip(*days, strict=True)):
-            session.merge(part)
+            campaign_run.merge(part)
 
 
 CAMPAIGN = Campaign(
     name="soak",
-    summary={"en": "A day with everything going wrong.", "zh": "出尽状况的一天。"},
+    summary={"en": "A day with every fault.", "zh": "各种故障齐发的一天。"},
     unit="virtual hours",
     evidence_for=("I1-I12",),
     full_budget=20 * HOURS_PER_DAY,

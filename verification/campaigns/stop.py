@@ -1,115 +1,207 @@
-"""Stops at random instants of a full bus: the next frame on its bus, in time, and never called what it is not."""
+"""``stop``: stops at random instants of a full bus.
+
+A stop must be the next frame on its bus, in time, and its outcome must be true.
+"""
 
 from __future__ import annotations
 
+import asyncio
 from collections import defaultdict
-from math import inf
+from math import inf, nextafter
 
 from drivebus.bus import Poll, estimate_bus_load
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import StopUnconfirmed
 from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
-from verification.scenario.load_generator import LOAD_ADDRESSES, LoadGenerator
+from verification.scenario.scenario import Scenario
 from verification.scenario.stop_timer import PendingStop, SentRequest, StopTimer
 from verification.scenario.user_command import UserCommand
 
+LOAD_LINE_QUALITIES = ("bytes", "lossy,bytes", "late=0.1:0.12,bytes", "late=0.2:1.5", "clean", "noisy,bytes")
+LOAD_RAMPS_S = (2.0, 0.5, 8.0)
+READER_PRIORITIES = (
+    (),
+    (RequestPriority.PARAMETER,),
+    (RequestPriority.PARAMETER, RequestPriority.COMMAND, RequestPriority.POLL, RequestPriority.PROBE),
+)
+"""Priorities in which a read of each drive always waits, besides polls as fast as possible."""
+LOAD_ADDRESSES = range(1, 6)
+
+
 INSTANTS_PER_BUS = 50
-"""Instants on one line, before another one is built."""
+"""Instants of one bus before the next one is built."""
 STOP_SETTLING_S = 20.0
-"""After the last instant every drive is heard again; so much later each one that was told to must stand."""
+"""Time after the last instant until every commanded drive must have stopped, in seconds."""
 UNCONFIRMED_ALARM_MAX_S = 2.0
-"""Confirmed or alarmed by T_stop + this + the ramp …"""
+"""A stop is confirmed or alarmed within the stop bound, the ramp and this time, in seconds …"""
 TRANSACTIONS_AT_LIMIT = 16
-"""… but where a drive answers at its limit, two looks and two stops may take so many transactions, and longer."""
+"""… or, where a drive replies at its limit, within this number of transactions."""
 
 
-class StopBus(LoadGenerator):
-    """One crowded line, and the stops that are wished on it."""
+class StopBus:
+    """One bus under load, and the stops that are commanded on it.
 
-    def __init__(self, session: CampaignRun, kind: DriveVariant, number: int) -> None:
-        super().__init__(session, kind, number)
-        self.stop_timer = StopTimer(self.stand, self._on_stop_sent)
+    ``number`` selects line quality, ramp and reader priorities.
+    """
+
+    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
+        self.campaign_run, self.kind, self.rng = campaign_run, kind, campaign_run.rng(number)
+        turn = number // len(DRIVE_VARIANTS)
+        self.ramp_s, self.reader_priorities = (
+            LOAD_RAMPS_S[turn % len(LOAD_RAMPS_S)],
+            READER_PRIORITIES[turn % len(READER_PRIORITIES)],
+        )
+        line_quality = LOAD_LINE_QUALITIES[turn % len(LOAD_LINE_QUALITIES)]
+        self.scenario = Scenario(
+            campaign_run,
+            kind,
+            LOAD_ADDRESSES,
+            name=f"{kind.name}/{number}",
+            line_quality=line_quality,
+            ramp=self.ramp_s,
+            seed=number,
+        )
+        self.drives_to_stop: set[int] = set()
+        """Drives that were not started since their last stop."""
+        self.open_commands: dict[int, list[UserCommand]] = {address: [] for address in LOAD_ADDRESSES}
+        """Stops in progress, by address."""
+        self._reader_tasks: list[asyncio.Task[None]] = []
+        self.stop_timer = StopTimer(self.scenario, self._on_stop_sent)
         self.undelayed_s: list[tuple[float, float]] = []
-        """To the first and to the last bit, of stops that neither another stop nor a late reply held back."""
+        """Seconds to the first and to the last bit of stops that neither another stop nor a late reply delayed."""
         self.worst_after_other_stops_s = 0.0
         self.worst_confirmation_s = 0.0
         self.worst_repeat_pause_s = 0.0
-        """The longest that a pending stop was not repeated."""
+        """Longest time without a repetition of a pending stop, in seconds."""
         self.start_load()
         self._check_reported_bound()
 
+    def start_load(self) -> None:
+        """Start polls as fast as possible and endless reads."""
+        with running(self.scenario.loop):
+            for address, drive in self.scenario.drives.items():
+                polls = [Poll(request, 0.0) for request, _ in drive.dialect.polls(tuple(drive.profile.signals))]
+                self.scenario.bus.start_polling(address, polls, lambda answer: None)
+                for priority in self.reader_priorities:
+                    self._reader_tasks.append(self.scenario.loop.create_task(self._read_repeatedly(address, priority)))
+
+    async def _read_repeatedly(self, address: int, priority: RequestPriority) -> None:
+        drive = self.scenario.drives[address]
+        requests = [drive.dialect.read_parameter(p) for p in drive.profile.parameters.values() if p.readable]
+        while not self.scenario.bus.is_closed:
+            await self.scenario.bus.transact(BusRequest(address, self.rng.choice(requests), priority))
+
+    def wait_random(self) -> None:
+        """Let a random time pass, at times exactly to the next event or just before it."""
+        self.scenario.run(self.rng.uniform(0.0, 0.4))
+        when = self.scenario.loop.next_at()
+        if when is not None and self.rng.random() < 0.2:
+            self.scenario.loop.run_until(when if self.rng.random() < 0.5 else nextafter(when, 0.0))
+
+    def disturb_drives(self) -> None:
+        """Change a drive's fault at random, and start motors at the keypad or over the bus."""
+        rng, address = self.rng, self.rng.choice(LOAD_ADDRESSES)
+        if rng.random() < 0.1:
+            self.fault(address, rng.choice(("silent", "mute", "slow", "", "")))
+        if self.open_commands[address] or self.scenario.drives[address].stop_pending:
+            return
+        if rng.random() < 0.5:
+            self.drives_to_stop.discard(address)
+            self.scenario.station(address).keypad_run(rng.choice((5.0, 20.0, 50.0)))
+        elif rng.random() < 0.3:
+            self.drives_to_stop.discard(address)
+            self.scenario.command(address, "run", rng.choice((5.0, 20.0)))
+
+    def fault(self, address: int, what: str) -> None:
+        faults = self.scenario.station(address).faults
+        faults.silent, faults.mute = what == "silent", what == "mute"
+        faults.added_delay_s = self.rng.uniform(0.0, 0.15) if what == "slow" else 0.0
+
+    def restore_line(self) -> None:
+        """Restore the line and all drives, and end the reads."""
+        self.scenario.simulated_bus.line_quality = "clean"
+        with running(self.scenario.loop):
+            for task in self._reader_tasks:
+                task.cancel()
+        for address in LOAD_ADDRESSES:
+            self.fault(address, "")
+
     def _check_reported_bound(self) -> None:
-        """5.1 (3): what the product tells its user is the same bound."""
+        """Check that the product reports the same bound to its user."""
         polls = [
             (
                 drive.dialect.station_config,
                 [Poll(request, 0.0) for request, _ in drive.dialect.polls(tuple(drive.profile.signals))],
             )
-            for drive in self.stand.drives.values()
+            for drive in self.scenario.drives.values()
         ]
-        message = estimate_bus_load(polls, self.stand.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
+        message = estimate_bus_load(polls, self.scenario.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
         if abs(message - self.stop_timer.bounds.stop_bound_s) > 1e-9:
             self.violation(
-                f"G06 the bus tells a bound of {message:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
+                f"the bus reports a bound of {message:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
             )
 
     def violation(self, text: str) -> None:
-        self.stand.oracle.violation(text)
+        self.scenario.oracle.violation(text)
 
     # --- one instant -----------------------------------------------------------------------------------------------
 
     def run_instant(self) -> None:
-        """Let a while pass, and wish for a stop."""
+        """Let a random time pass and command a stop."""
         self.wait_random()
         self._measure_pending()
         self.disturb_drives()
-        self.session.count(f"wished while {self.stop_timer.phase()}")
+        self.campaign_run.count(f"commanded while {self.stop_timer.phase()}")
         if self.rng.random() < 0.25 and not any(self.open_commands.values()):
             self._stop_bus()
         else:
             self._stop_one(self.rng.choice(LOAD_ADDRESSES))
 
     def _measure_pending(self) -> None:
-        for address, drive in self.stand.drives.items():
+        for address, drive in self.scenario.drives.items():
             if drive.stop_pending:
-                since_s = self.stand.loop.time() - self.stop_timer.stopped_at.get(address, inf)
+                since_s = self.scenario.loop.time() - self.stop_timer.stopped_at.get(address, inf)
                 self.worst_repeat_pause_s = max(self.worst_repeat_pause_s, since_s)
 
     def _stop_one(self, address: int) -> None:
-        capabilities = self.stand.drives[address].profile.capabilities
+        capabilities = self.scenario.drives[address].profile.capabilities
         how = self.rng.choice([name for name in ("stop", "coast", "quick_stop") if name in capabilities])
         wait = self.rng.random() < 0.5
         self.stop_timer.on_stop_command(address)
-        user_command = self.stand.command(address, how, wait=wait)
+        user_command = self.scenario.command(address, how, wait=wait)
         self._on_command(user_command)
         assert user_command.task is not None
         user_command.task.add_done_callback(
             lambda _: self._on_stop_ended(user_command, wait, self.stop_timer.bounds.stop_bound_s)
         )
 
-    def _on_command(self, wish: UserCommand) -> None:
-        self.open_commands[wish.address].append(wish)
-        self.drives_to_stop.add(wish.address)
+    def _on_command(self, command: UserCommand) -> None:
+        self.open_commands[command.address].append(command)
+        self.drives_to_stop.add(command.address)
 
     def _stop_bus(self) -> None:
-        stand, everybody = self.stand, self.kind.broadcast
-        hear = "broadcast_stop" in stand.drives[LOAD_ADDRESSES[0]].profile.capabilities and everybody is not None
-        for address in (everybody or 0,) if hear else LOAD_ADDRESSES:
+        scenario, broadcast_address = self.scenario, self.kind.broadcast
+        can_broadcast = (
+            "broadcast_stop" in scenario.drives[LOAD_ADDRESSES[0]].profile.capabilities
+            and broadcast_address is not None
+        )
+        for address in (broadcast_address or 0,) if can_broadcast else LOAD_ADDRESSES:
             self.stop_timer.on_stop_command(address)
-        commands = [stand.oracle.on_command(address, "stop", ("everybody",)) for address in LOAD_ADDRESSES]
+        commands = [scenario.oracle.on_command(address, "stop", ("all drives",)) for address in LOAD_ADDRESSES]
         for command in commands:
             self._on_command(command)
-        with running(stand.loop):
-            stand.loop.create_task(self._await_bus_stop(commands))
+        with running(scenario.loop):
+            scenario.loop.create_task(self._await_bus_stop(commands))
 
-    async def _await_bus_stop(self, wishes: list[UserCommand]) -> None:
-        report: StopReport = await stop_bus(self.stand.bus, list(self.stand.drives.values()))
-        self.stand.bus.release_start()
-        for command, (_, outcome) in zip(wishes, report.outcomes, strict=True):
+    async def _await_bus_stop(self, commands: list[UserCommand]) -> None:
+        report: StopReport = await stop_bus(self.scenario.bus, list(self.scenario.drives.values()))
+        self.scenario.bus.release_start()
+        for command, (_, outcome) in zip(commands, report.outcomes, strict=True):
             command.outcome, command.error = outcome, None if outcome.succeeded else StopUnconfirmed(outcome.key)
-            self.stand.oracle.on_command_ended(command)
+            self.scenario.oracle.on_command_ended(command)
             self._on_stop_ended(command, False, inf)
         if report.confirmed != all(outcome.status == "confirmed" for _, outcome in report.outcomes):
             self.violation(f"I3 a bus stop with {report.outcomes} is called confirmed: {report.confirmed}")
@@ -119,81 +211,83 @@ class StopBus(LoadGenerator):
     def _on_stop_sent(self, one: PendingStop, sent: SentRequest) -> None:
         first_s, last_s = sent.start - one.at, sent.end - one.at
         if one.foreign_traffic:
-            self.session.count("held back by a late reply")
+            self.campaign_run.count("held back by a late reply")
         elif one.after_broadcast or self.kind.broadcast in one.earlier_stops:
-            self.session.count("after a broadcast")
+            self.campaign_run.count("after a broadcast")
         else:
-            self.session.count(f"after {len(one.earlier_stops)} other drives' stops")
+            self.campaign_run.count(f"after {len(one.earlier_stops)} other drives' stops")
             if not one.earlier_stops:
                 self.undelayed_s.append((first_s, last_s))
         self.worst_after_other_stops_s = max(self.worst_after_other_stops_s, last_s)
 
-    def _on_stop_ended(self, wish: UserCommand, waited: bool, bound_s: float) -> None:
-        self.open_commands[wish.address].remove(wish)
-        if wish.outcome is None or wish.ended_at is None:
-            return self.violation(f"G07 {wish} ended with {wish.error!r}")
-        unsure = isinstance(wish.error, StopUnconfirmed)
-        if not wish.outcome.succeeded and not unsure and (waited or wish.outcome.key != "drives.stop_answered"):
-            self.violation(f"G07 {wish} is {wish.result_word}, and nobody was alarmed")
-        if wish.outcome.succeeded and unsure:
-            self.violation(f"G07 {wish} is {wish.result_word}, told as {wish.error!r}")
-        if waited and unsure and not self.stand.drives[wish.address].stop_pending:
-            self.violation(f"G07 {wish} is {wish.result_word}, and it is not repeated")
-        took_s = wish.ended_at - wish.at
+    def _on_stop_ended(self, command: UserCommand, waited: bool, bound_s: float) -> None:
+        self.open_commands[command.address].remove(command)
+        if command.outcome is None or command.ended_at is None:
+            return self.violation(f"{command} ended with {command.error!r}")
+        unconfirmed = isinstance(command.error, StopUnconfirmed)
+        if (
+            not command.outcome.succeeded
+            and not unconfirmed
+            and (waited or command.outcome.key != "drives.stop_answered")
+        ):
+            self.violation(f"{command} is {command.result_word} without an alarm")
+        if command.outcome.succeeded and unconfirmed:
+            self.violation(f"{command} is {command.result_word}, reported as {command.error!r}")
+        if waited and unconfirmed and not self.scenario.drives[command.address].stop_pending:
+            self.violation(f"{command} is {command.result_word}, and it is not repeated")
+        took_s = command.ended_at - command.at
         if waited:
             self.worst_confirmation_s = max(self.worst_confirmation_s, took_s - self.ramp_s)
             over_s = took_s - bound_s - self.ramp_s
-            self.session.count("alarmed later than G07 says, at a drive's limit", int(over_s > UNCONFIRMED_ALARM_MAX_S))
+            self.campaign_run.count("alarmed late, at a drive's limit", int(over_s > UNCONFIRMED_ALARM_MAX_S))
             if over_s > max(
                 UNCONFIRMED_ALARM_MAX_S,
                 TRANSACTIONS_AT_LIMIT * self.stop_timer.bounds.failed_poll_s if self.kind.reports_running else 0.0,
             ):
-                self.violation(f"G07 {wish} was {wish.result_word} after {took_s:.3f} s")
+                self.violation(f"{command} was {command.result_word} after {took_s:.3f} s")
         return None
 
     def finish(self) -> None:
-        """Every drive hears again: in the end all stand."""
+        """Restore all drives and check that every stop has taken effect."""
         self.restore_line()
-        self.stand.run(STOP_SETTLING_S)
+        self.scenario.run(STOP_SETTLING_S)
         self.stop_timer.finish()
         for address in sorted(self.drives_to_stop) if self.kind.reports_running else ():
-            pending = self.stand.drives[address].stop_pending
-            if self.stand.station(address).motor.energised or self.open_commands[address] or pending:
-                self.violation(f"G07 drive {address} was told to stop, and its motor is on or it is still being told")
-        self.stand.close()
+            pending = self.scenario.drives[address].stop_pending
+            if self.scenario.station(address).motor.energised or self.open_commands[address] or pending:
+                self.violation(f"drive {address} got a stop, and its motor is on or the stop is still repeated")
+        self.scenario.close()
 
 
-def run(session: CampaignRun) -> None:
+def run(campaign_run: CampaignRun) -> None:
     found: dict[str, list[StopBus]] = defaultdict(list)
     number = 0
-    while session.remaining:
+    while campaign_run.remaining:
         kind = DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)]
-        line = StopBus(session, kind, number)
-        for _ in range(min(INSTANTS_PER_BUS, session.remaining)):
-            line.run_instant()
-            session.add_trials()
-        line.finish()
-        found[kind.name].append(line)
+        bus = StopBus(campaign_run, kind, number)
+        for _ in range(min(INSTANTS_PER_BUS, campaign_run.remaining)):
+            bus.run_instant()
+            campaign_run.add_trials()
+        bus.finish()
+        found[kind.name].append(bus)
         number += 1
-    session.figures.update({name: _figures(lines) for name, lines in found.items()})
+    campaign_run.figures.update({name: _figures(lines) for name, lines in found.items()})
 
 
 def _figures(lines: list[StopBus]) -> dict[str, float]:
-    """Milliseconds and seconds of virtual time."""
+    """Return the figures of one variant, in milliseconds and seconds of virtual time."""
     bound_s = lines[0].stop_timer.bounds.stop_bound_s
-    first = sorted(first for line in lines for first, _ in line.undelayed_s)
-    last = sorted(last for line in lines for _, last in line.undelayed_s)
+    first = sorted(first for bus in lines for first, _ in bus.undelayed_s)
+    last = sorted(last for bus in lines for _, last in bus.undelayed_s)
     shares = {f"p{share:g}": last[min(len(last) - 1, int(len(last) * share / 100))] for share in (50, 99, 99.9, 100)}
     return {
         "bound ms": round(bound_s * 1000, 3),
         **{f"last bit {name} ms": round(value * 1000, 3) for name, value in shares.items()},
         "first bit at most ms": round(first[-1] * 1000, 3),
         "worst / bound": round(last[-1] / bound_s, 4),
-        "last bit after other stops, at most ms": round(
-            max(line.worst_after_other_stops_s for line in lines) * 1000, 3
-        ),
-        "confirmed or alarmed, less the ramp, at most s": round(max(line.worst_confirmation_s for line in lines), 3),
-        "not repeated while pending, at most s": round(max(line.worst_repeat_pause_s for line in lines), 3),
+        "last bit after other stops, at most ms": round(max(bus.worst_after_other_stops_s for bus in lines) * 1000, 3),
+        "confirmed or alarmed, less the ramp, at most s": round(max(bus.worst_confirmation_s for bus in lines), 3),
+        "not repeated while pending, at most s": round(max(bus.worst_repeat_pause_s for bus in lines), 3),
     }
 
 

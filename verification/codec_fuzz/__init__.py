@@ -1,1 +1,1 @@
-"""Frames of every codec, damaged and judged: what ``fuzz`` and ``flips`` share."""
+"""Damaged frames of every codec and their reference results, for the campaigns ``fuzz`` and ``flips``."""

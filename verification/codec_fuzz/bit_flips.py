@@ -1,17 +1,15 @@
-"""The damaged frames that no check can tell from good ones: enumerated once, recorded, and held to ever since.
+"""Damaged frames that no check detects: enumerated once, recorded, and compared in every run.
 
-A case is a frame of ``vectors/`` with who may take it: the station that hears it, the host whose request it answers, or
-the host that hears its own request back from an echoing adapter. ``data/flips.json`` has all cases with their bytes, so
-that an installed package needs no vectors, and for one, two and three flipped bits how many frames are taken and which:
-listed where they are few, else as the SHA-256 of the list. ``python -m verification.codec_fuzz.bit_flips VECTORS``
-records it again.
+A case is a frame of ``vectors/`` and its receiver: a station, the master whose request it answers, or a master that
+receives its own echo. ``data/flips.json`` holds, for one, two and three flipped bits, the number of accepted frames and
+their list (or its SHA-256). ``python -m verification.codec_fuzz.bit_flips VECTORS`` records it again.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from hashlib import sha256
@@ -20,14 +18,14 @@ from math import comb
 from pathlib import Path
 from typing import Any
 
-from verification.codec_fuzz.incremental_feed import accepted_size, decode_outcome
+from verification.campaign import map_in_order
+from verification.codec_fuzz.fuzz_block import accepted_size, decode_outcome
 from verification.codec_fuzz.registry import FUZZED_CODECS
-from verification.pool import map_in_order
 
 FLIPS_FILE = Path(__file__).parent / "data" / "flips.json"
 FLIP_COUNTS = (1, 2, 3)
 MAX_LISTED_FLIPS = 20
-"""So many accepted flips are listed in full."""
+"""Largest number of accepted flips that are listed in full."""
 CODECS_OF_VECTORS = {
     ("c320", "ascii"): ("c320-ascii", "c320-ascii-tolerant"),
     ("c320", "hex"): ("c320-hex", "c320-hex-nibble"),
@@ -49,21 +47,21 @@ MISSING_REQUESTS = {
     "df800-read-error-rtu": "01 03 00 64 00 01 C5 D5",
     "df800-write-error-rtu": "01 06 20 00 00 01 43 CA",
 }
-"""The request of each reply that names none."""
+"""Requests of the replies that name none."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlipCase:
-    """A frame and who may take it."""
+    """Frame and its receiver."""
 
     vector: str
     printed: bool
-    """As printed; else as a correct sender writes it."""
+    """Whether the frame is as printed; else as a correct sender writes it."""
     role: str
-    """"request" at a station, "reply" or "echo" at a host."""
+    """"request" at a station, "reply" or "echo" at a master."""
     codec: str
     sent: bytes
-    """The request that the host waits on; empty at a station."""
+    """Outstanding request of the master; empty at a station."""
     frame: bytes
 
     @property
@@ -71,16 +69,17 @@ class FlipCase:
         return f"{self.vector}{'' if self.printed else ' (canonical)'} as {self.role} by {self.codec}"
 
     def pattern_count(self, bits: int) -> int:
-        """So many ways to flip so many of its data bits."""
+        """Return the number of patterns of this many flipped bits."""
         return comb(8 * len(self.frame), bits)
 
 
 FlipSets = dict[str, dict[str, Any]]
-"""Number of flipped bits → accepted: how many; flips: which; or sha256 of them."""
+"""Number of flipped bits → number of accepted frames, and their list or its SHA-256."""
 
 
 def accepted_flips(case: FlipCase, bits: int) -> tuple[list[str], list[str]]:
-    """The flips that the codec takes, and those where its judge disagrees. "3.0 17.6": bit 0 of byte 3, bit 6 of 17."""
+    """Return the flips that the codec accepts, and those where the reference disagrees. "3.0 17.6": bit 0 of byte 3,
+    bit 6 of 17."""
     entry, size, found, disputed = FUZZED_CODECS[case.codec], len(case.frame), [], []
     decode = partial(entry.codec.decode_reply, entry.request_of(case.sent)) if case.sent else entry.codec.decode_request
     number = int.from_bytes(case.frame, "little")
@@ -102,7 +101,7 @@ def _flip_text(places: tuple[int, ...]) -> str:
 
 
 def flips_digest(flips: list[str]) -> dict[str, Any]:
-    """A set as it is recorded."""
+    """Return a set of flips in its recorded form."""
     if len(flips) <= MAX_LISTED_FLIPS:
         return {"accepted": len(flips), "flips": flips}
     return {"accepted": len(flips), "sha256": sha256("\n".join(flips).encode()).hexdigest()}
@@ -110,7 +109,7 @@ def flips_digest(flips: list[str]) -> dict[str, Any]:
 
 @cache
 def recorded_cases() -> dict[FlipCase, FlipSets]:
-    """All cases, in order."""
+    """Return all recorded cases, in order."""
     rows = json.loads(FLIPS_FILE.read_text(encoding="utf-8"))["cases"]
     return {_read_case(row): row["sets"] for row in rows}
 
@@ -121,7 +120,7 @@ def _read_case(row: dict[str, Any]) -> FlipCase:
 
 
 def vector_cases(folder: Path) -> Iterator[FlipCase]:
-    """Every frame of ``vectors/`` as printed, and as it should have been, with everybody who may take it."""
+    """Yield every frame of ``vectors/``, as printed and as correct, with every possible receiver."""
     lines = [json.loads(line) for path in sorted(folder.glob("*.jsonl")) for line in path.open(encoding="utf-8")]
     right = {line["id"]: bytes.fromhex(line.get("canonical_hex", line["hex"])) for line in lines}
     for line in lines:
@@ -142,7 +141,7 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
 
 
 def write_record(folder: Path) -> None:
-    """Enumerate everything and write ``DATA``. Raises ValueError where codec and judge disagree."""
+    """Enumerate all cases and write the record. Raises ValueError where codec and reference disagree."""
     rows = []
     every = list(vector_cases(folder))
     for case, sets in zip(every, map_in_order(_sets, every, in_process=False), strict=True):
@@ -159,10 +158,119 @@ def _sets(case: FlipCase) -> FlipSets:
     for bits in FLIP_COUNTS:
         found, disputed = accepted_flips(case, bits)
         if disputed:
-            raise ValueError(f"{case.name}: codec and judge disagree on {disputed[:9]}")
+            raise ValueError(f"{case.name}: codec and reference disagree on {disputed[:9]}")
         sets[str(bits)] = flips_digest(found)
     return sets
 
 
 if __name__ == "__main__":
     write_record(Path(sys.argv[1]))
+
+
+# --- strength of the checks -------------------------------------------------------------------------------------------
+
+FlipMask = tuple[tuple[int, int], ...]
+"""Pairs of a byte's place and its flipped bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class StrengthCase:
+    """Reply to a read or write, and its request."""
+
+    name: str
+    codec: str
+    sent: str
+    frame: str
+
+
+STRENGTH_CASES = (
+    StrengthCase("Modbus RTU, 03, one register", "modbus-rtu", "01 03 30 01 00 01 DA CA", "01 03 02 13 88 B5 12"),
+    StrengthCase("Modbus RTU, 06", "modbus-rtu", "01 06 00 02 0B B8 2F 48", "01 06 00 02 0B B8 2F 48"),
+    StrengthCase(
+        "Modbus ASCII, 03, one register",
+        "df800-ascii",
+        "3A 30 31 30 33 32 30 30 30 30 30 30 31 44 42 0D 0A",
+        "3A 30 31 30 33 30 32 30 31 32 30 44 39 0D 0A",
+    ),
+    StrengthCase(
+        "Modbus ASCII, 06",
+        "df800-ascii",
+        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
+        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
+    ),
+    StrengthCase(
+        "C320 ASCII",
+        "c320-ascii",
+        "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D",
+        "2A 30 30 30 30 31 30 30 30 30 33 45 37 30 32 36 30 0D",
+    ),
+    StrengthCase(
+        "C320 hex",
+        "c320-hex",
+        "5A 00 00 01 00 00 00 00 00 00 00 00 01 0D",
+        "5A 00 00 00 00 01 00 00 00 00 00 03 E7 00 00 00 EB 0D",
+    ),
+    StrengthCase("DZB100", "dzb100", "52 03 01 30 33 32 33 30 30 30 30", "52 03 06 30 33 32 33 30 30 36 34"),
+)
+
+
+def undetected_shares(most: int) -> dict[str, dict[str, object]]:
+    """Return for each row the undetected share of all patterns of 1 … ``most`` flipped bits, and of 2 and 4 with
+    parity.
+
+    "check": end mark, digits and checksum; "echo": also address, function and the other fields that repeat the request;
+    "parity": also the parity bit of each character, which only an even number of flips in every character passes.
+    """
+    return {row.name: _case_shares(row, most) for row in STRENGTH_CASES}
+
+
+def _case_shares(row: StrengthCase, most: int) -> dict[str, object]:
+    sent, frame = bytes.fromhex(row.sent), bytes.fromhex(row.frame)
+    judge = FUZZED_CODECS[row.codec].reference
+    tests: dict[str, Callable[[bytes], bool]] = {
+        "check": judge.is_well_formed,
+        "echo": lambda data: judge.accepted_size(sent, data) == len(frame),
+    }
+    found: dict[str, object] = {"frame": row.frame, "request": row.sent, "acceptor": row.codec}
+    for name, test in tests.items():
+        for bits in range(1, most + 1):
+            passed = sum(test(_flipped(frame, mask)) for mask in _flip_patterns(frame, bits))
+            found[f"{name}_{bits}_bit"] = _share(passed, comb(8 * len(frame), bits))
+        for bits in (2, 4)[: most - 1]:
+            passed = sum(test(_flipped(frame, mask)) for mask in _parity_preserving_patterns(frame, bits))
+            found[f"{name}_{bits}_bit_parity"] = _share(passed, comb(9 * len(frame), bits))
+    return found
+
+
+def _share(passed: int, tried: int) -> dict[str, float]:
+    return {"passed": passed, "tried": tried, "share": float(f"{passed / tried:.3g}")}
+
+
+def _flipped(frame: bytes, mask: FlipMask) -> bytes:
+    damaged = bytearray(frame)
+    for place, bits in mask:
+        damaged[place] ^= bits
+    return bytes(damaged)
+
+
+def _flip_patterns(frame: bytes, bits: int) -> Iterator[FlipMask]:
+    """Yield every pattern of this many flips in the data bits."""
+    for places in combinations(range(8 * len(frame)), bits):
+        yield tuple((place >> 3, 1 << (place & 7)) for place in places)
+
+
+def _parity_preserving_patterns(frame: bytes, bits: int) -> Iterator[FlipMask]:
+    """Yield every pattern with an even number of flips in each character, its parity bit included."""
+    if bits == 2:
+        yield from (((place, mask),) for place in range(len(frame)) for mask in _character_patterns(2))
+        return
+    yield from (((place, mask),) for place in range(len(frame)) for mask in _character_patterns(4))
+    for one, two in combinations(range(len(frame)), 2):
+        yield from (
+            ((one, first), (two, second)) for first in _character_patterns(2) for second in _character_patterns(2)
+        )
+
+
+def _character_patterns(bits: int) -> tuple[int, ...]:
+    """Return the patterns of the eight data bits for this many flips of nine bits."""
+    return tuple(sum(1 << place for place in places) & 255 for places in combinations(range(9), bits))

@@ -1,15 +1,11 @@
-"""How often chance alone must hit a lawful frame: the lambda that false accepts are compared with.
+"""Probability that random damage makes a valid frame, as the expected number of false accepts.
 
-For a frame of which some bytes were drawn by chance, the probability is, summed over the lawful forms that the other
-bytes allow, the share of values that may stand at each drawn place, times that of the check:
+The probability is the sum, over the valid shapes that the unchanged bytes allow, of the share of allowed values at each
+random place times the share of correct checks. The share of checks is exact where the whole check is random and for a
+CRC, whose equations are linear; for a sum or LRC one value of one byte fits at most.
 
-- all of the check drawn: its spellings / all values, exactly (the rest being given, one value fits);
-- DZB100: no check, 1;
-- else, sum and LRC: the rest being given, one value of one byte fits at most (tolerant digits: 3, two readings: 2);
-- else, CRC: as many as its equations have solutions, exactly, for it is linear.
-
-Where a field's bytes depend on each other (two digits of a state) each counts by itself. So this is an upper bound, and
-exact where it matters most: noise, and a garbled end. The damaged frame itself, hit again, is no false accept.
+Dependent bytes of a field count independently, so the result is an upper bound, and exact for noise and a garbled end.
+The original frame is no false accept.
 """
 
 from __future__ import annotations
@@ -21,11 +17,11 @@ from verification.reference.frame_shapes import FrameShape
 from verification.reference.modbus import reference_crc
 
 NEAR_FORMS_MISFITS = 3
-"""Forms that differ in more places than ever are substituted can't be hit."""
+"""Largest number of differing places of a shape that a substitution can reach."""
 
 
 class CollisionOdds:
-    """For one lawful frame and the forms that it might be taken for."""
+    """Odds for one valid frame and the shapes that it may be mistaken for."""
 
     def __init__(self, frame: bytes, forms: tuple[FrameShape, ...], alphabet: bytes, marks: int) -> None:
         self.frame, self.alphabet, self.marks = frame, frozenset(alphabet), marks
@@ -34,7 +30,7 @@ class CollisionOdds:
         self._near: tuple[tuple[FrameShape, frozenset[int]], ...] | None = None
 
     def garbled(self, start: int) -> float:
-        """Every byte from ``start`` on, but for the end marks, was drawn from the alphabet."""
+        """Return the odds where every byte from ``start`` on, except the end marks, is random."""
         if start not in self._tails:
             self._tails[start] = sum(self._tail(form, start) for form in self.forms)
         return self._tails[start]
@@ -51,7 +47,7 @@ class CollisionOdds:
         )
 
     def substituted(self, places: tuple[int, ...]) -> float:
-        """The bytes at ``places`` were changed for any others."""
+        """Return the odds where the bytes at ``places`` were replaced by others."""
         if self._near is None:
             self._near = tuple(
                 (form, wrong) for form in self.forms if len(wrong := _misfits(form, self.frame)) <= NEAR_FORMS_MISFITS
@@ -72,7 +68,7 @@ class CollisionOdds:
 
 
 def _sum_hits(form: FrameShape, others: dict[int, frozenset[int]], same: bool) -> int:
-    """Of all values of the changed bytes, so many make the check right at most; ``same``: so did the old ones."""
+    """Return the largest number of values of the changed bytes with a correct sum; ``same``: the old ones had one."""
     if same and (len(others) == 1 or form.check.start <= min(others) <= max(others) < form.check.stop):
         return int(min(form.checksum_spellings, form.byte_spellings ** len(others))) - 1
     rest = sorted(map(len, others.values()))
@@ -80,7 +76,7 @@ def _sum_hits(form: FrameShape, others: dict[int, frozenset[int]], same: bool) -
 
 
 def _crc_hits(form: FrameShape, frame: bytes, others: dict[int, frozenset[int]]) -> int:
-    """The same for a CRC: bytes with one other value have it, and the free ones must make up for what that does."""
+    """Return the number of values of the changed bytes with a correct CRC."""
     forced = {place: min(values) for place, values in others.items() if len(values) == 1}
     changed = bytes(forced.get(place, byte) for place, byte in enumerate(frame[: form.size]))
     free = tuple(form.size - place for place in others if place not in forced)
@@ -92,13 +88,13 @@ def _crc_hits(form: FrameShape, frame: bytes, others: dict[int, frozenset[int]])
 
 
 def noise_odds(forms: tuple[FrameShape, ...]) -> tuple[tuple[int, float], ...]:
-    """(size, probability that any bytes of at least this size are the form) of each form."""
+    """Return for each shape its size and the probability that random bytes match it."""
     everything = frozenset(range(256))
     return tuple((form.size, _drawn_probability(form, range(form.size), everything)) for form in forms)
 
 
 def _drawn_probability(form: FrameShape, drawn: range, alphabet: frozenset[int]) -> float:
-    """All of ``drawn`` came from the alphabet; it reaches into the check or ends behind it."""
+    """Return the probability that random bytes at ``drawn`` match the shape."""
     content = [len(form.places[place] & alphabet) / len(alphabet) for place in drawn if place not in form.check]
     check = len([place for place in drawn if place in form.check])
     spellings = min(form.checksum_spellings, form.byte_spellings**check)
@@ -111,7 +107,7 @@ def _misfits(form: FrameShape, frame: bytes) -> frozenset[int]:
 
 @cache
 def _basis(from_end: tuple[int, ...]) -> tuple[int, ...]:
-    """Of what bits in the bytes that stand so far from a frame's end do to its CRC."""
+    """Return a basis of the CRC changes by bits at these distances from the frame's end."""
     basis: list[int] = []
     for distance in from_end:
         for bit in range(8):
@@ -124,5 +120,5 @@ def _basis(from_end: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def false_accept_limit(expected: float) -> float:
-    """No more false accepts than this."""
+    """Return the largest acceptable number of false accepts."""
     return expected + 4 * sqrt(expected) + 3

@@ -1,1 +1,1 @@
-"""Ports, files, clocks and adapters that fail, and what must hold while they do."""
+"""Ports, files, clocks and adapters that fail, and scenarios that run through the failures."""

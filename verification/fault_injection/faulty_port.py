@@ -1,14 +1,20 @@
-"""A port around another one whose n-th call fails: open, write, delivery or close, counted in one row."""
+"""Port whose n-th call fails, and a scenario of a user's commands on it."""
 
 from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
-from drivebus.errors import PortLost, PortUnavailable
-from drivebus.testing.virtual_time import VirtualLoop
+from drivebus.errors import DrivebusError, PortLost, PortUnavailable
+from drivebus.testing.virtual_time import Deadlock, VirtualLoop
+from verification.campaign import CampaignRun
+from verification.drive_variants import DriveVariant
+from verification.scenario.scenario import Scenario
+from verification.scenario.user_command import UserCommand
+
+# --- port -------------------------------------------------------------------------------------------------------------
 
 PORT_ERRORS: dict[str, Callable[[], Exception]] = {
     **{
@@ -17,18 +23,18 @@ PORT_ERRORS: dict[str, Callable[[], Exception]] = {
     },
     "PortLost": lambda: PortLost("ports.lost", port="faulty", reason="injected"),
     "PortUnavailable": lambda: PortUnavailable("sim.unplugged", port="faulty"),
-    "RuntimeError": lambda: RuntimeError("nobody foresaw this"),
+    "RuntimeError": lambda: RuntimeError("unexpected"),
 }
 
 
 def failure_modes(what: str) -> tuple[tuple[str, bool], ...]:
-    """How a call of this name may fail: the error, and (True) whether its bytes have left nevertheless."""
+    """Return the failure modes of a call: the error, and whether its bytes are sent nevertheless."""
     plain = tuple((name, False) for name in PORT_ERRORS)
     return {"write": (*plain, ("EIO", True), ("RuntimeError", True)), "read": plain[:1]}.get(what, plain)
 
 
 class FaultyPort:
-    """``nth`` 0: nothing fails. A delivery that fails loses its bytes, and the port, as real ports tell it."""
+    """Port whose ``nth`` call fails; 0: none. A failing delivery loses its bytes and the port."""
 
     def __init__(self, port: Any, loop: ErrorTolerantLoop) -> None:
         self._port, self._loop, self._receiver = port, loop, None
@@ -36,14 +42,14 @@ class FaultyPort:
         self.error, self.late = "", False
         self.failed = ""
         self.calls_made: list[str] = []
-        """What was called, one after another."""
+        """Names of all calls, in order."""
         self.lost: Callable[[], None] = lambda: None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._port, name)
 
     def arm(self, nth: int, error: str, late: bool) -> None:
-        """Count from now on."""
+        """Count calls from now on."""
         self.nth, self.error, self.late, self.calls, self.failed = nth, error, late, 0, ""
         self.calls_made.clear()
 
@@ -89,7 +95,7 @@ class FaultyPort:
 
 
 class ErrorTolerantLoop(VirtualLoop):
-    """What the bus says of the injected error is no finding; that it says it is counted."""
+    """Loop that counts reports of the injected error instead of treating them as violations."""
 
     injected: Exception | None = None
     reported_count = 0
@@ -99,3 +105,119 @@ class ErrorTolerantLoop(VirtualLoop):
             self.reported_count += 1
         else:
             super().call_exception_handler(context)
+
+
+# --- scenario ---------------------------------------------------------------------------------------------------------
+
+BAUD, RAMP_S, PORT_POLL_PERIOD_S = 38400, 1, 0.5
+CALL_TIMEOUT_S = 5.0
+"""Longest additional time of a call with a failure, in seconds."""
+CALL_MAX_S = {"open": 0.0, "close": 0.0, "run": 2.5, "set_frequency": 1.5, "stop": 3.0, "write": 2.0}
+"""Longest time of each call without a failure, in seconds."""
+REPEATED_CALL_MAX_S = 1.0
+"""Time that a user waits after a failed command, in seconds; the bus reopens a port within 0.4 s."""
+PORT_SUCCESS_WORDS = ("confirmed", "acknowledged")
+PORT_WRITTEN_PARAMETERS = {"c320": "F0.2", "dzb100": "10", "vc660": "F00.02", "df800": "F1.00"}
+
+
+class PortFailureScenario:
+    """Open, monitor two drives, run, set, stop, write and close; then repeat to check that everything works."""
+
+    def __init__(
+        self, campaign_run: CampaignRun, kind: DriveVariant, name: str, around: Callable[[Any], Any] = lambda port: port
+    ) -> None:
+        self.campaign_run, self.kind = campaign_run, kind
+        self.loop = ErrorTolerantLoop()
+        self.scenario = Scenario(
+            campaign_run,
+            kind,
+            (1, 2),
+            loop=self.loop,
+            name=name,
+            seed=1,
+            baud=BAUD,
+            ramp=RAMP_S,
+            around=lambda port: around(FaultyPort(port, self.loop)),
+        )
+
+    @property
+    def port(self) -> FaultyPort:
+        found: Any = self.scenario.bus.port
+        return found if isinstance(found, FaultyPort) else found._port
+
+    def run_with_failure(self, nth: int = 0, error: str = "EIO", late: bool = False) -> list[str]:
+        """Run the scenario with this failure; return all calls of the port."""
+        self.port.lost = self.scenario.oracle.on_unplugged
+        self._timed("close", self.scenario.bus.close)
+        self.port.arm(nth, error, late)
+        self.run()
+        self._timed("close", self.scenario.bus.close)
+        self._open()
+        struck = bool(self.port.failed)
+        works = self.check_works()
+        if not works and not struck and self.port.failed:
+            works = self.check_works()
+        if not works:
+            self.violation("the bus does not work again")
+        self._timed("close", self.scenario.bus.close)
+        self.scenario.close()
+        self.campaign_run.count(f"port: {self.port.failed or 'nothing'} failed")
+        return list(self.port.calls_made)
+
+    def run(self) -> None:
+        self._open()
+        for address in self.scenario.drives:
+            self.monitor(address)
+        self.step("run", 5.0)
+        self.step("set_frequency", 8.0)
+        stop = self.step("stop")
+        self._check_stopped(stop)
+        self.step("write", {PORT_WRITTEN_PARAMETERS[self.kind.model]: 7.0}, True)
+
+    def monitor(self, address: int) -> None:
+        self.scenario.monitor(address, period_s=PORT_POLL_PERIOD_S)
+
+    def _open(self) -> None:
+        """Open the bus, with a second attempt after a failure."""
+        if not self._timed("open", self.scenario.bus.open):
+            self.scenario.run(REPEATED_CALL_MAX_S)
+            if not self._timed("open", self.scenario.bus.open):
+                self.violation("the port works again, and can't be opened")
+
+    def _timed(self, what: str, call: Callable[[], Coroutine[Any, Any, None]]) -> bool:
+        began = self.loop.time()
+        try:
+            self.loop.run_until_complete(call())
+            return True
+        except DrivebusError as error:
+            self.campaign_run.count(f"port: {what} raised {type(error).__name__}")
+        except Deadlock as error:
+            self.violation(f"{what} hangs: {error}")
+        except Exception as error:
+            self.violation(f"{what} raised {type(error).__name__}: {error}")
+        finally:
+            if self.loop.time() > began + CALL_MAX_S[what] + CALL_TIMEOUT_S:
+                self.violation(f"{what} took {self.loop.time() - began:.2f} s")
+        return False
+
+    def step(self, what: str, *arguments: Any) -> UserCommand:
+        user_command = self.scenario.command(1, what, *arguments)
+        self.scenario.finish(user_command, within_s=CALL_MAX_S[what] + CALL_TIMEOUT_S, step_s=0.05)
+        if user_command.result_word not in PORT_SUCCESS_WORDS:
+            self.scenario.run(REPEATED_CALL_MAX_S)
+        return user_command
+
+    def _check_stopped(self, stop: UserCommand) -> None:
+        """Check that the stop takes effect without another command, at the latest when the port is back."""
+        self.scenario.run(RAMP_S if stop.result_word in PORT_SUCCESS_WORDS else CALL_TIMEOUT_S)
+        if self.scenario.station(1).motor.energised:
+            self.violation(f"{stop} ended as {stop.result_word}, and the motor stays on")
+
+    def check_works(self) -> bool:
+        self.scenario.run(REPEATED_CALL_MAX_S)
+        words = [self.step(*command).result_word for command in (("run", 5.0), ("stop",))]
+        self.scenario.run(RAMP_S)
+        return all(word in PORT_SUCCESS_WORDS for word in words) and not self.scenario.station(1).motor.energised
+
+    def violation(self, text: str) -> None:
+        self.scenario.oracle.violation(f"after a failure: {text}")

@@ -1,5 +1,5 @@
-"""The cells of the table of faults and protocols: what each must end in (``table.json``), and the case that shows it.
+"""Fault matrix: the table of faults and protocols (``table.json``), and one check a cell.
 
-A case judges by the copper, the motors, and what users are told (answers, outcomes, statistics, health); what a frame
-means it reads with ``manual`` and ``alphabet``, which know no codec.
+A check uses the bytes on the wire, the motors, and the results, statistics and health that users get. The meaning of
+frames comes from ``verification.reference``, which knows no codec.
 """

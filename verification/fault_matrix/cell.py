@@ -1,55 +1,59 @@
-"""Which cells there are. A case is a function of a row of the table, run with each kind of drive that it is for."""
+"""Cells of the fault matrix: the table, the registry of checks, and the checks that many cells share."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from random import Random
 from typing import Any
 
+from drivebus.bus import TraceKind as Became
 from verification.campaign import CampaignRun
 from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
-from verification.fault_matrix.matrix_bus import MatrixBus
-from verification.fault_matrix.table import TABLE
+from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction
+from verification.reference.request_effects import is_sync_probe
 
-CELL_MODULES = (
-    "no_reply_cells",
-    "late_reply_cells",
-    "damaged_frame_cells",
-    "swapped_digit_cells",
-    "echo_cells",
-    "error_reply_cells",
-    "foreign_station_cells",
-    "broadcast_cells",
-    "adapter_cells",
-    "host_loss_cells",
-    "drive_rule_cells",
-)
+# --- table ------------------------------------------------------------------------------------------------------------
+
+TABLE: dict[str, dict[str, Any]] = json.loads((Path(__file__).parent / "table.json").read_text(encoding="utf-8"))[
+    "rows"
+]
+"""Rows by name, in order: ``fault``; ``cells`` by model, ``partly`` where the product is incomplete; ``shown``: what
+the check does; ``missing``: what it cannot show yet."""
+
+
+# --- cells ------------------------------------------------------------------------------------------------------------
+
+CELL_MODULES = ("reply_cells", "damaged_frame_cells", "adapter_cells", "address_cells", "drive_rule_cells")
 
 
 class CellRun:
-    """One run of a cell: a kind of drive, chance of its own, and the lines that the case builds."""
+    """One run of a cell: a drive variant, a random generator, and the scenarios of the check."""
 
-    def __init__(self, session: CampaignRun, cell: MatrixCell, number: int) -> None:
-        self.session, self.kind = session, cell.kind
+    def __init__(self, campaign_run: CampaignRun, cell: MatrixCell, number: int) -> None:
+        self.campaign_run, self.kind = campaign_run, cell.kind
         self.name = f"{cell.name}/{number}"
-        self.rng: Random = session.rng(cell.name, number)
-        self.buses: list[MatrixBus] = []
+        self.rng: Random = campaign_run.rng(cell.name, number)
+        self.scenarios: list[MatrixScenario] = []
 
-    def bus(self, *addresses: int, **options: Any) -> MatrixBus:
-        """A line of drives that have been spoken to. ``options`` as those of ``sim://`` links."""
-        line = MatrixBus(self.session, self.kind, self.name, addresses or (1, 2), self.rng.randrange(2**31), options)
-        self.buses.append(line)
-        return line
+    def scenario(self, *addresses: int, **options: Any) -> MatrixScenario:
+        """Return a scenario whose drives are known to be online. ``options`` are those of ``sim://`` URLs."""
+        scenario = MatrixScenario(
+            self.campaign_run, self.kind, self.name, addresses or (1, 2), self.rng.randrange(2**31), options
+        )
+        self.scenarios.append(scenario)
+        return scenario
 
     def random_hz(self, low: float = 5.0, high: float = 20.0) -> float:
-        """A frequency of 0.1 Hz steps, which every family can say."""
+        """Return a random frequency in steps of 0.1 Hz, which every family can represent."""
         return self.rng.randrange(round(low * 10), round(high * 10)) / 10.0
 
     def close(self) -> None:
-        for line in self.buses:
-            line.close()
+        for scenario in self.scenarios:
+            scenario.close()
 
 
 CellCheck = Callable[[CellRun], None]
@@ -57,7 +61,7 @@ CellCheck = Callable[[CellRun], None]
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """``row`` is a row of the table; its column is the kind's model."""
+    """Cell of the table: its row, and its column by the model of the variant."""
 
     row: str
     kind: DriveVariant
@@ -72,7 +76,7 @@ _CELL_CHECKS: dict[tuple[str, str], CellCheck] = {}
 
 
 def cell(row: str, *kinds: DriveVariant) -> Callable[[CellCheck], CellCheck]:
-    """This function is the case of a row, for these kinds (none named: for all)."""
+    """Register a function as the check of a row, for these variants (default: all)."""
 
     def register(check: CellCheck) -> CellCheck:
         for kind in kinds or DRIVE_VARIANTS:
@@ -83,7 +87,7 @@ def cell(row: str, *kinds: DriveVariant) -> Callable[[CellCheck], CellCheck]:
 
 
 def all_cells() -> tuple[MatrixCell, ...]:
-    """All cells, in the order of the table. Raises KeyError for one without a case."""
+    """Return all cells, in the order of the table. Raises KeyError for a cell without a check."""
     for module in CELL_MODULES:
         import_module(f"verification.fault_matrix.{module}")
     return tuple(
@@ -92,3 +96,61 @@ def all_cells() -> tuple[MatrixCell, ...]:
         for kind in DRIVE_VARIANTS
         if kind.model in message["cells"]
     )
+
+
+# --- shared checks ----------------------------------------------------------------------------------------------------
+
+VOID_STEP_S = 0.05
+STALE_AFTER_S = 3 * 1.0 + 0.4
+"""Age at which the slowest signal here is bad, in seconds: max(3 × period, 1 s) + timeout."""
+
+
+def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, address: int = 1) -> None:
+    """Check one invalid reply to a read: it is counted, and the read is repeated once after a sync probe."""
+    wanted, data = scenario.plain_read(address)
+    failed, mark, events = scenario.failure_count(address, error), len(scenario.requests), len(scenario.events)
+    manipulation = scenario.manipulate_replies(address, act, 1)
+    answer = scenario.transact(address, wanted)
+    sent = scenario.requests_since(mark)
+    scenario.expect(
+        manipulation.remaining == 0 and [one.data for one in sent].count(data) == 2,
+        f"sent {len(sent)} requests, the read not twice",
+    )
+    accepted = answer.error is None and answer.attempts == 2 and answer.received == scenario.replies[-1].data
+    scenario.expect(accepted, f"the accepted reply is not the second one: {answer}")
+    scenario.expect(
+        scenario.failure_count(address, error) == failed + 1,
+        f"counted: {scenario.statistics(address).errors}, not {error}",
+    )
+    message = [event for event in scenario.events[events:] if event.kind in (Became.INVALID, Became.NO_REPLY)]
+    scenario.expect(len(message) == 1, f"{len(message)} voids in the trace")
+    check_quarantine(scenario, mark)
+
+
+def check_quarantine(scenario: MatrixScenario, mark: int) -> None:
+    """Check that the family's longest lateness of silence and a sync probe follow the request at ``mark``."""
+    first, second = scenario.requests[mark : mark + 2]
+    scenario.expect(is_sync_probe(scenario.kind, second.data), f"{second.data.hex()} is no sync probe")
+    scenario.expect(
+        second.start - first.end >= scenario.kind.max_reply_lateness_s,
+        f"sync probe after {second.start - first.end:.3f} s",
+    )
+
+
+def check_persistent_failure(scenario: MatrixScenario, act: ReplyAction | str, address: int = 1) -> None:
+    """Check that values stay good after one invalid reply, and are bad with an unknown state where the fault lasts."""
+    monitor = scenario.monitored(address)
+    scenario.expect(not scenario.has_bad_quality(address), "bad before anything happened")
+    scenario.manipulate_replies(address, act, 1)
+    for _ in range(round(2.0 / VOID_STEP_S)):
+        scenario.run(VOID_STEP_S)
+        if scenario.has_bad_quality(address):
+            scenario.expect(False, "bad after one void")
+            break
+    failed, manipulation = scenario.failure_count(address), scenario.manipulate_replies(address, act)
+    scenario.run(STALE_AFTER_S + 1.0)
+    scenario.expect(
+        scenario.has_bad_quality(address) and monitor.status().state == "unknown", "still good after 3 periods of voids"
+    )
+    scenario.expect(scenario.failure_count(address) >= failed + 2, "bad after fewer than two voids")
+    manipulation.remaining = 0

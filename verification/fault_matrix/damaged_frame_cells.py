@@ -1,4 +1,4 @@
-"""Rows of the table: truncated answers, bytes too many, garbage before an answer, single flipped bits."""
+"""Rows of the table: truncated replies, extra bytes, garbage, flipped bits, swapped digits."""
 
 from __future__ import annotations
 
@@ -8,136 +8,265 @@ from typing import Any
 from drivebus.bus import TraceKind as Became
 from drivebus.protocols import modbus, sunfar
 from drivebus.serial_settings import StationTiming
-from verification.fault_matrix.cell import CellRun, cell
-from verification.fault_matrix.matrix_bus import MatrixBus, ReplyAction, WireSend
-from verification.fault_matrix.swapped_digit_cells import DIGITS_OBSERVATION_S, single_reads_decide_nothing
-from verification.fault_matrix.void_checks import check_persistent_failure, check_void
+from drivebus.values import Quality
+from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
+from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_void
+from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction, WireSend
+
+# --- swapped digits ---------------------------------------------------------------------------------------------------
+
+DIGITS_OBSERVATION_S = 6.0
+"""Longer than any reply can be late, in seconds: garbage differs from a late reply only where none can arrive."""
+ECHOED_FIELDS = {"c320": (1, 10), "dzb100": (3, 7)}
+"""Places where a reply repeats the request: C320 address … item, DZB100 address and item."""
+
+
+def swap_neighbours(data: bytes, index: int) -> bytes:
+    return data[:index] + data[index + 1 : index + 2] + data[index : index + 1] + data[index + 2 :]
+
+
+def swapped_digits(run: CellRun, first: int, last: int) -> Any:
+    """Return an action that swaps two different neighbours within these bytes."""
+
+    def act(transmit: WireSend, data: bytes, when: float) -> Any:
+        places = [index for index in range(first, min(last, len(data)) - 1) if data[index] != data[index + 1]]
+        return transmit(swap_neighbours(data, run.rng.choice(places)), when)
+
+    return act
+
+
+@cell("digit_swap", VC660, DF800, DF800_ASCII)
+def swapped_digits_meet_a_check(run: CellRun) -> None:
+    """Check that CRC and LRC detect every swap of neighbours."""
+    scenario = run.scenario()
+    scenario.station(1).keypad_run(run.random_hz())
+    for _ in range(4):
+        scenario.run(DIGITS_OBSERVATION_S)
+        size = len(scenario.replies[0].data)
+        first, last = (1, size - 2) if run.kind.encoding == "ascii" else (0, size)
+        failed = scenario.failure_count(1)
+        scenario.manipulate_replies(1, swapped_digits(run, first, last), 1)
+        answer = scenario.read(1)
+        scenario.expect(answer.error is None and answer.attempts == 2, f"a swap was accepted: {answer}")
+        scenario.expect(scenario.failure_count(1) == failed + 1, f"not counted: {scenario.statistics(1).errors}")
+
+
+@cell("digit_swap", C320, C320_HEX, DZB100)
+def swapped_digits_pass_the_check(run: CellRun) -> None:
+    """Check swaps that the sum does not detect: invalid in repeated fields, uncertain in values out of range."""
+    scenario = run.scenario(12, 13)
+    first, last = ECHOED_FIELDS[run.kind.model]
+    for _ in range(3):
+        scenario.run(DIGITS_OBSERVATION_S)
+        attempts = _check_one_swap(run, scenario, first, last)
+        scenario.expect(attempts == 2, "a reply with another address or item was accepted")
+    single_reads_decide_nothing(run)
+    if run.kind.model == "c320":
+        _check_out_of_range_value(run)
+
+
+def _check_one_swap(run: CellRun, scenario: MatrixScenario, first: int, last: int) -> int:
+    scenario.manipulate_replies(12, swapped_digits(run, first, last), 1)
+    answer = scenario.read(12)
+    scenario.expect(answer.error is None and answer.received == scenario.replies[-1].data, f"{answer}")
+    return answer.attempts
+
+
+def single_reads_decide_nothing(run: CellRun) -> None:
+    """Check that one wrong reply neither makes a stopped drive running nor a running drive stopped."""
+    scenario = run.scenario(1)
+    monitor = scenario.monitored(1)
+    states = []
+    for _ in range(4):
+        scenario.manipulate_replies(1, falsified_replies(run, stands=False), 1)
+        for _ in range(12):
+            scenario.run(0.1)
+            states.append(str(monitor.status().state))
+    scenario.expect(
+        {"stopped"} <= set(states) <= {"stopped", "unknown"}, f"a standing drive is called {sorted(set(states))}"
+    )
+    monitor.close()
+    scenario.monitors.clear()
+    scenario.start_at(1, run.random_hz(15, 20))
+    scenario.station(1).faults.frozen_readings = False
+    for _ in range(3):
+        scenario.manipulate_replies(1, falsified_replies(run, stands=True), 1)
+        status = scenario.loop.run_until_complete(scenario.drives[1].status())
+        scenario.expect(str(status.state) == "running", f"a running drive is called {status.state}")
+
+
+def falsified_replies(run: CellRun, stands: bool) -> Any:
+    """Return an action that falsifies the state in a reply, with a correct check."""
+
+    def act(transmit: WireSend, data: bytes, when: float) -> Any:
+        return transmit(falsify_state(run, data, stands), when)
+
+    return act
+
+
+def falsify_state(run: CellRun, data: bytes, stands: bool) -> bytes:
+    """Return the reply with another state: DZB100 in Q01; C320 in the state field, with a correct sum."""
+    if run.kind.model == "dzb100":
+        return data[:7] + (b"0000" if stands else b"0064") + data[11:] if data[5:7] == b"01" else data
+    if len(data) != 18:
+        return data
+    hexed = run.kind.encoding == "hex"
+    state = bytes((0, 3) if stands else (0, 1)) if hexed else b"03" if stands else b"01"
+    body = data[1:4] + state + data[6:13]
+    total = sum(body) & 0xFFFF
+    check = total.to_bytes(4) if hexed else b"%04X" % total
+    return data[:1] + body + check + data[17:]
+
+
+def _check_out_of_range_value(run: CellRun) -> None:
+    """Check that d.4 above its plausible limit of 1,200 V is shown as uncertain."""
+    scenario = run.scenario(1)
+    monitor = scenario.monitor(1, ("dc_bus_voltage",))
+    scenario.run(1.0)
+    reading = monitor.status().readings["dc_bus_voltage"]
+    scenario.expect(reading.quality is Quality.GOOD, f"{reading}")
+    place = 9 if run.kind.encoding == "ascii" else 11
+    manipulation = scenario.manipulate_replies(
+        1, lambda transmit, data, when: transmit(swap_neighbours(data, place), when), 1
+    )
+    while manipulation.remaining:
+        scenario.run(0.1)
+    scenario.run(0.2)
+    reading = monitor.status().readings["dc_bus_voltage"]
+    scenario.expect(reading.quality is Quality.UNCERTAIN and (reading.raw or 0) > 1200, f"{reading}")
+
+
+# --- damaged frames ---------------------------------------------------------------------------------------------------
 
 FLIPS_PER_CELL = 6
 
 
 @cell("truncated")
-def truncated_answer(at: CellRun) -> None:
-    """Void at the deadline, not before. A whole short error form is no truncated answer."""
-    line = at.bus()
-    cut = at.rng.randrange(1, len(line.replies[0].data) - 1)
-    check_void(line, lambda say, data, when: say(data[:-cut], when), "NoReply")
-    voided = next(event for event in line.events if event.kind is Became.INVALID)
-    asked = next(one for one in line.requests[2:] if one.address == 1)
-    patience_s = at.kind.min_timeout_s + at.kind.min_timeout_characters * line.bench.settings.character_s
-    line.expect(voided.time - asked.end >= patience_s, f"void {voided.time - asked.end:.4f} s after the request")
-    check_persistent_failure(line, lambda say, data, when: say(data[:-cut], when))
-    if at.kind.model != "dzb100":
-        _check_short_form(at)
+def truncated_answer(run: CellRun) -> None:
+    """Check that a truncated reply is invalid at the deadline, and that a complete short error is accepted."""
+    scenario = run.scenario()
+    cut = run.rng.randrange(1, len(scenario.replies[0].data) - 1)
+    check_void(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
+    voided = next(event for event in scenario.events if event.kind is Became.INVALID)
+    request = next(one for one in scenario.requests[2:] if one.address == 1)
+    patience_s = run.kind.min_timeout_s + run.kind.min_timeout_characters * scenario.simulated_bus.settings.character_s
+    scenario.expect(
+        voided.time - request.end >= patience_s, f"void {voided.time - request.end:.4f} s after the request"
+    )
+    check_persistent_failure(scenario, lambda transmit, data, when: transmit(data[:-cut], when))
+    if run.kind.model != "dzb100":
+        _check_short_form(run)
 
 
-def _check_short_form(at: CellRun) -> None:
-    """C320 codes 6-8 in 11 bytes, Modbus errors in 5 bytes or 11 characters: an answer, whole, asked for once."""
-    line = at.bus()
-    codec = line.drives[1].dialect.codec
-    if at.kind.model == "c320":
-        reply: Any = sunfar.SunfarReply(1, sunfar.SunfarResponse(at.rng.choice((6, 7, 8))))
+def _check_short_form(run: CellRun) -> None:
+    """Check that a short error reply is complete: C320 codes 6-8 in 11 bytes, Modbus errors in 5 bytes or 11
+    characters."""
+    scenario = run.scenario()
+    codec = scenario.drives[1].dialect.codec
+    if run.kind.model == "c320":
+        reply: Any = sunfar.SunfarReply(1, sunfar.SunfarResponse(run.rng.choice((6, 7, 8))))
     else:
-        reply = modbus.ExceptionReply(1, 3, at.rng.choice((1, 2, 3, 4)) if at.kind.model == "vc660" else None)
+        reply = modbus.ExceptionReply(1, 3, run.rng.choice((1, 2, 3, 4)) if run.kind.model == "vc660" else None)
     data = codec.encode_reply(reply)
-    line.expect(len(data) == (5 if at.kind.encoding == "rtu" else 11), f"{len(data)} bytes")
-    line.manipulate_replies(1, lambda say, _, when: say(data, when), 1)
-    failed = line.failure_count(1)
-    answer = line.read(1)
-    line.expect(answer.error is None and answer.attempts == 1 and answer.received == data, f"{answer}")
-    line.expect(line.failure_count(1) == failed, "an error form is no failure of the line")
+    scenario.expect(len(data) == (5 if run.kind.encoding == "rtu" else 11), f"{len(data)} bytes")
+    scenario.manipulate_replies(1, lambda transmit, _, when: transmit(data, when), 1)
+    failed = scenario.failure_count(1)
+    answer = scenario.read(1)
+    scenario.expect(answer.error is None and answer.attempts == 1 and answer.received == data, f"{answer}")
+    scenario.expect(scenario.failure_count(1) == failed, "an error form is no failure of the line")
 
 
 @cell("trailing")
-def trailing_bytes(at: CellRun) -> None:
-    """Void and counted; from the third on the line is too bad for a start (RELIABILITY 4), and health says why."""
-    line = at.bus()
-    extra = at.rng.randbytes(at.rng.randrange(1, 5))
+def trailing_bytes(run: CellRun) -> None:
+    """Check that extra bytes make a reply invalid, and that after three of them the link is too bad for a start."""
+    scenario = run.scenario()
+    extra = run.rng.randbytes(run.rng.randrange(1, 5))
 
-    def longer(say: WireSend, data: bytes, when: float) -> Any:
-        return say(data + extra, when)
+    def longer(transmit: WireSend, data: bytes, when: float) -> Any:
+        return transmit(data + extra, when)
 
     for _ in range(3):
-        check_void(line, longer, "TrailingError")
-    health = line.bus.health(1)
-    line.expect(health.error_rate > 0.0 and line.statistics(1).damaged >= 3, "health does not show it")
-    command = line.command_to_end(1, "run", 5.0)
-    line.expect(
+        check_void(scenario, longer, "TrailingError")
+    health = scenario.bus.health(1)
+    scenario.expect(health.error_rate > 0.0 and scenario.statistics(1).damaged >= 3, "health does not show it")
+    command = scenario.command_to_end(1, "run", 5.0)
+    scenario.expect(
         command.result_word == "StartInhibited" and getattr(command.error, "key", "") == "drives.high_error_rate",
         f"a start is {command.result_word}",
     )
-    line.expect(not line.station(1).motor.starts, "started")
-    check_persistent_failure(at.bus(), longer)
+    scenario.expect(not scenario.station(1).motor.starts, "started")
+    check_persistent_failure(run.scenario(), longer)
 
 
 @cell("garbage")
-def leading_garbage(at: CellRun) -> None:
-    """Void, and the next try counts: nothing is searched for in a stream. Ruling 10 names what may be switched on."""
-    line = at.bus()
+def leading_garbage(run: CellRun) -> None:
+    """Check that garbage before a reply makes it invalid; the codec does not search for frames in a stream."""
+    scenario = run.scenario()
     for size in range(1, 5):
-        junk = at.rng.randbytes(size)
-        mark = len(line.requests)
-        wanted, data = line.plain_read(1)
-        line.manipulate_replies(1, after_junk(junk), 1)
-        answer = line.transact(1, wanted)
-        line.expect(answer.error is None and answer.attempts == 2, f"{size} bytes of junk: {answer}")
-        line.expect([one.data for one in line.requests_since(mark)].count(data) == 2, "not asked twice")
-    _check_tolerated_noise(at)
+        junk = run.rng.randbytes(size)
+        mark = len(scenario.requests)
+        wanted, data = scenario.plain_read(1)
+        scenario.manipulate_replies(1, after_junk(junk), 1)
+        answer = scenario.transact(1, wanted)
+        scenario.expect(answer.error is None and answer.attempts == 2, f"{size} bytes of junk: {answer}")
+        scenario.expect([one.data for one in scenario.requests_since(mark)].count(data) == 2, "not read twice")
+    _check_tolerated_noise(run)
 
 
 def after_junk(junk: bytes) -> ReplyAction:
-    """The answer after these bytes."""
-    return lambda say, data, when: say(junk + data, when)
+    """Return an action that transmits these bytes before the reply."""
+    return lambda transmit, data, when: transmit(junk + data, when)
 
 
-def _check_tolerated_noise(at: CellRun) -> None:
-    """Switched on: one junk byte before an answer, in Modbus ASCII up to four before the first ':', and no more."""
-    line = at.bus()
-    drive = line.drives[1]
+def _check_tolerated_noise(run: CellRun) -> None:
+    """Check the option: one junk byte before a reply is tolerated, in Modbus ASCII up to four before the first ':'."""
+    scenario = run.scenario()
+    drive = scenario.drives[1]
     timing: StationTiming = replace(drive.dialect.station_config.timing, tolerate_leading_noise=True)
     drive.close()
-    line.drives[1] = type(drive)(
-        line.bus, at.kind.model, 1, encoding=at.kind.encoding, options=dict(at.kind.drive_options), timing=timing
+    scenario.drives[1] = type(drive)(
+        scenario.bus, run.kind.model, 1, encoding=run.kind.encoding, options=dict(run.kind.drive_options), timing=timing
     )
-    line.read(1)
-    most = 4 if at.kind.name == "df800-ascii" else 1
+    scenario.read(1)
+    most = 4 if run.kind.name == "df800-ascii" else 1
     for size, attempts in ((most, 1), (most + 2, 2)):
-        junk = bytes(at.rng.randrange(0x80, 0x100) for _ in range(size))
-        line.manipulate_replies(1, after_junk(junk), 1)
-        answer = line.read(1)
-        line.expect(answer.error is None and answer.attempts == attempts, f"{size} bytes of junk: {answer}")
+        junk = bytes(run.rng.randrange(0x80, 0x100) for _ in range(size))
+        scenario.manipulate_replies(1, after_junk(junk), 1)
+        answer = scenario.read(1)
+        scenario.expect(answer.error is None and answer.attempts == attempts, f"{size} bytes of junk: {answer}")
 
 
-def corrupt_reply(at: CellRun, marked: bool, where: range | None = None) -> Any:
-    """One wrong bit somewhere in the answer, with or without the parity mark that tells it."""
+def corrupt_reply(run: CellRun, marked: bool, where: range | None = None) -> Any:
+    """Return an action that flips one bit of the reply, with or without a parity mark."""
 
-    def act(say: WireSend, data: bytes, when: float) -> Any:
-        index = at.rng.choice(where or range(len(data)))
-        text = say(data, when)
-        text.corrupt(index, data[index] ^ 1 << at.rng.randrange(8), marked)
+    def act(transmit: WireSend, data: bytes, when: float) -> Any:
+        index = run.rng.choice(where or range(len(data)))
+        text = transmit(data, when)
+        text.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked)
         return text
 
     return act
 
 
 @cell("bit_flip")
-def single_flipped_bit(at: CellRun) -> None:
-    """Parity, sum, CRC or LRC: void. DZB100 has parity alone: without it two agreeing reads must stand in."""
-    line = at.bus()
+def single_flipped_bit(run: CellRun) -> None:
+    """Check that parity, sum, CRC or LRC detect a flipped bit. The DZB100 has only parity: two equal reads are
+    required."""
+    scenario = run.scenario()
     for number in range(FLIPS_PER_CELL):
-        marked = at.kind.model in ("c320", "dzb100") and (number % 2 == 0 or at.kind.model == "dzb100")
-        _check_flipped(line, corrupt_reply(at, marked))
-    if at.kind.model == "dzb100":
-        single_reads_decide_nothing(at)
+        marked = run.kind.model in ("c320", "dzb100") and (number % 2 == 0 or run.kind.model == "dzb100")
+        _check_flipped(scenario, corrupt_reply(run, marked))
+    if run.kind.model == "dzb100":
+        single_reads_decide_nothing(run)
 
 
-def _check_flipped(line: MatrixBus, act: Any) -> None:
-    """Void; whether it is asked for again at once or behind a fence depends on what the damage leaves of its length."""
-    line.run(DIGITS_OBSERVATION_S)
-    wanted, data = line.plain_read(1)
-    failed, mark = line.failure_count(1), len(line.requests)
-    line.manipulate_replies(1, act, 1)
-    answer = line.transact(1, wanted)
-    line.expect(answer.error is None and answer.attempts == 2, f"a flipped bit was believed: {answer}")
-    line.expect(line.failure_count(1) == failed + 1, f"not counted: {line.statistics(1).errors}")
-    line.expect([one.data for one in line.requests_since(mark)].count(data) == 2, "not asked twice")
+def _check_flipped(scenario: MatrixScenario, act: Any) -> None:
+    """Check that the damaged reply is invalid and the read is repeated once."""
+    scenario.run(DIGITS_OBSERVATION_S)
+    wanted, data = scenario.plain_read(1)
+    failed, mark = scenario.failure_count(1), len(scenario.requests)
+    scenario.manipulate_replies(1, act, 1)
+    answer = scenario.transact(1, wanted)
+    scenario.expect(answer.error is None and answer.attempts == 2, f"a flipped bit was accepted: {answer}")
+    scenario.expect(scenario.failure_count(1) == failed + 1, f"not counted: {scenario.statistics(1).errors}")
+    scenario.expect([one.data for one in scenario.requests_since(mark)].count(data) == 2, "not read twice")

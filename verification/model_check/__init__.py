@@ -1,1 +1,1 @@
-"""The whole space of states in front of the motion gate."""
+"""Model check of the motion gate: every state from which a frame that moves a motor could be sent."""

@@ -1,7 +1,7 @@
-"""A bus core can be copied and named: the copy goes its own way, and two cores with one name behave alike.
+"""Copy and key of a bus core: a copy is independent, and two cores with the same key behave alike.
 
-Every attribute of every object that a core is made of is listed here with how it enters the name. One that is new in
-the bus and not listed is refused: it might make two states look alike that are not.
+Every attribute of every object of a core is listed here with its part in the key. The campaign rejects an unlisted
+attribute, which could make two different states look alike.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SHARED_ATTRIBUTES = frozenset(
         "request",
     }
 )
-"""Not copied: values, what is only counted or looked at, and the plan, which is empty as long as nobody polls."""
+"""Attributes that are not copied: values, counters, and the poll schedule, which is empty here."""
 
 NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     BusCore: {
@@ -159,21 +159,22 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     PollSchedule: {"_heap": "", "_count": "", "_phase_count": "", "suspended": ""},
     ProbeBudget: {"allowed_at": ""},
 }
-"""Left out ("") is what is fixed for a bus or follows from what is named; what is only counted; the numbers of fences
-(the campaign answers each fence with its own answer); what tells apart bytes that nobody asked for (there are none but
-in the campaign of the wire); and the scheduler's counters of fairness, which decide between a command and a read or a
-due fence, never whether a command may be sent at all."""
+"""Attributes with their rule in the key; "" leaves out what is fixed, derived or only counted.
+
+Also left out: the numbers of sync probes (each is answered), the details of unsolicited bytes (only ``wire_state`` has
+them), and the scheduler's fairness counters, which never decide whether a command may be sent.
+"""
 
 
 def _getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """All these attributes at once, as a tuple also where there are fewer than two."""
+    """Return a getter of these attributes as a tuple, also for fewer than two."""
     if len(names) > 1:
         return attrgetter(*names)
     return lambda thing: tuple([getattr(thing, name) for name in names])
 
 
 def unlisted_attributes(core: BusCore) -> list[str]:
-    """Attributes of the bus that this module does not know."""
+    """Return attributes of the bus that this module does not list."""
     found = {kind: set(getattr(kind, "__slots__", ())) for kind in NAMED_ATTRIBUTES} | {BusCore: set(vars(core))}
     return sorted(
         f"{kind.__name__}.{name}" for kind, names in found.items() for name in names - set(NAMED_ATTRIBUTES[kind])
@@ -181,7 +182,7 @@ def unlisted_attributes(core: BusCore) -> list[str]:
 
 
 def copy_core(core: BusCore) -> BusCore:
-    """Another core in the same state."""
+    """Return an independent core in the same state."""
     made: BusCore = _copy_object(core, {})
     return made
 
@@ -199,10 +200,10 @@ def _copy_object(thing: Any, memo: dict[int, Any]) -> Any:
                 setattr(found, name, value if plain else _copy_object(value, memo))
         return found
     if kind is list:
-        kept = memo.get(id(thing))
-        if kept is None:
-            kept = memo[id(thing)] = [_copy_object(one, memo) for one in thing]
-        return kept
+        copied = memo.get(id(thing))
+        if copied is None:
+            copied = memo[id(thing)] = [_copy_object(one, memo) for one in thing]
+        return copied
     if kind is deque:
         return deque([_copy_object(one, memo) for one in thing]) if thing else deque()
     if kind is tuple:
@@ -213,7 +214,7 @@ def _copy_object(thing: Any, memo: dict[int, Any]) -> Any:
 
 
 def state_key(core: BusCore, now: float, far_s: float) -> tuple[Any, ...]:
-    """What tells this state from others, all times relative to ``now``; beyond ``far_s`` they are all the same."""
+    """Return the key of a state, with times relative to ``now`` and limited to ``far_s``."""
     named: tuple[Any, ...] = _state_key(core, core, now, far_s)
     return named
 
@@ -222,24 +223,24 @@ def _state_key(thing: Any, owner: Any, now: float, far_s: float) -> Any:
     kind = type(thing)
     if thing is None:
         return None
-    hows = _KEY_RULES.get(kind)
-    if hows is not None:
+    rules = _KEY_RULES.get(kind)
+    if rules is not None:
         values = _KEY_GETTERS[kind](thing)
-        return tuple([v if how is None else how(v, thing, now, far_s) for how, v in zip(hows, values, strict=True)])
+        return tuple([v if rule is None else rule(v, thing, now, far_s) for rule, v in zip(rules, values, strict=True)])
     if kind is dict:
         return tuple([(key, _state_key(one, thing, now, far_s)) for key, one in thing.items()])
     return tuple([_state_key(one, thing, now, far_s) for one in thing]) if thing else ()
 
 
 def time_until(when: float | None, owner: Any, now: float, far_s: float) -> float | None:
-    """How long until then: 0 where it is past."""
+    """Return the remaining time; 0 where it is over."""
     return None if when is None else 0.0 if when <= now else round(min(when - now, far_s), 6)
 
 
-def _silence_key(patience: SilenceTimeout, core: BusCore, now: float, _: float) -> float | None:
-    """Since when a frame waits for silence: of no interest once the line is silent."""
-    waits = patience._started_at is not None and now < core._silent_since + core.settings.seconds(1)
-    return now - patience._started_at if waits and patience._started_at is not None else None
+def _silence_key(silence_timeout: SilenceTimeout, core: BusCore, now: float, _: float) -> float | None:
+    """Return how long a frame has waited for silence; None once the line is silent."""
+    waits = silence_timeout._started_at is not None and now < core._silent_since + core.settings.seconds(1)
+    return now - silence_timeout._started_at if waits and silence_timeout._started_at is not None else None
 
 
 _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
@@ -250,13 +251,15 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "patience": _silence_key,
     "there": lambda one, thing, now, _: one is not None,
     "many": lambda ones, thing, now, _: len(ones),
-    "attempts": lambda attempts, job, now, _: attempts if job.priority is not RequestPriority.STOP else None,
+    "attempts": lambda attempts, prepared, now, _: attempts if prepared.priority is not RequestPriority.STOP else None,
     "value": lambda one, thing, now, _: one.value,
     "name": lambda one, thing, now, _: one.name,
-    "data": lambda data, job, now, _: b"" if job.is_sync_probe else data,
-    "owner": lambda station, job, now, _: station.start_inhibited if job.permit is not None else None,
+    "data": lambda data, prepared, now, _: b"" if prepared.is_sync_probe else data,
+    "owner": lambda station, prepared, now, _: station.start_inhibited if prepared.permit is not None else None,
     "owners": lambda stations, scheduler, now, _: [station.address for station in stations],
-    "permit": lambda permit, job, now, _: permit and (permit.stop_epoch == job.station.stop_epoch, permit.effect.value),
+    "permit": lambda permit, prepared, now, _: (
+        permit and (permit.stop_epoch == prepared.station.stop_epoch, permit.effect.value)
+    ),
     "gone": lambda gone, core, now, _: [
         (one, gone[one].start_inhibited) for one in sorted(gone) if one not in core.stations
     ],
@@ -265,6 +268,8 @@ _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
 _SLOTS = {kind: tuple(kind.__slots__) for kind in NAMED_ATTRIBUTES if hasattr(kind, "__slots__")}
 _COPY_GETTERS = {kind: _getter(list(slots)) for kind, slots in _SLOTS.items()}
 _KEY_GETTERS = {
-    kind: _getter([name for name, how in listed.items() if how]) for kind, listed in NAMED_ATTRIBUTES.items()
+    kind: _getter([name for name, rule in listed.items() if rule]) for kind, listed in NAMED_ATTRIBUTES.items()
 }
-_KEY_RULES = {kind: tuple(_RULES[how] for how in listed.values() if how) for kind, listed in NAMED_ATTRIBUTES.items()}
+_KEY_RULES = {
+    kind: tuple(_RULES[rule] for rule in listed.values() if rule) for kind, listed in NAMED_ATTRIBUTES.items()
+}

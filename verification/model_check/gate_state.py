@@ -1,36 +1,179 @@
-"""What can happen in a state of the gate campaign, and what does: the shell around the core, and everybody else."""
+"""One state of the model check: a real bus core, a command, a permit and the permit monitor, with all events.
+
+A state can be copied and has a key; equal keys mean equal future behaviour.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
-from drivebus.bus.commands import CoreCommand as Deed
+from drivebus.bus.commands import CoreCommand as CoreCommand
 from drivebus.bus.commands import DeliverResult, Send, SetTimer
-from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
+from drivebus.bus.core import BusCore
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.permissives import CommandKind
+from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
 from drivebus.protocols.codec import Effect
-from verification.model_check import permissive_inputs as gate_question
-from verification.model_check.model_state import FIRST_FORGED_SLOT, HeldPermit, ModelState
-from verification.model_check.model_subject import OTHER_ADDRESS, OUR_ADDRESS, normal_reply
+from verification.model_check import core_copy as core_copy
+from verification.model_check import permissive_inputs as permissive_inputs
+from verification.model_check.model_subject import (
+    FINE_STEP_S,
+    GRID_START_S,
+    OTHER_ADDRESS,
+    OUR_ADDRESS,
+    ModelSubject,
+    grid_serial_settings,
+    normal_reply,
+)
 from verification.model_check.permissive_inputs import PermissiveInputs
-from verification.model_check.permit_monitor import ModelCommand, PermitRecord
+from verification.model_check.permit_monitor import ModelCommand, PermitMonitor, PermitRecord
 from verification.reference.request_effects import RequestEffect
 
+FIRST_FORGED_SLOT = 8
+"""First slot of requests without a granted permit."""
 
-class GateState(ModelState):
-    """Mutable; ``copy`` before each event."""
 
-    __slots__ = ()
+@dataclass(slots=True)
+class TransitionEvents:
+    """Effects of one event."""
+
+    motion_frames: int = 0
+    setting_frames: int = 0
+    findings: list[str] = field(default_factory=list)
+    refused: list[tuple[str, ...]] = field(default_factory=list)
+    """Missing conditions of each frame that the bus rejected."""
+    denied: list[tuple[str, ...]] = field(default_factory=list)
+    """Missing conditions of each permit that the gate refused."""
+
+
+@dataclass(slots=True)
+class HeldPermit:
+    """Permit that can be used now, later or twice."""
+
+    permit: Permit
+    record: PermitRecord
+    place: int
+
+
+class GateState:
+    """State of the model; mutable, so ``copy`` it before each event."""
+
+    __slots__ = (
+        "_owns_core",
+        "_sequence_started",
+        "alarm",
+        "command",
+        "core",
+        "events",
+        "held_permit",
+        "model_command",
+        "monitor",
+        "now",
+        "permits",
+        "shadow",
+        "subject",
+    )
+
+    def __init__(self, subject: ModelSubject) -> None:
+        self.subject = subject
+        self.core = BusCore(grid_serial_settings(subject.grid), echo="off")
+        self.core.add_station(subject.dialect.station_config)
+        self.monitor = PermitMonitor(subject.model)
+        self.now = GRID_START_S
+        self.alarm: float | None = None
+        self.command: DriveCommand | None = None
+        self.model_command: ModelCommand | None = None
+        self.held_permit: HeldPermit | None = None
+        self.permits: dict[int, PermitRecord] = {}
+        self.shadow = subject.command_word
+        self.events = TransitionEvents()
+        self._sequence_started = False
+        """Whether the first frame of the command was sent, so that the others may follow."""
+        self._owns_core = True
+
+    def copy(self) -> Self:
+        """Return a copy, which shares the core until an event changes it."""
+        made = object.__new__(type(self))
+        made.subject, made.core, made.now, made.alarm, made._owns_core = (
+            self.subject,
+            self.core,
+            self.now,
+            self.alarm,
+            False,
+        )
+        made._sequence_started = self._sequence_started
+        made.command, made.model_command, made.held_permit, made.shadow = (
+            self.command,
+            self.model_command,
+            self.held_permit,
+            self.shadow,
+        )
+        made.permits, made.monitor, made.events = dict(self.permits), self.monitor.copy(), TransitionEvents()
+        return made
+
+    def _own_core(self) -> BusCore:
+        """Return the core for a change, copied where it is shared."""
+        if not self._owns_core:
+            self.core, self._owns_core = core_copy.copy_core(self.core), True
+        return self.core
+
+    # --- the state's name --------------------------------------------------------------------------------------
+
+    def state_key(self) -> tuple[Any, ...]:
+        """Return the key, equal for states with the same future behaviour."""
+        far_s = self.subject.limit_s(RequestEffect.SETTING) + 1.0
+        return (
+            core_copy.state_key(self.core, self.now, far_s),
+            self.command_key(),
+            self.held_permit_key(),
+            [(slot, *self._permit_key(record)) for slot, record in sorted(self.permits.items())],
+            self.shadow,
+            self._sequence_started,
+            self.monitor.command_word & 4,
+            self.now % self.subject.grid.tick_s,
+        )
+
+    @property
+    def generation(self) -> int:
+        station = self.core.stations.get(OUR_ADDRESS)
+        return (station or self.core.removed_stations[OUR_ADDRESS]).stop_epoch
+
+    def command_key(self) -> tuple[Any, ...] | None:
+        if self.command is None or self.model_command is None:
+            return None
+        reason = _reason(self.monitor.counts.missing_since(self.model_command.counts))
+        age_s = min(self.now - self.command.created_at, self.subject.limit_s(RequestEffect.SETTING) + FINE_STEP_S)
+        return self.command.stop_epoch == self.generation, reason, 0.0 if reason else age_s
+
+    def held_permit_key(self) -> tuple[Any, ...] | None:
+        held = self.held_permit
+        if held is None:
+            return None
+        same = held.permit.stop_epoch == self.generation
+        return held.place, same, *self._permit_key(held.record)
+
+    def _permit_key(self, record: PermitRecord) -> tuple[Any, ...]:
+        """Return the key of a permit; of an invalid permit the remaining time does not count."""
+        if record.frames_sent and record.effect is RequestEffect.MOTION:
+            return ("sent", record.data)
+        reason = _reason(self.monitor.counts.missing_since(record.counts))
+        left_s = max(record.expires_at - self.now, -FINE_STEP_S)
+        return 0.0 if reason else left_s, reason, record.missing, record.frames_sent, record.data
+
+    @property
+    def check_forged_refused(self) -> bool:
+        """Whether the bus accepted a request without a granted permit."""
+        return any(slot >= FIRST_FORGED_SLOT for slot in self.permits)
 
     # --- what can happen ---------------------------------------------------------------------------------------
 
     def possible_events(self, slots: int, rare: bool) -> list[str]:
-        """All but the gate's. ``slots``: submissions at a time; ``rare``: spoiled replies, broadcast stops, cancels."""
-        core, flight, present = self.core, self.core.transaction, OUR_ADDRESS in self.core.stations
+        """Return the possible events, without grants. ``slots``: submissions at a time; ``rare``: damaged replies,
+        broadcast stops, cancels."""
+        core, transaction, present = self.core, self.core.transaction, OUR_ADDRESS in self.core.stations
         hung_s = self.subject.limit_s(RequestEffect.SETTING) + 1.0
         alive = (
             (self.command is not None and not self._command_is_void())
@@ -43,25 +186,25 @@ class GateState(ModelState):
         if self.alarm is not None:
             found += ["wake"] * (self.now >= self.alarm) + ["sleep"] * (self.alarm > self.now + hung_s)
         if (
-            flight is not None
-            and flight.tx_end_at <= self.now <= flight.ends_at
-            and not flight.received_count
-            and not flight.prepared.is_broadcast
+            transaction is not None
+            and transaction.tx_end_at <= self.now <= transaction.ends_at
+            and not transaction.received_count
+            and not transaction.prepared.is_broadcast
         ):
             found += ["reply"] + ["garble"] * rare
         found += ["open"] if not core.is_open else ["lose"]
         found += ["release"] if self.monitor.latched else ["latch"]
         found += ["remove"] if present else ["add"]
         found += ["hang"] * alive
-        queued = {job.token for lane in core.scheduler.queues for job in lane}
-        busy: set[Any] = queued | ({flight.prepared.token} if flight is not None else set())
+        queued = {prepared.token for queue in core.scheduler.queues for prepared in queue}
+        busy: set[Any] = queued | ({transaction.prepared.token} if transaction is not None else set())
         if present and core.is_open:
             found += ["read"] * (not busy)
             if "stop" not in busy and alive:
                 found += ["stop"] + ["lease"] * (self.subject.kind is CommandKind.JOG)
                 found += ["everyone"] * (rare and bool(self.subject.dialect.broadcast_stop()))
         if present and (self.command is None or self._command_is_void()):
-            found.append("wish")
+            found.append("create")
         if (
             self.held_permit is not None
             and len(self.permits) < slots
@@ -74,13 +217,13 @@ class GateState(ModelState):
         return bool(self._missing_for_command())
 
     def _missing_for_command(self) -> tuple[str, ...]:
-        """What the wish has lost for good."""
+        """Return the conditions that the command has lost for good."""
         assert self.model_command is not None
         old = self.now > self.model_command.made_at + self.subject.limit_s(RequestEffect.SETTING)
         return self.monitor.counts.missing_since(self.model_command.counts) + ("unexpired",) * old
 
     def frames_needing_permit(self) -> list[int]:
-        """Frames of the command that a permit can be asked for now; a stop needs none, and what follows follows."""
+        """Return the frames of the command that need a permit now."""
         if self.command is None or OUR_ADDRESS not in self.core.stations:
             return []
         places = range(len(self.subject.frames) if self._sequence_started else 1)
@@ -89,7 +232,7 @@ class GateState(ModelState):
     # --- what happens ------------------------------------------------------------------------------------------
 
     def apply(self, event: str) -> Self:
-        """The event, and all that the core does about it."""
+        """Apply an event and all commands of the core that follow from it."""
         self.subject.command_word = self.shadow
         word, _, rest = event.partition(" ")
         _EVENTS[word](self, rest)
@@ -98,7 +241,7 @@ class GateState(ModelState):
         return self
 
     def _merge_equivalent(self) -> None:
-        """What lacks two things can never come back, and a latch over nothing at all is as good as one set later."""
+        """Merge states with equal futures: a command that lacks two conditions, a start inhibit without any command."""
         if self.model_command is not None and len(self._missing_for_command()) > 1:
             self.command = self.model_command = self.held_permit = None
             self._sequence_started = False
@@ -110,17 +253,19 @@ class GateState(ModelState):
         ):
             self._latch("", False)
 
-    def grant(self, place: int, shown: PermissiveInputs, lacks: tuple[str, ...]) -> Self:
-        """The gate says yes to this combination."""
+    def grant(self, place: int, shown: PermissiveInputs, missing: tuple[str, ...]) -> Self:
+        """Grant a permit for this combination of inputs."""
         self.subject.command_word = self.shadow
         assert self.command is not None and self.model_command is not None
-        seen = gate_question.bus_snapshot(self.core, self.now)
-        permit = gate_question.request_permit(self.subject, self.command, place, seen, shown)
+        conditions = permissive_inputs.bus_snapshot(self.core, self.now)
+        permit = permissive_inputs.request_permit(self.subject, self.command, place, conditions, shown)
         assert permit is not None
         data = self.subject.dialect.codec.encode_request(self.subject.frames[place].request)
-        act = self.monitor.effect_of(data)
-        until = self.model_command.made_at + self.subject.limit_s(act)
-        self.held_permit = HeldPermit(permit, PermitRecord(data, act, until, self.model_command.counts, lacks), place)
+        effect = self.monitor.effect_of(data)
+        until = self.model_command.made_at + self.subject.limit_s(effect)
+        self.held_permit = HeldPermit(
+            permit, PermitRecord(data, effect, until, self.model_command.counts, missing), place
+        )
         return self
 
     def _step(self, _: str) -> None:
@@ -135,13 +280,13 @@ class GateState(ModelState):
         self.now = self.alarm
 
     def _suspend(self, _: str) -> None:
-        """The host stands still for longer than any command lives."""
+        """Let a time pass that is longer than any command is valid."""
         self.now += self.subject.limit_s(RequestEffect.SETTING) + 1.0
 
     def _reply(self, _: str, spoil: int = 0) -> None:
-        flight = self.core.transaction
-        assert flight is not None
-        data = bytearray(normal_reply(flight.prepared.request, flight.prepared.codec))
+        transaction = self.core.transaction
+        assert transaction is not None
+        data = bytearray(normal_reply(transaction.prepared.request, transaction.prepared.codec))
         data[-2] ^= spoil  # of the check, where there is one
         self._perform(self._own_core().on_data(bytes(data), self.now))
 
@@ -182,8 +327,8 @@ class GateState(ModelState):
         self._submit_request(BusRequest(address, request, RequestPriority.STOP, RetryPolicy.BROADCAST), "stop")
 
     def _make_command(self, _: str) -> None:
-        self.command = self.subject.talk.create_command(
-            self.subject.kind, gate_question.bus_snapshot(self.core, self.now)
+        self.command = self.subject.op.create_command(
+            self.subject.kind, permissive_inputs.bus_snapshot(self.core, self.now)
         )
         self.model_command, self.held_permit, self._sequence_started = (
             ModelCommand(self.now, self.monitor.counts),
@@ -192,32 +337,35 @@ class GateState(ModelState):
         )
 
     def _submit(self, _: str, raw: bool = False) -> None:
-        """As a conversation does it; ``raw``: as a program may that calls the bus itself and labels it at will."""
+        """Submit the frame of the held permit as an operation does; ``raw``: as a direct call of the bus with other
+        labels."""
         held = self.held_permit
         assert held is not None
         frame, slot = self.subject.frames[held.place], min({0, 1, 2} - set(self.permits))
-        ask = BusRequest(OUR_ADDRESS, frame.request, RequestPriority.PARAMETER, RetryPolicy.IDEMPOTENT, held.permit)
+        bus_request = BusRequest(
+            OUR_ADDRESS, frame.request, RequestPriority.PARAMETER, RetryPolicy.IDEMPOTENT, held.permit
+        )
         if not raw:
-            talking = self.subject.talk.transact(
+            operation = self.subject.op.transact(
                 frame.request, RequestPriority.COMMAND, frame.retry_policy, held.permit
             )
-            step: Any = next(talking)
-            talking.close()
-            ask = step
+            step: Any = next(operation)
+            operation.close()
+            bus_request = step
         self.permits[slot] = held.record
-        self._submit_request(ask, slot)
+        self._submit_request(bus_request, slot)
 
     def _submit_forged(self, _: str) -> None:
-        """Frames that act, under no permit or another's: each must be refused on the spot."""
+        """Submit acting frames without a permit or with a foreign one; the bus must reject each at once."""
         request = self.subject.frames[0].request
         permit = self.held_permit.permit if self.held_permit is not None and self.held_permit.place == 0 else None
-        asks = [
+        bus_requests = [
             ("a permit", BusRequest(OUR_ADDRESS, request, RequestPriority.COMMAND)),
             ("a permit", BusRequest(OUR_ADDRESS, request, RequestPriority.POLL)),
         ]
         if permit is not None:
             swapped = Effect.SETTING if permit.effect is Effect.MOTION else Effect.MOTION
-            asks += [
+            bus_requests += [
                 (
                     "permit for this station",
                     BusRequest(
@@ -238,12 +386,12 @@ class GateState(ModelState):
                 ),
             ]
         self._own_core().add_station(self.subject.other.station_config)
-        for slot, (what, ask) in enumerate(asks, FIRST_FORGED_SLOT):
-            data = self.subject.dialect.codec.encode_request(ask.request)
+        for slot, (what, bus_request) in enumerate(bus_requests, FIRST_FORGED_SLOT):
+            data = self.subject.dialect.codec.encode_request(bus_request.request)
             least = PermitRecord(data, self.monitor.effect_of(data), self.now, self.monitor.counts)
-            leave = least if permit is None or self.held_permit is None else self.held_permit.record
-            self.permits[slot] = replace(leave, data=data, missing=(*leave.missing, what))
-            self._submit_request(ask, slot)
+            record = least if permit is None or self.held_permit is None else self.held_permit.record
+            self.permits[slot] = replace(record, data=data, missing=(*record.missing, what))
+            self._submit_request(bus_request, slot)
         del self._own_core().stations[OTHER_ADDRESS]
 
     def _cancel(self, slot: str) -> None:
@@ -254,37 +402,41 @@ class GateState(ModelState):
 
     # --- the shell ---------------------------------------------------------------------------------------------
 
-    def _submit_request(self, ask: BusRequest, token: Any) -> None:
-        self._perform(self._own_core().submit(ask, token, self.now))
+    def _submit_request(self, bus_request: BusRequest, token: Any) -> None:
+        self._perform(self._own_core().submit(bus_request, token, self.now))
 
-    def _perform(self, acts: list[Deed]) -> None:
-        for act in acts:
-            if type(act) is Send:
-                self._on_transmit(act.data)
-        for act in acts:
-            if type(act) is SetTimer:
-                self.alarm = act.when
-            elif type(act) is DeliverResult:
-                self._on_done(act)
+    def _perform(self, commands: list[CoreCommand]) -> None:
+        for effect in commands:
+            if type(effect) is Send:
+                self._on_transmit(effect.data)
+        for effect in commands:
+            if type(effect) is SetTimer:
+                self.alarm = effect.when
+            elif type(effect) is DeliverResult:
+                self._on_done(effect)
 
     def _on_transmit(self, data: bytes) -> None:
-        act, slot, lacks = self.monitor.on_frame_sent(data, self.permits, self.now)
-        self.events.motion_frames += act is RequestEffect.MOTION
-        self.events.setting_frames += act is RequestEffect.SETTING
-        if lacks:
-            self.events.findings.append(f"{data.hex(' ')} left without: {', '.join(lacks)}")
+        effect, slot, missing = self.monitor.on_frame_sent(data, self.permits, self.now)
+        self.events.motion_frames += effect is RequestEffect.MOTION
+        self.events.setting_frames += effect is RequestEffect.SETTING
+        if missing:
+            self.events.findings.append(f"{data.hex(' ')} left without: {', '.join(missing)}")
         if slot is not None:
             self._sequence_started = self.model_command is not None and len(self.subject.frames) > 1
             self.permits[slot] = replace(self.permits[slot], frames_sent=min(3, self.permits[slot].frames_sent + 1))
 
     def _on_done(self, done: DeliverResult) -> None:
-        leave = self.permits.pop(done.token, None)
-        if leave is not None and (
-            not leave.frames_sent or isinstance(done.result.error, NotPermitted | Expired | Superseded)
+        record = self.permits.pop(done.token, None)
+        if record is not None and (
+            not record.frames_sent or isinstance(done.result.error, NotPermitted | Expired | Superseded)
         ):
-            self.events.refused.append(self.monitor.missing_for_frame(leave, self.now))
+            self.events.refused.append(self.monitor.missing_for_frame(record, self.now))
         if done.result.sent and done.token != "read":
             self.subject.dialect.on_sent(done.result.bus_request.request)
+
+
+def _reason(missing: tuple[str, ...]) -> str:
+    return missing[0] if len(missing) == 1 else "many" if missing else ""
 
 
 _EVENTS: dict[str, Callable[[GateState, str], None]] = {
@@ -293,20 +445,20 @@ _EVENTS: dict[str, Callable[[GateState, str], None]] = {
     "sleep": GateState._sleep,
     "hang": GateState._suspend,
     "reply": GateState._reply,
-    "garble": lambda world, rest: world._reply(rest, 1),
+    "garble": lambda state, rest: state._reply(rest, 1),
     "open": GateState._open,
     "lose": GateState._lose_port,
     "latch": GateState._latch,
-    "release": lambda world, rest: world._latch(rest, False),
+    "release": lambda state, rest: state._latch(rest, False),
     "remove": GateState._remove,
-    "add": lambda world, rest: world._add(rest),
+    "add": lambda state, rest: state._add(rest),
     "read": GateState._read,
     "stop": GateState._stop,
-    "lease": lambda world, rest: world._stop(rest, StopMode.JOG_STOP),
+    "lease": lambda state, rest: state._stop(rest, StopMode.JOG_STOP),
     "everyone": GateState._stop_all,
-    "wish": GateState._make_command,
+    "create": GateState._make_command,
     "submit": GateState._submit,
-    "raw": lambda world, rest: world._submit(rest, True),
+    "raw": lambda state, rest: state._submit(rest, True),
     "forge": GateState._submit_forged,
     "cancel": GateState._cancel,
 }

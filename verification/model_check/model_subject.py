@@ -1,8 +1,9 @@
-"""What the gate campaign is about: one model and one intent, with the real dialect, conversation and frames."""
+"""Subject of the model check: one drive model and one kind of command, on a grid of time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import floor
 from typing import Any
 
 from drivebus import profiles
@@ -16,43 +17,98 @@ from drivebus.drives.state import Direction
 from drivebus.drives.store import MemoryStore
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
+from drivebus.serial_settings import SerialSettings, StationTiming
 from drivebus.values import Reading
 from verification.model_check.permit_monitor import COMMAND_LIFETIMES_S
-from verification.model_check.time_grid import TimeGrid
 from verification.reference.request_effects import RequestEffect
+
+# --- time grid --------------------------------------------------------------------------------------------------------
+
+FINE_STEP_S = 2.0**-10
+"""Distance from a tick to the instant just after it, in seconds."""
+GRID_START_S = 4096.0
+"""Start time of the model, in seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeGrid:
+    """Grid of time, exact in binary: whole ticks, with ``fine`` also the instants just after them.
+
+    Every frame, reply, gap and quarantine takes one tick, so that all orders of events are finite. ``tick_s`` is a
+    power of two or a whole number.
+    """
+
+    tick_s: float
+    fine: bool = True
+
+    def after(self, now: float) -> float:
+        """Return the next instant."""
+        whole = floor(now / self.tick_s) * self.tick_s
+        return now + FINE_STEP_S if self.fine and now == whole else whole + self.tick_s
+
+    @property
+    def timing(self) -> StationTiming:
+        """Delays of a station on this grid."""
+        return StationTiming(
+            gap_characters=1.0,
+            reply_delay_s=0.0,
+            adapter_latency_s=0.0,
+            turnaround_s=self.tick_s,
+            max_reply_lateness_s=self.tick_s,
+        )
+
+
+class GridSerialSettings(SerialSettings):
+    """Serial settings in which any number of characters takes one tick."""
+
+    tick_s = 0.5
+    character_s = 0.0  # no station, no gap
+
+    def seconds(self, characters: float) -> float:
+        return self.tick_s if characters else 0.0
+
+
+def grid_serial_settings(grid: TimeGrid) -> SerialSettings:
+    """Return the serial settings of a grid."""
+    kind = type("Line", (GridSerialSettings,), {"tick_s": grid.tick_s})
+    made: SerialSettings = kind()
+    return made
+
+
+# --- subject ----------------------------------------------------------------------------------------------------------
 
 MODEL_NAMES = ("c320", "dzb100", "vc660", "df800")
 OUR_ADDRESS, OTHER_ADDRESS = 1, 2
-"""Two stations of the model: the one commanded, and one whose permits must not count."""
+"""Stations of the model: the commanded one, and one whose permits must not count."""
 START_FREQUENCY_HZ = {"dzb100": 0.5}
-"""Below the DZB100's cap; 20 Hz elsewhere."""
+"""Frequency of a start, in Hz: below the cap of the DZB100; 20 Hz elsewhere."""
 START_DIRECTION = {"vc660": Direction.REVERSE, "df800": None}
-"""Reverse where the direction is a level that every later word must repeat; DF800 takes none until it is proved."""
+"""Direction of a start: reverse where every later word must repeat it; none for the uncalibrated DF800."""
 
 
 @dataclass(slots=True)
 class ModelSubject:
-    """Shared by all states of one exploration; what changes in it (the levels a VC660 holds) is put back each time."""
+    """Objects that all states of one search share; the command word, which changes, is restored for each state."""
 
     model: str
     kind: CommandKind
     grid: TimeGrid
     dialect: Dialect
     other: Dialect
-    talk: OperationContext
+    op: OperationContext
     frames: tuple[CommandFrame, ...]
     foreign: Any
-    """The same request to the other station."""
+    """Same request to the other station."""
     permit_needs: dict[tuple[int, tuple[Any, ...]], bool] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         return f"{self.model}/{self.kind.value}"
 
-    def limit_s(self, act: RequestEffect) -> float:
-        """How long the wish lives for a frame that does this."""
+    def limit_s(self, effect: RequestEffect) -> float:
+        """Return how long the command is valid for a frame with this effect."""
         life_s = COMMAND_LIFETIMES_S[self.kind.value]
-        return min(life_s, COMMAND_LIFETIMES_S["start"]) if act is RequestEffect.MOTION else life_s
+        return min(life_s, COMMAND_LIFETIMES_S["start"]) if effect is RequestEffect.MOTION else life_s
 
     @property
     def command_word(self) -> tuple[Any, ...]:
@@ -66,7 +122,7 @@ class ModelSubject:
             word.levels, word._last_was_edge = held
 
     def needs_permit(self, place: int, shadow: tuple[Any, ...]) -> bool:
-        """Is this frame more than a stop to a drive that holds these levels? A stop needs no leave."""
+        """Return whether this frame needs a permit: whether it is more than a stop for a drive with these levels."""
         found = self.permit_needs.get((place, shadow))
         if found is None:
             self.command_word = shadow
@@ -75,25 +131,25 @@ class ModelSubject:
         return found
 
     def stop_request(self, how: StopMode) -> Any:
-        """The request that stops now."""
+        """Return the stop request."""
         return self.dialect.stop(how)[0]
 
 
 def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject:
-    """Raises what the dialect raises."""
+    """Build the subject of one model and command kind."""
     options = {"direction_calibrated": True} if model == "df800" and kind is CommandKind.JOG else {}
     ours, other = (
         create_dialect(profiles.load(model), address, options=options, timing=grid.timing)
         for address in (OUR_ADDRESS, OTHER_ADDRESS)
     )
-    talk = OperationContext(DriveContext(ours, EepromBudget(MemoryStore(), "lab/1")))
-    frames, foreign = _command_frames(ours, kind, talk), _command_frames(other, kind, talk)[0].request
-    return ModelSubject(model, kind, grid, ours, other, talk, frames, foreign)
+    op = OperationContext(DriveContext(ours, EepromBudget(MemoryStore(), "model/1")))
+    frames, foreign = _command_frames(ours, kind, op), _command_frames(other, kind, op)[0].request
+    return ModelSubject(model, kind, grid, ours, other, op, frames, foreign)
 
 
-def _command_frames(dialect: Dialect, kind: CommandKind, talk: OperationContext) -> tuple[CommandFrame, ...]:
+def _command_frames(dialect: Dialect, kind: CommandKind, op: OperationContext) -> tuple[CommandFrame, ...]:
     model = dialect.profile.model
-    word = talk.drive.check_frequency(START_FREQUENCY_HZ.get(model, 20.0))[0]
+    word = op.drive.check_frequency(START_FREQUENCY_HZ.get(model, 20.0))[0]
     if kind is CommandKind.START:
         return dialect.start(START_DIRECTION.get(model, Direction.FORWARD), word)
     if kind is CommandKind.JOG:
@@ -102,15 +158,15 @@ def _command_frames(dialect: Dialect, kind: CommandKind, talk: OperationContext)
 
 
 def _runs_forward() -> ReadingPairs:
-    """What a DZB100 that runs shows: its last command, read twice."""
-    book = ReadingPairs()
+    """Return the reading pairs of a running DZB100: its last command, read twice."""
+    pairs = ReadingPairs()
     for _ in range(2):
-        book.add({"command": Reading(1, raw=1)})
-    return book
+        pairs.add({"command": Reading(1, raw=1)})
+    return pairs
 
 
 def normal_reply(request: Any, codec: Any) -> bytes:
-    """The bytes of a station that does what it is told."""
+    """Return the reply of a station that executes the request."""
     reply: Any
     if isinstance(request, sunfar.SunfarControl | sunfar.ReadMonitor | sunfar.SunfarReadParameter):
         group, item = getattr(request, "group", 0), getattr(request, "item", 0)

@@ -1,7 +1,7 @@
-"""Every question that the gate can be asked: all combinations of what a drive and its line may have shown.
+"""Inputs of the motion gate: all combinations of what a drive and its bus may have shown.
 
-The evidence has no history: any combination may stand at any instant, so that every order of reading, checking and
-forgetting is covered. Asked is the real conversation (``Talk.permit``), with the bus's own surroundings.
+Any combination may hold at any instant, which covers every order of readings and checks. The permit comes from the real
+operation with the bus's own conditions.
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import BusError, StartInhibited
 from drivebus.values import Reading, Text
-from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject
+from verification.model_check.model_subject import FINE_STEP_S, OUR_ADDRESS, ModelSubject
 from verification.model_check.permit_monitor import (
     DAMAGE_COUNT_MIN,
     DAMAGE_RATE_MAX,
     EVIDENCE_MAX_AGE_S,
     FAMILY_DAMAGE_RATE_MAX,
 )
-from verification.model_check.time_grid import FINE_STEP_S
 from verification.reference.request_effects import RequestEffect
 
 NO_TEXT = Text("", "")
@@ -46,26 +45,26 @@ EVIDENCE_AGES_S = {
 
 @dataclass(frozen=True, slots=True)
 class PermissiveInputs:
-    """One combination."""
+    """One combination of inputs."""
 
     age: str = "fresh"
     state: DriveState = DriveState.STOPPED
     limits: bool = True
     preflight: str = "passed"
     foreign: bool | None = False
-    """None: as the bus itself says; so the next."""
+    """None: as the bus itself reports; ``duplicate`` alike."""
     duplicate: bool | None = False
     rate: float = 0.0
     damaged: int = 0
 
 
 def all_permissives_met(subject: ModelSubject) -> PermissiveInputs:
-    """Everything in order."""
+    """Return the inputs with which every permissive is met."""
     return PermissiveInputs(state=DriveState.RUNNING if subject.kind is CommandKind.SETPOINT else DriveState.STOPPED)
 
 
 def input_combinations(subject: ModelSubject, small: bool) -> Iterator[PermissiveInputs]:
-    """All of them; ``small``: one representative for what is refused alike."""
+    """Yield all combinations; ``small``: one of those that are refused alike."""
     best = all_permissives_met(subject).state
     wrong = DriveState.STOPPED if best is DriveState.RUNNING else DriveState.RUNNING
     limit = FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
@@ -80,12 +79,12 @@ def input_combinations(subject: ModelSubject, small: bool) -> Iterator[Permissiv
         yield PermissiveInputs(age, state, limits, preflight, foreign, duplicate, rate, damaged)
 
 
-def missing_permissives(subject: ModelSubject, act: RequestEffect, shown: PermissiveInputs) -> tuple[str, ...]:
-    """What is missing in the evidence for this frame, by the rulings (4, 12; RELIABILITY 4 and 6.4)."""
+def missing_permissives(subject: ModelSubject, effect: RequestEffect, shown: PermissiveInputs) -> tuple[str, ...]:
+    """Return the permissives that these inputs do not meet for a frame with this effect."""
     found: list[tuple[str, bool | None]] = [("no foreign master", shown.foreign), ("no duplicate", shown.duplicate)]
     if subject.kind is not CommandKind.RESET:
         found.append(("limits checked", not shown.limits))
-    if act is RequestEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
+    if effect is RequestEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
         bad = (
             shown.rate > FAMILY_DAMAGE_RATE_MAX.get(subject.model, DAMAGE_RATE_MAX)
             and shown.damaged >= DAMAGE_COUNT_MIN
@@ -101,7 +100,7 @@ def missing_permissives(subject: ModelSubject, act: RequestEffect, shown: Permis
 
 
 class CoreBusView:
-    """The bus as ``surroundings`` sees it."""
+    """Bus as ``bus_conditions`` sees it."""
 
     def __init__(self, core: BusCore, now: float) -> None:
         self.core, self._now = core, now
@@ -121,31 +120,31 @@ class CoreBusView:
 
 
 def bus_snapshot(core: BusCore, now: float) -> BusConditions:
-    """What the bus knows now, by the function that real drives use."""
+    """Return the conditions of the bus, by the function that real drives use."""
     view: Any = CoreBusView(core, now)
     return bus_conditions(view, OUR_ADDRESS)
 
 
 def request_permit(
-    subject: ModelSubject, command: DriveCommand, place: int, seen: BusConditions, shown: PermissiveInputs
+    subject: ModelSubject, command: DriveCommand, place: int, bus_state: BusConditions, shown: PermissiveInputs
 ) -> Permit | None:
-    """The real gate's answer."""
-    talk, now = subject.talk, seen.now
-    talk.derived, talk.limits_checked = DerivedState(shown.state), shown.limits
-    talk.drive.preflight = CHECK_RESULTS[shown.preflight]
-    talk.reading_pairs.clear()
+    """Return the permit of the real gate; None where it refuses."""
+    op, now = subject.op, bus_state.now
+    op.derived, op.limits_checked = DerivedState(shown.state), shown.limits
+    op.drive.preflight = CHECK_RESULTS[shown.preflight]
+    op.reading_pairs.clear()
     age = EVIDENCE_AGES_S[shown.age]
     if age is not None:
         names = subject.dialect.state_names
-        talk.reading_pairs.add({n: Reading(1, source_time=now - (age if n == names[-1] else 0.0)) for n in names})
-    world = replace(
-        seen,
-        foreign_master=seen.foreign_master if shown.foreign is None else shown.foreign,
-        duplicate=seen.duplicate if shown.duplicate is None else shown.duplicate,
+        op.reading_pairs.add({n: Reading(1, source_time=now - (age if n == names[-1] else 0.0)) for n in names})
+    conditions = replace(
+        bus_state,
+        foreign_master=bus_state.foreign_master if shown.foreign is None else shown.foreign,
+        duplicate=bus_state.duplicate if shown.duplicate is None else shown.duplicate,
         error_rate=shown.rate,
         failures=shown.damaged,
     )
     try:
-        return run_pure(talk.request_permit(command, subject.frames[place]), lambda _: world)
+        return run_pure(op.request_permit(command, subject.frames[place]), lambda _: conditions)
     except (StartInhibited, BusError):
         return None

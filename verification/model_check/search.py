@@ -1,4 +1,4 @@
-"""Breadth first through every state of one model and intent; each state is taken up once, each event tried in it."""
+"""Breadth-first search of the states of one model and command kind; every event is tried once in each state."""
 
 from __future__ import annotations
 
@@ -8,45 +8,45 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
-from verification.model_check import permissive_inputs as gate_question
+from verification.model_check import permissive_inputs as permissive_inputs
 from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import ModelSubject
 from verification.model_check.permissive_inputs import PermissiveInputs
 
 MAX_REPORTED_FINDINGS = 500
-"""States between two words of progress."""
+"""States between two calls of ``progress``."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchDomain:
-    """How far it goes."""
+    """Domain of a search."""
 
     slots: int = 1
-    """Frames submitted and not yet answered, at a time."""
+    """Frames submitted and not answered at a time."""
     rare: bool = True
-    """With spoiled replies, broadcast stops and cancelled asks."""
+    """Whether damaged replies, broadcast stops and cancelled requests occur."""
     small: bool = False
-    """The gate's questions without those that only repeat another one."""
+    """Whether equivalent combinations of inputs are left out."""
     without: frozenset[str] = frozenset()
-    """Events that are left out."""
+    """Events left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class PermitDecision:
-    """What the gate makes of every combination in one situation."""
+    """Decisions of the gate on every combination of inputs in one situation."""
 
     combinations: int
     sole_reasons: frozenset[str]
-    """Each thing that was the only one missing for some combination, which was refused."""
+    """Conditions that were the only missing one of a refused combination."""
     granted: tuple[tuple[PermissiveInputs, tuple[str, ...]], ...]
-    """One combination of each sort that was granted, with what it lacks."""
+    """One granted combination for each set of missing conditions."""
     is_wrong: bool
-    """It refused something of which nothing was missing."""
+    """Whether a combination with nothing missing was refused."""
 
 
 @dataclass(slots=True)
 class SearchResult:
-    """What came of it."""
+    """Result of a search."""
 
     states: int = 0
     edges: int = 0
@@ -61,12 +61,12 @@ class SearchResult:
 
 
 class StateSearch:
-    """One exploration."""
+    """Search of one subject in one domain."""
 
     def __init__(
-        self, subject: ModelSubject, domain: SearchDomain, limit: int, world: type[GateState] = GateState
+        self, subject: ModelSubject, domain: SearchDomain, limit: int, state: type[GateState] = GateState
     ) -> None:
-        self.subject, self.domain, self.limit, self._world = subject, domain, limit, world
+        self.subject, self.domain, self.limit, self._state_class = subject, domain, limit, state
         self.found = SearchResult()
         self._known: dict[bytes, int] = {}
         self._predecessors: list[tuple[int, str]] = []
@@ -77,13 +77,13 @@ class StateSearch:
         self._state_digest = 0
 
     def initial_state(self) -> GateState:
-        """The state in which everything begins."""
-        return self._world(self.subject)
+        """Return the initial state."""
+        return self._state_class(self.subject)
 
     def run(self, progress: Callable[[int], None] = lambda states: None, *, first: bool = False) -> SearchResult:
-        """Until nothing new is found, or ``limit`` states were; ``first``: or something is wrong.
+        """Search until no new state is found or ``limit`` is reached; ``first``: until the first finding.
 
-        ``progress`` is told of states taken up.
+        ``progress`` is called with the number of states expanded.
         """
         self._add_state(self.initial_state(), -1, "", 0)
         done = 0
@@ -97,55 +97,55 @@ class StateSearch:
 
     @property
     def digest(self) -> str:
-        """Of the set of states, in whatever order they were found."""
+        """Digest of the set of states, independent of their order."""
         return f"{self._state_digest:032x}"
 
-    def _expand(self, number: int, depth: int, world: GateState) -> None:
+    def _expand(self, number: int, depth: int, state: GateState) -> None:
         self.found.depth = depth
-        gate_alone: set[str] = set()
-        self._refused_by_permissives_only = gate_alone
-        alone: set[str] = set()
-        self._check_forged(world, number, depth, alone)
-        for event in world.possible_events(self.domain.slots, self.domain.rare):
+        sole_permissives: set[str] = set()
+        self._refused_by_permissives_only = sole_permissives
+        sole_reasons: set[str] = set()
+        self._check_forged(state, number, depth, sole_reasons)
+        for event in state.possible_events(self.domain.slots, self.domain.rare):
             if event in self.domain.without:
                 continue
-            self._check_transition(world.copy().apply(event), number, event, depth, alone)
-        for place in world.frames_needing_permit():
-            decision = self._decide(world, place)
-            gate_alone |= decision.sole_reasons
-            for shown, lacks in decision.granted:
-                event = f"grant {place}" + (f" without {', '.join(lacks)}" if lacks else "")
-                self._check_transition(world.copy().grant(place, shown, lacks), number, event, depth, alone)
+            self._check_transition(state.copy().apply(event), number, event, depth, sole_reasons)
+        for place in state.frames_needing_permit():
+            decision = self._decide(state, place)
+            sole_permissives |= decision.sole_reasons
+            for shown, missing in decision.granted:
+                event = f"grant {place}" + (f" without {', '.join(missing)}" if missing else "")
+                self._check_transition(state.copy().grant(place, shown, missing), number, event, depth, sole_reasons)
             if decision.is_wrong:
                 self.found.findings.append(f"refused with everything in order: {self._path(number)}")
-        self.found.refused_by_permissives_only.update(gate_alone)
-        self.found.refused_by_bus_only.update(alone)
+        self.found.refused_by_permissives_only.update(sole_permissives)
+        self.found.refused_by_bus_only.update(sole_reasons)
 
-    def _check_transition(self, after: GateState, number: int, event: str, depth: int, alone: set[str]) -> None:
-        seen = after.events
+    def _check_transition(self, after: GateState, number: int, event: str, depth: int, sole_reasons: set[str]) -> None:
+        events = after.events
         self.found.edges += 1
-        self.found.moved += seen.motion_frames
-        self.found.acted += seen.setting_frames
-        alone.update(lacks[0] for lacks in seen.refused if len(lacks) == 1)
-        self._refused_by_permissives_only.update(lacks[0] for lacks in seen.denied if len(lacks) == 1)
-        self.found.findings += [f"{what}: {self._path(number)} > {event}" for what in seen.findings]
+        self.found.moved += events.motion_frames
+        self.found.acted += events.setting_frames
+        sole_reasons.update(missing[0] for missing in events.refused if len(missing) == 1)
+        self._refused_by_permissives_only.update(missing[0] for missing in events.denied if len(missing) == 1)
+        self.found.findings += [f"{what}: {self._path(number)} > {event}" for what in events.findings]
         self._add_state(after, number, event, depth + 1)
 
-    def _check_forged(self, world: GateState, number: int, depth: int, alone: set[str]) -> None:
-        """Asks that nobody granted: refused on the spot, which changes nothing and is the same in each situation."""
-        situation = world.core.is_open, world.monitor.present, world.monitor.latched, world.held_permit_key()
+    def _check_forged(self, state: GateState, number: int, depth: int, sole_reasons: set[str]) -> None:
+        """Check that requests without a granted permit are rejected at once, alike in each situation."""
+        situation = state.core.is_open, state.monitor.present, state.monitor.latched, state.held_permit_key()
         found = self._refused.get(situation)
         if found is None:
-            after = world.copy().apply("forge")
+            after = state.copy().apply("forge")
             if after.check_forged_refused or after.events.findings:
-                return self._check_transition(after, number, "forge", depth, alone)
-            found = self._refused[situation] = [lacks[0] for lacks in after.events.refused if len(lacks) == 1]
+                return self._check_transition(after, number, "forge", depth, sole_reasons)
+            found = self._refused[situation] = [missing[0] for missing in after.events.refused if len(missing) == 1]
         self.found.edges += 1
-        alone.update(found)
+        sole_reasons.update(found)
         return None
 
-    def _add_state(self, world: GateState, number: int, event: str, depth: int) -> None:
-        key = blake2b(marshal.dumps(world.state_key(), 2), digest_size=16).digest()
+    def _add_state(self, state: GateState, number: int, event: str, depth: int) -> None:
+        key = blake2b(marshal.dumps(state.state_key(), 2), digest_size=16).digest()
         if key in self._known:
             return
         if len(self._known) >= self.limit:
@@ -153,46 +153,48 @@ class StateSearch:
             return
         self._known[key] = len(self._predecessors)
         self._predecessors.append((number, event))
-        self._queue.append((len(self._predecessors) - 1, depth, world))
+        self._queue.append((len(self._predecessors) - 1, depth, state))
         self.found.states += 1
         self._state_digest ^= int.from_bytes(key)
 
     def _path(self, number: int) -> str:
-        """The shortest way there."""
+        """Return the shortest path to a state."""
         events: list[str] = []
         while number > 0:
             number, event = self._predecessors[number]
             events.append(event)
         return f"{self.subject.name}: " + " > ".join(reversed(events))
 
-    def _decide(self, world: GateState, place: int) -> PermitDecision:
-        """Asked once for each situation: all else that the gate looks at is in the combination."""
-        situation = world.command_key(), world.monitor.latched, world.shadow, place
+    def _decide(self, state: GateState, place: int) -> PermitDecision:
+        """Return the decisions of the gate, computed once for each situation."""
+        situation = state.command_key(), state.monitor.latched, state.shadow, place
         found = self._decisions.get(situation)
         if found is None:
-            found = self._decisions[situation] = decide_permit(self.subject, world, place, self.domain.small)
+            found = self._decisions[situation] = decide_permit(self.subject, state, place, self.domain.small)
             self.found.decisions += found.combinations
         return found
 
 
-def decide_permit(subject: ModelSubject, world: GateState, place: int, small: bool) -> PermitDecision:
-    """Ask the gate everything."""
-    assert world.command is not None and world.model_command is not None
-    subject.command_word = world.shadow
-    seen = gate_question.bus_snapshot(world.core, world.now)
+def decide_permit(subject: ModelSubject, state: GateState, place: int, small: bool) -> PermitDecision:
+    """Let the gate decide on every combination of inputs."""
+    assert state.command is not None and state.model_command is not None
+    subject.command_word = state.shadow
+    events = permissive_inputs.bus_snapshot(state.core, state.now)
     data = subject.dialect.codec.encode_request(subject.frames[place].request)
-    act = world.monitor.effect_of(data)
-    of_wish = world.monitor.missing_for_permit(world.model_command, subject.limit_s(act), world.now)
-    asked, wronged = 0, False
-    alone: set[str] = set()
-    yes: dict[tuple[str, ...], PermissiveInputs] = {}
-    for shown in gate_question.input_combinations(subject, small):
-        asked += 1
-        lacks = (*of_wish, *gate_question.missing_permissives(subject, act, shown))
-        permit = gate_question.request_permit(subject, world.command, place, seen, shown)
+    effect = state.monitor.effect_of(data)
+    missing_command = state.monitor.missing_for_permit(state.model_command, subject.limit_s(effect), state.now)
+    combinations, is_wrong = 0, False
+    sole_reasons: set[str] = set()
+    granted: dict[tuple[str, ...], PermissiveInputs] = {}
+    for shown in permissive_inputs.input_combinations(subject, small):
+        combinations += 1
+        missing = (*missing_command, *permissive_inputs.missing_permissives(subject, effect, shown))
+        permit = permissive_inputs.request_permit(subject, state.command, place, events, shown)
         if permit is not None:
-            yes.setdefault(lacks, shown)
-        elif len(lacks) == 1:
-            alone.add(lacks[0])
-        wronged = wronged or (permit is None and not lacks)
-    return PermitDecision(asked, frozenset(alone), tuple((shown, lacks) for lacks, shown in yes.items()), wronged)
+            granted.setdefault(missing, shown)
+        elif len(missing) == 1:
+            sole_reasons.add(missing[0])
+        is_wrong = is_wrong or (permit is None and not missing)
+    return PermitDecision(
+        combinations, frozenset(sole_reasons), tuple((shown, missing) for missing, shown in granted.items()), is_wrong
+    )

@@ -92,30 +92,30 @@ class Dzb100Reference:
 
     # --- reading ----------------------------------------------------------------------------------------------------
 
-    def decode_reply(self, sent: bytes, got: bytes) -> dict[str, Any] | None:
+    def decode_reply(self, sent: bytes, received: bytes) -> dict[str, Any] | None:
         """Return what the reply to this request means by the manual's letter; None where it knows no such reply."""
-        kind, b = KINDS[sent[0]], got[2] if len(got) > 2 else 0
+        kind, b = KINDS[sent[0]], received[2] if len(received) > 2 else 0
         known = b & 15 in COMMANDS if kind == "control" else b in (RIGHT, WRONG)
-        if len(got) != FRAME_SIZE or not known or not _echoes(sent, got):
+        if len(received) != FRAME_SIZE or not known or not _echoes(sent, received):
             return None
-        number, data = int(got[5:7]), int(got[7:11], 16)
+        number, data = int(received[5:7]), int(received[7:11], 16)
         result = {RIGHT: "right", WRONG: "wrong"}.get(b, b % 16)
-        meaning = {"kind": kind, "address": int(got[3:5]), "number": number, "result": result, "data": data}
+        meaning = {"kind": kind, "address": int(received[3:5]), "number": number, "result": result, "data": data}
         if kind == "query" and number == 3 and b == RIGHT:
-            fault = got[9:11].decode()
+            fault = received[9:11].decode()
             if data >> 12 not in COMMANDS or fault not in FAULTS:
                 return None  # NN = 03: A is the run command, 0 to 8; CD is 00 to 20
             meaning |= {"command": data >> 12, "state_digit": data >> 8 & 15, "fault_code": FAULTS.index(fault)}
         return meaning
 
-    def accepted_size(self, sent: bytes, got: bytes) -> int | None:
+    def accepted_size(self, sent: bytes, received: bytes) -> int | None:
         """Return 11 where ``got`` begins with a reply to ``sent`` (or, with nothing sent, with a request); else None.
 
         What a state word says is not read here.
         """
-        if len(got) < FRAME_SIZE or not _has_valid_digits(got):
+        if len(received) < FRAME_SIZE or not _has_valid_digits(received):
             return None
-        accepted = _is_marked_reply(got) and _echoes(sent, got) if sent else _is_request(got)
+        accepted = _is_marked_reply(received) and _echoes(sent, received) if sent else _is_request(received)
         return FRAME_SIZE if accepted else None
 
     def is_well_formed(self, frame: bytes) -> bool:
@@ -132,29 +132,29 @@ class Dzb100Reference:
         return tuple(FrameShape(one, range(0), "none") for one in places)
 
 
-def _has_valid_digits(got: bytes) -> bool:
-    if got[0] not in KINDS or got[1] != CONSTANT:
+def _has_valid_digits(received: bytes) -> bool:
+    if received[0] not in KINDS or received[1] != CONSTANT:
         return False
-    return all(digit in DECIMAL for digit in got[3:7]) and all(digit in DIGITS for digit in got[7:11])
+    return all(digit in DECIMAL for digit in received[3:7]) and all(digit in DIGITS for digit in received[7:11])
 
 
-def _is_request(got: bytes) -> bool:
-    known = got[2] == TO_ONE or (got[2] == TO_ALL and got[0] == HEADS["control"])
-    return known and got[3:5] <= b"31" and (got[0] != HEADS["control"] or got[6] <= ord("8"))
+def _is_request(received: bytes) -> bool:
+    known = received[2] == TO_ONE or (received[2] == TO_ALL and received[0] == HEADS["control"])
+    return known and received[3:5] <= b"31" and (received[0] != HEADS["control"] or received[6] <= ord("8"))
 
 
-def _is_marked_reply(got: bytes) -> bool:
-    return got[2] in (RIGHT, WRONG) or (got[0] == HEADS["control"] and got[2] in ACCEPTED_STATES)
+def _is_marked_reply(received: bytes) -> bool:
+    return received[2] in (RIGHT, WRONG) or (received[0] == HEADS["control"] and received[2] in ACCEPTED_STATES)
 
 
-def _echoes(sent: bytes, got: bytes) -> bool:
+def _echoes(sent: bytes, received: bytes) -> bool:
     """Return whether a reply repeats head, address, number and, where something was set and not rejected, the data.
 
     A broadcast has no reply (section 2).
     """
-    if sent[2] == TO_ALL or not _has_valid_digits(got) or got[0] != sent[0] or got[3:7] != sent[3:7]:
+    if sent[2] == TO_ALL or not _has_valid_digits(received) or received[0] != sent[0] or received[3:7] != sent[3:7]:
         return False
-    return got[2] == WRONG or KINDS[got[0]] in ("read", "query") or got[7:11] == sent[7:11]
+    return received[2] == WRONG or KINDS[received[0]] in ("read", "query") or received[7:11] == sent[7:11]
 
 
 def _reply_places(sent: bytes) -> tuple[Bytes, ...]:

@@ -1,4 +1,5 @@
-"""Modbus RTU and ASCII, judged (Application Protocol V1.1b3, 6 and 7; Serial Line V1.02; DF800's frame tables)."""
+"""Modbus RTU and ASCII, read a second time (Application Protocol V1.1b3, 6 and 7; Serial Line V1.02; DF800's frame
+tables)."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from functools import cache
 from verification.reference.frame_shapes import ANY, Bytes, FrameShape, literal_places
 
 READ_LIMITS = {1: 2000, 2: 2000, 3: 125, 4: 125}
-"""Function → most bits or registers of one read."""
+"""Function → largest number of bits or registers of one read."""
 WRITE_LIMITS = {15: 1968, 16: 123}
 EXCEPTIONS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11)
 FIXED_LENGTH_FUNCTIONS = (1, 2, 3, 4, 5, 6, 8)
@@ -19,7 +20,7 @@ DIGITS = b"0123456789ABCDEF"
 
 
 def reference_crc(octets: bytes) -> int:
-    """CRC-16 as the standard's appendix B describes it, bit by bit."""
+    """Return the CRC-16 of the standard's appendix B, bit by bit."""
     register = 0xFFFF
     for octet in octets:
         register ^= octet
@@ -42,7 +43,8 @@ def _sealed_ascii(octets: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class ModbusReference:
-    """``short``: DF800's error form counts. ``resync``: so much junk may stand before ':' of an ASCII frame."""
+    """Reference codec. ``short``: the DF800's short error is valid; ``resync``: junk bytes allowed before ':' of an
+    ASCII frame."""
 
     encoding: str
     short: bool = False
@@ -52,63 +54,70 @@ class ModbusReference:
 
     @property
     def address(self) -> slice:
-        """Where a frame has its address."""
+        """Place of the address in a frame."""
         return slice(0, 1) if self.encoding == "rtu" else slice(1, 3)
 
-    def accepted_size(self, sent: bytes, got: bytes) -> int | None:
-        """How many bytes of ``got`` are the reply to ``sent`` (or, with nothing sent, a request); None: nothing is."""
+    def accepted_size(self, sent: bytes, received: bytes) -> int | None:
+        """Return how many bytes of ``received`` are the reply to ``sent`` (or, with nothing sent, a request); None:
+        none."""
         if self.encoding == "rtu":
-            return self._rtu_size(sent[:-2], got)
-        junk = got[: self.resync + 1].find(b":")
+            return self._rtu_size(sent[:-2], received)
+        junk = received[: self.resync + 1].find(b":")
         if junk < 0:
             return None
-        size = self._ascii_size(_octets(sent[1:-4]) or b"", got[junk:])
+        size = self._ascii_size(_octets(sent[1:-4]) or b"", received[junk:])
         return None if size is None else junk + size
 
     def is_well_formed(self, frame: bytes) -> bool:
-        """Marks, digits and check are right, whatever the octets say."""
+        """Return whether marks, digits and check are right; the octets may hold anything."""
         if self.encoding == "rtu":
             return reference_crc(frame) == 0
         octets = _octets(frame[1:-2]) if frame[:1] == b":" and frame[-2:] == b"\r\n" else None
         return octets is not None and sum(octets) % 256 == 0
 
     def reseal(self, frame: bytes) -> bytes:
-        """The frame with its check right; as it is where it has no room for one."""
+        """Return the frame with a correct check; unchanged where it is too short."""
         if self.encoding == "rtu":
             return _sealed_rtu(frame[:-2]) if len(frame) > 2 else frame
         octets = _octets(frame[1:-4])
         return frame if octets is None else _sealed_ascii(octets)
 
-    def _rtu_size(self, asked: bytes, got: bytes) -> int | None:
-        for octets in self._extents(asked, got):
+    def _rtu_size(self, request: bytes, received: bytes) -> int | None:
+        for octets in self._extents(request, received):
             size = octets + 2
-            if len(got) >= size and got[octets:size] == reference_crc(got[:octets]).to_bytes(2, "little"):
-                if size == 5 and asked[1] == got[1] in (5, 6, 8, 15, 16) and self._echo_begins(asked, got):
+            if len(received) >= size and received[octets:size] == reference_crc(received[:octets]).to_bytes(
+                2, "little"
+            ):
+                if (
+                    size == 5
+                    and request[1] == received[1] in (5, 6, 8, 15, 16)
+                    and self._echo_begins(request, received)
+                ):
                     continue  # With more after them they are the echo's first five, or nothing
                 return size
         return None
 
-    def _echo_begins(self, asked: bytes, got: bytes) -> bool:
-        return len(got) > 5 and _sealed_rtu(asked[:6])[:5] == got[:5]
+    def _echo_begins(self, request: bytes, received: bytes) -> bool:
+        return len(received) > 5 and _sealed_rtu(request[:6])[:5] == received[:5]
 
-    def _ascii_size(self, asked: bytes, got: bytes) -> int | None:
-        head = _octets(got[1:15]) or _octets(got[1:13]) or _octets(got[1:7]) or b""
-        for extent in self._extents(asked, head):
+    def _ascii_size(self, request: bytes, received: bytes) -> int | None:
+        head = _octets(received[1:15]) or _octets(received[1:13]) or _octets(received[1:7]) or b""
+        for extent in self._extents(request, head):
             size = 2 * extent + 5
-            octets = _octets(got[1 : size - 2])
-            if len(got) >= size and got[size - 2 : size] == b"\r\n" and octets and sum(octets) % 256 == 0:
-                whole = list(self._extents(asked, octets[:-1]))
+            octets = _octets(received[1 : size - 2])
+            if len(received) >= size and received[size - 2 : size] == b"\r\n" and octets and sum(octets) % 256 == 0:
+                whole = list(self._extents(request, octets[:-1]))
                 return size if extent in whole else None
         return None
 
-    def _extents(self, asked: bytes, got: bytes) -> Iterator[int]:
-        """Every length that these octets may have, if their check is right."""
-        if len(got) < 3:
+    def _extents(self, request: bytes, received: bytes) -> Iterator[int]:
+        """Return every length that these octets may have if their check is right."""
+        if len(received) < 3:
             return iter(())
-        return _reply_extents(asked, got, self.short) if asked else _request_extents(got)
+        return _reply_extents(request, received, self.short) if request else _request_extents(received)
 
     def shapes(self, sent: bytes) -> tuple[FrameShape, ...]:
-        """All lawful frames."""
+        """Return the shapes of all valid replies to ``sent``, or of all valid requests."""
         if self.encoding == "rtu":
             return tuple(
                 FrameShape((*octets, ANY, ANY), range(len(octets), len(octets) + 2), "crc")
@@ -122,12 +131,12 @@ class ModbusReference:
         places = (*literal_places(b":"), *text, digit, digit, *literal_places(b"\r\n"))
         return FrameShape(places, range(len(text) + 1, len(text) + 3))
 
-    def _octet_forms(self, asked: bytes) -> Iterator[tuple[Bytes, ...]]:
-        yield from _reply_forms(asked, self.short) if asked else _request_forms()
+    def _octet_forms(self, request: bytes) -> Iterator[tuple[Bytes, ...]]:
+        yield from _reply_forms(request, self.short) if request else _request_forms()
 
 
 def _octets(digits: bytes) -> bytes | None:
-    """The octets that upper-case digits write; None for anything else."""
+    """Return the octets that upper-case digits represent; None for anything else."""
     if len(digits) % 2 or any(digit not in DIGITS for digit in digits):
         return None
     return bytes(
@@ -144,46 +153,46 @@ def _number(octets: bytes) -> int:
     return octets[0] * 256 + octets[1]
 
 
-def _reply_extents(asked: bytes, got: bytes, short: bool) -> Iterator[int]:
-    if got[0] != asked[0] or not asked[0]:
+def _reply_extents(request: bytes, received: bytes, short: bool) -> Iterator[int]:
+    if received[0] != request[0] or not request[0]:
         return
-    function = asked[1]
-    if got[1] == function + 128 and got[2] in EXCEPTIONS:
+    function = request[1]
+    if received[1] == function + 128 and received[2] in EXCEPTIONS:
         yield 3
-    if got[1] != function:
+    if received[1] != function:
         return
-    if short and got[2] == 0:
+    if short and received[2] == 0:
         yield 3
     if function in READ_LIMITS:
-        count = _number(asked[4:6])
+        count = _number(request[4:6])
         octets = 2 * count if function in (3, 4) else (count + 7) // 8
         padding = count % 8 if function in (1, 2) else 0
-        if got[2] == octets and not (padding and len(got) >= 3 + octets and got[2 + octets] >> padding):
+        if received[2] == octets and not (padding and len(received) >= 3 + octets and received[2 + octets] >> padding):
             yield 3 + octets
-    elif got[:6] == asked[:6]:
+    elif received[:6] == request[:6]:
         yield 6
 
 
-def _reply_forms(asked: bytes, short: bool) -> Iterator[tuple[Bytes, ...]]:
-    address, function = literal_places(asked[:1])[0], asked[1]
-    if not asked[0]:
+def _reply_forms(request: bytes, short: bool) -> Iterator[tuple[Bytes, ...]]:
+    address, function = literal_places(request[:1])[0], request[1]
+    if not request[0]:
         return
     yield address, frozenset((function + 128,)), frozenset(EXCEPTIONS)
     if short:
         yield address, *literal_places(bytes((function, 0)))
     if function in READ_LIMITS:
-        count = _number(asked[4:6])
+        count = _number(request[4:6])
         octets = 2 * count if function in (3, 4) else (count + 7) // 8
-        yield (*literal_places(asked[:2]), *literal_places(bytes((octets,))), *(ANY,) * octets)
+        yield (*literal_places(request[:2]), *literal_places(bytes((octets,))), *(ANY,) * octets)
     else:
-        yield literal_places(asked[:6])
+        yield literal_places(request[:6])
 
 
-def _request_extents(got: bytes) -> Iterator[int]:
-    address, function = got[0], got[1]
-    if address > 247 or len(got) < 6:
+def _request_extents(received: bytes) -> Iterator[int]:
+    address, function = received[0], received[1]
+    if address > 247 or len(received) < 6:
         return
-    register, word = _number(got[2:4]), _number(got[4:6])
+    register, word = _number(received[2:4]), _number(received[4:6])
     fits = word >= 1 and register + word <= 65536
     if (
         (function in READ_LIMITS and fits and word <= READ_LIMITS[function])
@@ -192,10 +201,10 @@ def _request_extents(got: bytes) -> Iterator[int]:
         or (function == 8 and register == 0)
     ):
         yield 6
-    elif function in WRITE_LIMITS and fits and word <= WRITE_LIMITS[function] and len(got) > 6:
+    elif function in WRITE_LIMITS and fits and word <= WRITE_LIMITS[function] and len(received) > 6:
         octets = 2 * word if function == 16 else (word + 7) // 8
         padding = word % 8 if function == 15 else 0
-        if got[6] == octets and not (padding and len(got) >= 7 + octets and got[6 + octets] >> padding):
+        if received[6] == octets and not (padding and len(received) >= 7 + octets and received[6 + octets] >> padding):
             yield 7 + octets
 
 

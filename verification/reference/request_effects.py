@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 
+from verification.drive_variants import DriveVariant
+
 
 class RequestEffect(StrEnum):
     """Effect on a drive that executes the request."""
@@ -200,3 +202,52 @@ _WORST: Mapping[str, Callable[[bytes, int], RequestEffect]] = {
     "vc660": _worst_vc660,
     "df800": _worst_df800,
 }
+
+
+# --- fields of frames -------------------------------------------------------------------------------------------------
+
+
+def c320_field(kind: DriveVariant, frame: bytes, first: int, width: int) -> int:
+    """Return a number of ``width`` characters, in hex frames of ``width`` bytes (C320 2.4)."""
+    part = frame[first : first + width]
+    return int(part, 16) if kind.encoding == "ascii" else int.from_bytes(part)
+
+
+def is_sync_probe(kind: DriveVariant, frame: bytes) -> bool:
+    """Return whether a request is a sync probe.
+
+    C320: class 2 with a group; DZB100: R; VC660: function 08; DF800: a read of two registers, which no other request
+    uses.
+    """
+    if kind.model == "c320":
+        return c320_field(kind, frame, 3, 1) == 2 and c320_field(kind, frame, 6, 1) != 0
+    if kind.model == "dzb100":
+        return frame[:1] == b"R"
+    words = modbus_octets(kind.encoding, frame)
+    return words[1] == 8 if kind.model == "vc660" else words[1] == 3 and words[4:6] == b"\x00\x02"
+
+
+def modbus_write(kind: DriveVariant, frame: bytes) -> tuple[int, int] | None:
+    """Return register and value of a Modbus write; None for other requests."""
+    words = modbus_octets(kind.encoding, frame)
+    return (int.from_bytes(words[2:4]), int.from_bytes(words[4:6])) if words[1] == 6 else None
+
+
+def shows_standstill(kind: DriveVariant, request: bytes, reply: bytes) -> bool | None:
+    """Return whether a reply shows that the output is off; None where it shows neither."""
+    if kind.model == "c320":
+        return c320_field(kind, reply, 4, 2) in (0x03, 0x21, 0x20, 0x00) if len(reply) == 18 else None
+    if kind.model == "dzb100" and request[:1] == b"Q":
+        return {b"01": reply[7:11] == b"0000", b"03": reply[7:8] in b"02"}.get(request[5:7])
+    if kind.model == "vc660" and request[1] == 3 and request[2:4] == b"\x30\x00":
+        return not reply[4] & 0x08
+    return None
+
+
+def status_read_key(kind: DriveVariant, request: bytes) -> bytes | None:
+    """Return the key of a status read, equal for equal reads; None for other requests."""
+    if kind.model == "c320":
+        return request if c320_field(kind, request, 3, 1) == 1 else None
+    if kind.model == "dzb100":
+        return request if request[:1] == b"Q" and request[5:7] in (b"01", b"03") else None
+    return request[2:4] if kind.model == "vc660" and request[1] == 3 and request[2:4] == b"\x30\x00" else None

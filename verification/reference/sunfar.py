@@ -156,26 +156,26 @@ class SunfarReference:
         """Return the fields of a valid request of ours: address, class, operation, then group, item and data."""
         return _parse_request(SunfarReference(self.encoding), sent)
 
-    def decode_reply(self, sent: bytes, got: bytes) -> dict[str, int] | None:
+    def decode_reply(self, sent: bytes, received: bytes) -> dict[str, int] | None:
         """Return what the reply to this request means; None where the manual knows no such reply."""
-        asked = self.parse_request(sent)
-        size = self._reply_size(asked, got)
-        if size != len(got):
+        request = self.parse_request(sent)
+        size = self._reply_size(request, received)
+        if size != len(received):
             return None
-        return self._reply_meaning(asked, got)
+        return self._reply_meaning(request, received)
 
-    def accepted_size(self, sent: bytes, got: bytes) -> int | None:
+    def accepted_size(self, sent: bytes, received: bytes) -> int | None:
         """Return how many bytes of ``got`` are the reply to ``sent`` (or, with nothing sent, a request); None: none."""
-        if len(got) < 11 or got[0] != self.head:
+        if len(received) < 11 or received[0] != self.head:
             return None
         if sent:
-            asked = self.parse_request(sent)
-            size = self._reply_size(asked, got)
-            return None if size is None or self._reply_meaning(asked, got[:size]) is None else size
-        widths = REQUEST_FIELDS.get(self.digit(got[3]))
-        if widths is None or len(got) < sum(widths) + 6:
+            request = self.parse_request(sent)
+            size = self._reply_size(request, received)
+            return None if size is None or self._reply_meaning(request, received[:size]) is None else size
+        widths = REQUEST_FIELDS.get(self.digit(received[3]))
+        if widths is None or len(received) < sum(widths) + 6:
             return None
-        frame = got[: sum(widths) + 6]
+        frame = received[: sum(widths) + 6]
         return len(frame) if _is_request(self._read(frame, widths)) else None
 
     def is_well_formed(self, frame: bytes) -> bool:
@@ -183,34 +183,34 @@ class SunfarReference:
         widths = FIELDS_BY_LENGTH.get(len(frame))
         return widths is not None and frame[0] == self.head and self._read(frame, widths) is not None
 
-    def _reply_size(self, asked: list[int], got: bytes) -> int | None:
+    def _reply_size(self, request: list[int], received: bytes) -> int | None:
         """Return the size that the response code gives a reply (2.4.5)."""
-        if len(got) < 11 or got[0] != self.head:
+        if len(received) < 11 or received[0] != self.head:
             return None
-        response = self.digit(got[3])
+        response = self.digit(received[3])
         if response not in RESPONSES:
             return None
         size = 11 if response in SHORT_RESPONSES else 18
-        return size if len(got) >= size else None
+        return size if len(received) >= size else None
 
-    def _reply_meaning(self, asked: list[int], frame: bytes) -> dict[str, int] | None:
-        if asked[0] == BROADCAST:
+    def _reply_meaning(self, request: list[int], frame: bytes) -> dict[str, int] | None:
+        if request[0] == BROADCAST:
             return None  # 2.2: a broadcast has no reply
         if len(frame) == 11:
-            return self._short_meaning(asked, frame)
-        if asked[1] == 0:
-            return self._identity_meaning(asked, frame)
+            return self._short_meaning(request, frame)
+        if request[1] == 0:
+            return self._identity_meaning(request, frame)
         found = self._read(frame, WRITE)
-        return None if found is None else _full_meaning(asked, *found)
+        return None if found is None else _full_meaning(request, *found)
 
-    def _short_meaning(self, asked: list[int], frame: bytes) -> dict[str, int] | None:
+    def _short_meaning(self, request: list[int], frame: bytes) -> dict[str, int] | None:
         """2.4.5: after the response come two zeros and the checksum."""
         found = self._read(frame, SHORT)
-        if found is None or found[0][0] != asked[0] or found[0][2] != 0:
+        if found is None or found[0][0] != request[0] or found[0][2] != 0:
             return None
-        return {"address": asked[0], "response": found[0][1]}
+        return {"address": request[0], "response": found[0][1]}
 
-    def _identity_meaning(self, asked: list[int], frame: bytes) -> dict[str, int] | None:
+    def _identity_meaning(self, request: list[int], frame: bytes) -> dict[str, int] | None:
         """Section 3 (1); 2.4.6: digits 7 and 8 may be the fault code, a number of two digits: neither is returned."""
         found = self._read(frame, IDENTITY)
         one_number = self._read(frame, WRITE) if found is None else None
@@ -219,7 +219,7 @@ class SunfarReference:
         if found is None:
             return None
         (address, response, state, group, *digits), data = found[0][:-1], found[0][-1]
-        if address != asked[0] or state not in STATES or group != asked[3]:
+        if address != request[0] or state not in STATES or group != request[3]:
             return None
         meaning = {"address": address, "response": response, "state": state, "group": group, "data": data}
         if state != FAULT:
@@ -337,20 +337,20 @@ def _is_request(found: ParsedFields | None) -> bool:
     return not ((kind == 0 and rest[1]) or (kind == 1 and rest[0]))
 
 
-def _full_meaning(asked: list[int], found: list[int], other: int | None) -> dict[str, int] | None:
+def _full_meaning(request: list[int], found: list[int], other: int | None) -> dict[str, int] | None:
     """Return what a reply of 18 bytes to class 1 to 5 means (2.3.2, section 3 (2) to (5))."""
     address, response, state, group, item, data = found
-    if address != asked[0] or state not in STATES or group != (0 if asked[1] == 4 else asked[3]):
+    if address != request[0] or state not in STATES or group != (0 if request[1] == 4 else request[3]):
         return None
     meaning = {"address": address, "response": response, "state": state, "group": group}
     if state == FAULT:
         meaning["fault_code"] = item  # 2.4.6: digits 7 and 8 are the fault code (T05)
-    elif asked[1] != 4 and item != asked[4]:
+    elif request[1] != 4 and item != request[4]:
         return None
     else:
         meaning["item"] = item  # F6.12 chooses the item of class 4
-    if asked[1] in (3, 5):
-        if response == 0 and asked[5] not in (data, other):
+    if request[1] in (3, 5):
+        if response == 0 and request[5] not in (data, other):
             return None  # 3 (4): digits 9 to 12 are the data that was set
         if response != 0 and data != 0:
             return None  # 3 (4), note: 0000 where the order can't be carried out (T21)
@@ -382,25 +382,25 @@ def _cached_places(reference: SunfarReference, width: int, numbers: tuple[int, .
     ]
 
 
-def _reply_fields(asked: tuple[int, ...]) -> Iterator[tuple[ShapeField, ...]]:
+def _reply_fields(request: tuple[int, ...]) -> Iterator[tuple[ShapeField, ...]]:
     """Yield the fields of all replies to a request with these fields."""
-    address, kind = (2, asked[:1]), asked[1]
-    if asked[0] == BROADCAST:
+    address, kind = (2, request[:1]), request[1]
+    if request[0] == BROADCAST:
         return
     yield address, (1, SHORT_RESPONSES), (2, (0,))
     states, any_item = tuple(STATES), (2, range(256))
-    head, group = (address, (1, range(5)), (2, states)), (1, asked[3:4])
+    head, group = (address, (1, range(5)), (2, states)), (1, request[3:4])
     if kind == 4:
         yield *head, (1, (0,)), any_item, (4, None)
     elif kind == 0:
         yield *head, group, (1, range(16)), (1, range(16)), (4, None)
         yield address, (1, range(5)), (2, (FAULT,)), group, any_item, (4, None)
     else:
-        for shown, items in ((states, asked[4:5]), ((FAULT,), range(256))):
+        for shown, items in ((states, request[4:5]), ((FAULT,), range(256))):
             if kind in (1, 2):
                 yield address, (1, range(5)), (2, shown), group, (2, items), (4, None)
             else:
-                yield address, (1, (0,)), (2, shown), group, (2, items), (4, asked[5:])
+                yield address, (1, (0,)), (2, shown), group, (2, items), (4, request[5:])
                 yield address, (1, range(1, 5)), (2, shown), group, (2, items), (4, (0,))
 
 

@@ -1,1 +1,1 @@
-"""A line in virtual time with its drives, the people who use it, and the witness who watches both."""
+"""Scenarios: the real bus with simulated drives in virtual time, user commands, and an oracle that checks both."""

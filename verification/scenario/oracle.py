@@ -1,12 +1,12 @@
-"""The observer of a stand: sees the bytes on the copper, the motors and what users were told, and nothing else.
+"""Oracle of a scenario: checks the bytes on the wire, the motors and the results that users get against I1 to I12.
 
-It shares no code with the bus, the drives or the codecs: what a frame does it reads with ``manual``, times it knows
-from ``kinds``. Every event is held against the invariants I1 to I12, here and in ``conduct``, ``writes`` and
-``truth``.
+It shares no code with the bus, the drives or the codecs: effects of frames come from ``reference.request_effects``,
+times from ``drive_variants``.
 """
 
 from __future__ import annotations
 
+import gc
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,160 +15,175 @@ from typing import Any
 
 from drivebus import clock
 from drivebus.bus.messages import BusResult
+from drivebus.values import Quality
 from verification.campaign import CampaignRun
-from verification.drive_variants import DriveVariant
+from verification.drive_variants import DriveVariant, character_s
 from verification.reference.request_effects import RequestEffect, classify_request
-from verification.scenario.drive_history import DriveHistory
-from verification.scenario.frame_rules import ClassifiedFrame, FrameRules
-from verification.scenario.outcome_rules import check_outcome
+from verification.scenario.rules import ClassifiedFrame, DriveHistory, FrameRules, WriteRules, check_outcome
 from verification.scenario.user_command import UserCommand
-from verification.scenario.write_rules import WriteRules
-from verification.timing_bounds import character_s
 
 MAX_REMEMBERED_FRAMES = 64
-"""So many frames and deliveries are remembered: an answer refers to one of the last few."""
+"""Number of remembered frames and deliveries; a reply refers to one of the last few."""
 
 
 class Oracle:
-    """Watches one bench. Everything that it finds goes to the session."""
+    """Observer of one simulated bus; its violations go to the campaign run."""
 
     def __init__(
-        self, session: CampaignRun, kind: DriveVariant, bench: Any, name: str, now: Callable[[], float]
+        self, campaign_run: CampaignRun, kind: DriveVariant, simulated_bus: Any, name: str, now: Callable[[], float]
     ) -> None:
-        self.session, self.kind, self.bench, self.name, self.now = session, kind, bench, name, now
+        self.campaign_run, self.kind, self.simulated_bus, self.name, self.now = (
+            campaign_run,
+            kind,
+            simulated_bus,
+            name,
+            now,
+        )
         self.request_count = self.reply_count = self.accepted_count = self.command_count = 0
         self.open_commands: dict[int, list[UserCommand]] = {}
-        """Open wishes by address."""
-        self.frame_rules = FrameRules(kind, character_s(bench.settings), self.violation)
+        """Commands in progress, by address."""
+        self.frame_rules = FrameRules(kind, character_s(simulated_bus.settings), self.violation)
         self._write_rules = WriteRules(kind, self.violation)
         self._requests: deque[tuple[Any, ClassifiedFrame]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
         self._replies: deque[tuple[Any, ClassifiedFrame | None]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
-        """Replies, with the request that caused each."""
+        """Replies, each with the request that caused it."""
         self._deliveries: deque[tuple[float, Any]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
-        """What reached a host, and when."""
+        """Transmissions that reached a master, with their times."""
         self.last_delivery_at: dict[Any, float] = {}
-        """When each drive was last heard at all."""
+        """Time of the last bytes of each drive, by address."""
         self._last_character_end = -inf
-        """The end of the last character that reached a host: what collided with an earlier one is swallowed."""
+        """End of the last character that reached a master; collided characters are dropped."""
         self._current_request: ClassifiedFrame | None = None
         self._expected_frames: list[tuple[bytes, UserCommand]] = []
-        """Frames that users' commands wait for."""
+        """Frames of user commands in progress."""
         self.histories: dict[int, DriveHistory] = {}
-        """What became of each drive, by address."""
+        """History of each drive, by address."""
         self._observe_wire()
 
     # --- the tap on the copper -----------------------------------------------------------------------------------
 
     def _observe_wire(self) -> None:
-        bench = self.bench
-        bench.now()  # the bench moves into this loop: its wire is a new one
-        say, to_hosts, dispatch = bench.wire.transmit, bench._deliver_to_masters, bench._dispatch
+        simulated_bus = self.simulated_bus
+        simulated_bus.now()  # the bench moves into this loop: its wire is a new one
+        transmit, deliver, dispatch = (
+            simulated_bus.wire.transmit,
+            simulated_bus._deliver_to_masters,
+            simulated_bus._dispatch,
+        )
 
-        def on_say(talker: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            text = say(talker, data, *more, **named)
-            if hasattr(talker, "receive"):
-                self._on_request(text, data)
+        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            transmission = transmit(source, data, *more, **named)
+            if hasattr(source, "receive"):
+                self._on_request(transmission, data)
             else:
                 self.reply_count += 1
-                self._replies.append((text, self._current_request))
-                self._trace(f"< {talker.address} {data.hex()}", text.start)
-            return text
+                self._replies.append((transmission, self._current_request))
+                self._trace(f"< {source.address} {data.hex()}", transmission.start)
+            return transmission
 
-        def on_to_hosts(text: Any, first: int, last: int) -> None:
-            self._deliveries.append((self.now(), text))
-            self.last_delivery_at[getattr(text.source, "address", None)] = self.now()
-            kept = [index for index in range(first, last) if index not in text.dropped]
-            if kept:
-                self._last_character_end = max(self._last_character_end, text.start + (kept[-1] + 1) * text.character_s)
-            to_hosts(text, first, last)
+        def on_deliver(transmission: Any, first: int, last: int) -> None:
+            self._deliveries.append((self.now(), transmission))
+            self.last_delivery_at[getattr(transmission.source, "address", None)] = self.now()
+            received = [index for index in range(first, last) if index not in transmission.dropped]
+            if received:
+                self._last_character_end = max(
+                    self._last_character_end, transmission.start + (received[-1] + 1) * transmission.character_s
+                )
+            deliver(transmission, first, last)
 
-        def on_dispatch(frame: Any, stations: Any, text: Any, now: float) -> None:
-            self._current_request = next((known for one, known in reversed(self._requests) if one is text), None)
-            dispatch(frame, stations, text, now)
+        def on_dispatch(frame: Any, stations: Any, transmission: Any, now: float) -> None:
+            self._current_request = next(
+                (known for one, known in reversed(self._requests) if one is transmission), None
+            )
+            dispatch(frame, stations, transmission, now)
             self._current_request = None
 
-        bench.wire.transmit, bench._deliver_to_masters, bench._dispatch = on_say, on_to_hosts, on_dispatch
-        for station in bench.stations:
+        simulated_bus.wire.transmit, simulated_bus._deliver_to_masters, simulated_bus._dispatch = (
+            on_transmit,
+            on_deliver,
+            on_dispatch,
+        )
+        for station in simulated_bus.stations:
             self.observe_station(station)
 
     def observe_station(self, station: Any) -> None:
-        """See what each frame does to the motor of this station (for one that joins later)."""
-        received, deeds = station.handle_frame, DriveHistory(station, self.now, self.trace)
-        self.histories[station.address] = deeds
+        """Observe the effect of each frame on this station, also for a station that joins later."""
+        handle_frame, history = station.handle_frame, DriveHistory(station, self.now, self.trace)
+        self.histories[station.address] = history
 
-        def on_heard(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
+        def on_handle_frame(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             before = _station_state(station)
             frames = station.frame_count
-            text = received(message, codec, line, now, **named)
+            transmission = handle_frame(message, codec, line, now, **named)
             if self._current_request is not None and station.frame_count > frames:
-                deeds.on_frame(self._current_request)
+                history.on_frame(self._current_request)
             if _station_state(station) != before and self._current_request is not None:
                 self._on_state_change(station, self._current_request, was_on=bool(before[0]))
-            return text
+            return transmission
 
-        station.handle_frame = on_heard
+        station.handle_frame = on_handle_frame
 
-    def _on_request(self, said: Any, data: bytes) -> None:
+    def _on_request(self, transmission: Any, data: bytes) -> None:
         self.request_count += 1
         try:
-            address, does = classify_request(self.kind.model, self.kind.encoding, data)
+            address, effect = classify_request(self.kind.model, self.kind.encoding, data)
         except (ValueError, IndexError) as error:
             self.violation(f"I7 no manual knows the request {data.hex(' ')}: {error}")
             return
-        frame = ClassifiedFrame(said.start, said.end, address, does, self._command_of(data, does))
-        self._trace(f"> {address} {does} {data.hex()}", said.start)
+        frame = ClassifiedFrame(transmission.start, transmission.end, address, effect, self._command_of(data, effect))
+        self._trace(f"> {address} {effect} {data.hex()}", transmission.start)
         last_end = self._requests[-1][1].end if self._requests else 0.0
-        answered = any(last_end < one.end <= said.start + 1e-9 for _, one in reversed(self._deliveries))
-        if does is not RequestEffect.READ and address not in self.histories:
-            self.session.count("acting frames to drives that are not there (G19)")
-        if does is not RequestEffect.READ:
+        answered = any(last_end < one.end <= transmission.start + 1e-9 for _, one in reversed(self._deliveries))
+        if effect is not RequestEffect.READ and address not in self.histories:
+            self.campaign_run.count("acting frames to absent drives")
+        if effect is not RequestEffect.READ:
             self._write_rules.on_write(frame, data, clock.wall_clock().date())
         self.frame_rules.on_request(frame, self._last_character_end, answered)
-        self._requests.append((said, frame))
+        self._requests.append((transmission, frame))
 
     def _on_state_change(self, station: Any, frame: ClassifiedFrame, was_on: bool) -> None:
-        """I2, I11: a frame changed something in this station."""
+        """Check a frame that changed the state of a station (I2, I11)."""
         started = station.motor.energised and not was_on
         if frame.effect is RequestEffect.READ or (frame.effect is RequestEffect.STOP and started):
             self.violation(f"I11 a {frame.effect} changed station {station.address}")
         if not started:
             return
         self.trace(f"motor {station.address} on")
-        deeds, command = self.histories[station.address], frame.user_command
-        stood_unseen = deeds.stopped_unobserved
-        deeds.on_motor_started(command)
+        history, command = self.histories[station.address], frame.user_command
+        stopped_unobserved = history.stopped_unobserved
+        history.on_motor_started(command)
         if command is None:
             return
         command.executions += 1
-        if command.executions > 1 and not stood_unseen:
+        if command.executions > 1 and not stopped_unobserved:
             self.violation(f"I2 {command} switched the motor on {command.executions} times")
         elif command.executions > 1:
-            self.session.count("resent after a person at the drive had stopped it unseen (ruling 6)")
+            self.campaign_run.count("sent again after an unobserved local stop")
 
     @contextmanager
-    def expecting_frame(self, wish: UserCommand, data: bytes) -> Iterator[None]:
-        """While this lasts, a frame of these bytes is this wish's."""
-        entry = data, wish
+    def expecting_frame(self, command: UserCommand, data: bytes) -> Iterator[None]:
+        """Assign frames of these bytes to a command within this context."""
+        entry = data, command
         self._expected_frames.append(entry)
         try:
             yield
         finally:
             self._expected_frames.remove(entry)
 
-    def _command_of(self, data: bytes, does: RequestEffect) -> UserCommand | None:
-        """The wish that this frame serves; stops and what follows them need none."""
-        if does in (RequestEffect.READ, RequestEffect.STOP, RequestEffect.RELEASE):
+    def _command_of(self, data: bytes, effect: RequestEffect) -> UserCommand | None:
+        """Return the command that this frame belongs to; stops need none."""
+        if effect in (RequestEffect.READ, RequestEffect.STOP, RequestEffect.RELEASE):
             return None
-        command = next((command for asked, command in self._expected_frames if asked == data), None)
+        command = next((command for expected, command in self._expected_frames if expected == data), None)
         if command is not None:
             command.frames_sent += 1
         return command
 
-    # --- what users wish and are told ----------------------------------------------------------------------------
+    # --- user commands ----------------------------------------------------------------------------
 
     def on_command(self, address: int, what: str, arguments: tuple[Any, ...]) -> UserCommand:
-        """A user gives a command now."""
+        """Record a command that a user gives now."""
         self.command_count += 1
         command = UserCommand(self.command_count, address, what, arguments, self.now(), clock.wall_clock().date())
         self.open_commands.setdefault(address, []).append(command)
@@ -176,49 +191,53 @@ class Oracle:
             self.histories[address].on_command(command)
         self.trace(f"* {command}")
         if command.is_stop:
-            self.frame_rules.on_stop_command(command, bool(self.bench.masters))
+            self.frame_rules.on_stop_command(command, bool(self.simulated_bus.masters))
         return command
 
     def on_command_ended(self, command: UserCommand) -> None:
-        """Check the result that the user got against what happened."""
+        """Check the result that the user got against the drive's history."""
         command.ended_at = self.now()
         self.open_commands[command.address].remove(command)
-        self.session.count(f"{command.method}: {command.result_word}")
+        self.campaign_run.count(f"{command.method}: {command.result_word}")
         self.trace(f"= {command} {command.result_word}")
-        self.bench.advance()
-        deeds = self.histories.get(command.address)
-        if deeds is None and command.result_word in ("confirmed", "acknowledged"):
-            self.violation(f"G19 {command}: {command.result_word}, and there is no such drive")
-        elif deeds is not None:
-            check_outcome(command, deeds, self.kind.reports_running, self.violation)
+        self.simulated_bus.advance()
+        history = self.histories.get(command.address)
+        if history is None and command.result_word in ("confirmed", "acknowledged"):
+            self.violation(f"absent drive: {command} ended as {command.result_word}")
+        elif history is not None:
+            check_outcome(command, history, self.kind.reports_running, self.violation)
 
     def on_reply_accepted(self, answer: BusResult) -> None:
-        """I5: an accepted reply is the one that the station gave to this very request."""
+        """Check that an accepted reply is the station's reply to this request (I5)."""
         if answer.error is not None or answer.reply is None:
             return
         self.accepted_count += 1
-        for text, cause in reversed(self._replies):
-            if cause is not None and cause.start == answer.sent_at and (answer.received_at, text) in self._deliveries:
+        for transmission, cause in reversed(self._replies):
+            if (
+                cause is not None
+                and cause.start == answer.sent_at
+                and (answer.received_at, transmission) in self._deliveries
+            ):
                 return
         self.violation(f"I5 {answer.received.hex()} was taken for the answer to {answer.sent.hex()}")
 
     def on_unplugged(self) -> None:
-        """The adapter is pulled now."""
+        """Record that the adapter is unplugged."""
         self.frame_rules.on_port_lost(self.now())
         self.trace("unplugged")
 
     # --- telling -------------------------------------------------------------------------------------------------
 
     def trace(self, text: str) -> None:
-        """One line of the trace, now."""
+        """Add a line to the trace with the current time."""
         self._trace(text, self.now())
 
     def _trace(self, text: str, at: float) -> None:
-        self.session.trace(f"{at:.6f} {self.name} {text}")
+        self.campaign_run.trace(f"{at:.6f} {self.name} {text}")
 
     def violation(self, text: str) -> None:
-        """Of this line, at this moment."""
-        self.session.violation(f"seed {self.session.seed}, {self.now():.6f} s, {self.name}: {text}")
+        """Report a violation with seed, time and scenario."""
+        self.campaign_run.violation(f"seed {self.campaign_run.seed}, {self.now():.6f} s, {self.name}: {text}")
 
 
 def _station_state(station: Any) -> tuple[object, ...]:
@@ -230,3 +249,65 @@ def _station_state(station: Any) -> tuple[object, ...]:
         memory.ram_writes.total(),
         memory.eeprom_writes.total(),
     )
+
+
+# --- readings and memory ----------------------------------------------------------------------------------------------
+
+LONGEST_REPLY_TIMEOUT_S = 0.4
+"""Longest reply timeout of any family at the campaigns' baud rates, in seconds."""
+MAX_RETAINED = {"frames are remembered": 300, "entries are kept in one place": 600}
+"""Limits of I12 for a bus of 31 drives."""
+MAX_ALIVE = {"tasks": 400, "queued requests": 400, "events on the wire": 4000}
+"""Limits of I12 for up to 31 drives under load."""
+
+
+def check_invariants(scenario: Any) -> None:
+    """Check I4, I8 and I12 of a ``Scenario`` at the current time."""
+    violation = scenario.oracle.violation
+    for failed in scenario.loop.failed:
+        violation(f"I8 {failed.get('message')}: {failed.get('exception')!r}")
+    scenario.loop.failed.clear()
+    for address, monitor in scenario.monitors.items():
+        check_ages(scenario, address, monitor)
+    sizes = (len(scenario.loop.tasks), len(scenario.bus.core.scheduler), len(scenario.simulated_bus.wire._events))
+    for (what, most), size in zip(MAX_ALIVE.items(), sizes, strict=True):
+        if size > most:
+            violation(f"I12 {size} {what}")
+
+
+def check_ages(scenario: Any, address: int, monitor: Any) -> None:
+    """Check that no reading older than max(3 × period, 1 s) + timeout is good (I4).
+
+    The age is that of the reading's time, and at least the time since the drive's last bytes on the wire.
+    """
+    now, signals = scenario.loop.time(), scenario.drives[address].profile.signals
+    silent_s = now - scenario.oracle.last_delivery_at.get(address, -inf)
+    for name, reading in monitor.status().readings.items():
+        if reading.quality is Quality.GOOD:
+            age = inf if reading.source_time is None else max(now - reading.source_time, silent_s)
+            if age > max(3 * signals[name].period_s, 3 * scenario.period_s, 1.0) + LONGEST_REPLY_TIMEOUT_S:
+                scenario.oracle.violation(f"I4 {name} of {address} is called good at an age of {age} s")
+
+
+def check_memory(scenario: Any) -> None:
+    """Check how many objects the bus retains (I12)."""
+    for (what, most), size in zip(MAX_RETAINED.items(), count_retained_objects(scenario.bus.core), strict=True):
+        if size > most:
+            scenario.oracle.violation(f"I12 {size} {what}")
+
+
+def count_retained_objects(core: object) -> tuple[int, int]:
+    """Return the number of prepared requests reachable from the bus, and the length of the longest container."""
+    visited, waiting, jobs, longest = {id(core)}, [core], 0, 0
+    while waiting:
+        for one in gc.get_referents(waiting.pop()):
+            kind = type(one)
+            if id(one) not in visited and (kind in _CONTAINERS or kind.__module__.startswith("drivebus.bus")):
+                visited.add(id(one))
+                waiting.append(one)
+                jobs += kind.__name__.startswith("Prepared")
+                longest = max(longest, len(one) if kind in _CONTAINERS else 0)
+    return jobs, longest
+
+
+_CONTAINERS = frozenset({list, tuple, dict, set, deque})

@@ -1,4 +1,4 @@
-"""A test stand: one simulated line with its drives, the real bus and real drives on it, and the witness beside them."""
+"""Scenario: a simulated bus with its drives, the real bus and drive objects, and the oracle."""
 
 from __future__ import annotations
 
@@ -14,38 +14,39 @@ from drivebus.ports import open_port
 from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
-from verification.scenario.invariants import check_invariants, check_memory
-from verification.scenario.oracle import Oracle
+from verification.scenario.oracle import Oracle, check_invariants, check_memory
 from verification.scenario.user_command import CURRENT_COMMAND, UserCommand, without_traceback
 
 
 class ObservedBus(Bus):
-    """The real bus; the witness hears of every answer before whoever asked."""
+    """The real bus; the oracle gets every result before the caller."""
 
     oracle: Oracle | None = None
 
-    def _perform(self, acts: list[CoreCommand]) -> None:
+    def _perform(self, commands: list[CoreCommand]) -> None:
         if self.oracle is not None:
-            for act in acts:
-                if isinstance(act, DeliverResult):
-                    self.oracle.on_reply_accepted(act.result)
-        super()._perform(acts)
+            for command in commands:
+                if isinstance(command, DeliverResult):
+                    self.oracle.on_reply_accepted(command.result)
+        super()._perform(commands)
 
-    async def transact(self, ask: BusRequest) -> BusResult:
-        """Whose wish a frame serves is known to the bit: nobody else asked for these bytes at this time."""
+    async def transact(self, bus_request: BusRequest) -> BusResult:
+        """Transact and let the oracle assign these bytes to the current user command."""
         command = CURRENT_COMMAND.get()
-        if self.oracle is None or command is None or ask.retry_policy is RetryPolicy.READ:
-            return await super().transact(ask)
-        with self.oracle.expecting_frame(command, self.core.stations[ask.station].codec.encode_request(ask.request)):
-            return await super().transact(ask)
+        if self.oracle is None or command is None or bus_request.retry_policy is RetryPolicy.READ:
+            return await super().transact(bus_request)
+        with self.oracle.expecting_frame(
+            command, self.core.stations[bus_request.station].codec.encode_request(bus_request.request)
+        ):
+            return await super().transact(bus_request)
 
 
 class Scenario:
-    """One line. ``options`` are those of ``sim://`` links: weather, echo, ramp, seed, load …"""
+    """One bus in virtual time. ``options`` are those of ``sim://`` URLs: line quality, echo, ramp, seed, load …"""
 
     def __init__(
         self,
-        session: CampaignRun,
+        campaign_run: CampaignRun,
         kind: DriveVariant,
         addresses: Iterable[int],
         *,
@@ -55,21 +56,23 @@ class Scenario:
         around: Callable[[Any], Any] = lambda port: port,
         **options: Any,
     ) -> None:
-        """``around`` makes the bus's port of the simulated one: what records it, or lets its calls fail."""
-        self.session, self.kind, self.name = session, kind, name or kind.name
+        """Build the scenario; ``around`` wraps the simulated port, to record it or to let its calls fail."""
+        self.campaign_run, self.kind, self.name = campaign_run, kind, name or kind.name
         self.loop = loop or VirtualLoop()
-        query = {"baud": kind.baud, "ramp": 2, "echo": "off", "seed": session.seed, **kind.options, **options}
+        query = {"baud": kind.baud, "ramp": 2, "echo": "off", "seed": campaign_run.seed, **kind.options, **options}
         listed = ",".join(map(str, addresses))
         with running(self.loop):
             options_text = "&".join(f"{name}={value}" for name, value in query.items())
             port: Any = open_port(f"sim://{kind.model}@{listed}?{options_text}")
-            self.port, self.bench = port, port.simulated_bus
+            self.port, self.simulated_bus = port, port.simulated_bus
             self.bus = ObservedBus(around(self.port), name=self.name)
-            self.oracle = self.bus.oracle = Oracle(session, kind, self.bench, self.name, self.loop.time)
-            for station in self.bench.stations:
+            self.oracle = self.bus.oracle = Oracle(campaign_run, kind, self.simulated_bus, self.name, self.loop.time)
+            for station in self.simulated_bus.stations:
                 station.memory.eeprom_writes.clear()  # the ramps were set at the keypad
                 station.memory.ram_writes.clear()
-            self.drives = {station.address: self._drive(station.address) for station in self.bench.stations if drives}
+            self.drives = {
+                station.address: self._drive(station.address) for station in self.simulated_bus.stations if drives
+            }
         self.monitors: dict[int, Monitor] = {}
         self.period_s = 0.0
         self.loop.run_until_complete(self.bus.open())
@@ -81,54 +84,54 @@ class Scenario:
         )
 
     def station(self, address: int) -> Any:
-        """The simulated drive, brought to this moment."""
+        """Return the simulated drive at the current time."""
         with running(self.loop):
-            return self.bench.station(address)
+            return self.simulated_bus.station(address)
 
     # --- what a campaign does with it ------------------------------------------------------------------------------
 
     def monitor(self, address: int, signals: Iterable[str] | None = None, period_s: float = 0.0) -> Monitor:
-        """Poll a drive from now on, nothing more often than ``period_s``."""
+        """Poll a drive from now on, each signal at most every ``period_s``."""
         self.period_s = max(self.period_s, period_s)
         with running(self.loop):
             monitor = self.monitors[address] = self.drives[address].monitor(signals, period_s=period_s)
         return monitor
 
-    def command(self, address: int, what: str, *arguments: Any, **named: Any) -> UserCommand:
-        """A user's command, given now: the method ``what`` of the drive. It goes on while time passes."""
-        return self.command_by(getattr(self.drives[address], what), address, what, *arguments, **named)
+    def command(self, address: int, what: str, *arguments: Any, **keywords: Any) -> UserCommand:
+        """Start a user command now: the method ``what`` of the drive. It continues while time passes."""
+        return self.command_by(getattr(self.drives[address], what), address, what, *arguments, **keywords)
 
     def command_by(
-        self, method: Callable[..., Awaitable[Any]], address: int, what: str, *arguments: Any, **named: Any
+        self, method: Callable[..., Awaitable[Any]], address: int, what: str, *arguments: Any, **keywords: Any
     ) -> UserCommand:
-        """The same by a function of the campaign's own, for what takes more than one call (a jog and its lease)."""
+        """Start a user command that is a function of the campaign, for more than one call (a jog and its lease)."""
         command = self.oracle.on_command(address, what, arguments)
         with running(self.loop):
-            command.task = self.loop.create_task(self._execute(command, method, arguments, named))
+            command.task = self.loop.create_task(self._execute(command, method, arguments, keywords))
         return command
 
     async def _execute(
-        self, wish: UserCommand, method: Callable[..., Awaitable[Any]], arguments: Any, named: Any
+        self, command: UserCommand, method: Callable[..., Awaitable[Any]], arguments: Any, keywords: Any
     ) -> None:
-        CURRENT_COMMAND.set(wish)
+        CURRENT_COMMAND.set(command)
         try:
-            wish.outcome = await method(*arguments, **named)
+            command.outcome = await method(*arguments, **keywords)
         except DrivebusError as error:
-            wish.error = without_traceback(error)
-            wish.outcome = getattr(error, "outcome", None)
-        except Exception as error:  # no user is ever told in another way (I8)
-            self.oracle.violation(f"I8 {type(error).__name__} escaped from {wish}: {error}")
+            command.error = without_traceback(error)
+            command.outcome = getattr(error, "outcome", None)
+        except Exception as error:  # a user only gets errors of drivebus (I8)
+            self.oracle.violation(f"I8 {type(error).__name__} escaped from {command}: {error}")
         finally:
-            self.oracle.on_command_ended(wish)
-        wish.task = None
+            self.oracle.on_command_ended(command)
+        command.task = None
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass and check the invariants."""
         self.loop.run_until(self.loop.time() + seconds)
         check_invariants(self)
 
     def finish(self, *commands: UserCommand, within_s: float = 120.0, step_s: float = 0.25) -> None:
-        """Let time pass until these wishes have ended; one that does not is a violation."""
+        """Let time pass until these commands have ended; a command that does not end is a violation."""
         end = self.loop.time() + within_s
         while any(not command.is_ended for command in commands) and self.loop.time() < end:
             self.loop.run_until(min(end, self.loop.time() + step_s))
@@ -140,15 +143,15 @@ class Scenario:
     def unplug(self) -> None:
         self.oracle.on_unplugged()
         with running(self.loop):
-            self.bench.unplug()
+            self.simulated_bus.unplug()
 
     def replug(self) -> None:
         self.oracle.trace("plugged in again")
         with running(self.loop):
-            self.bench.replug()
+            self.simulated_bus.replug()
 
     def close(self) -> None:
-        """End the bus, and look once more."""
+        """Check the invariants and close the bus."""
         check_invariants(self)
         check_memory(self)
         with running(self.loop):
@@ -156,5 +159,5 @@ class Scenario:
                 task.cancel()
         self.loop.run_until(self.loop.time())
         self.loop.run_until_complete(self.bus.close())
-        self.loop.run_until(self.loop.time())  # whoever still waited is told that the bus has ended
+        self.loop.run_until(self.loop.time())  # pending calls end with an error
         check_invariants(self)

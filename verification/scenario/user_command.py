@@ -1,4 +1,4 @@
-"""What users of a test stand wished for, when, and what they were told."""
+"""User commands of a scenario, their times and their results."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from typing import Any
 
 from drivebus.errors import DrivebusError
 
-CURRENT_COMMAND: ContextVar[UserCommand | None] = ContextVar("wish", default=None)
-"""Whose wish this task fulfils; tasks that it starts inherit it."""
+CURRENT_COMMAND: ContextVar[UserCommand | None] = ContextVar("command", default=None)
+"""Command that the current task executes; tasks that it starts inherit it."""
 STOP_METHODS = frozenset({"stop", "coast", "quick_stop"})
 MOTION_METHODS = frozenset({"run", "jog"})
 
 
 @dataclass(slots=True, eq=False)
 class UserCommand:
-    """One command of a user."""
+    """Command of a user, with its result."""
 
     number: int
     address: int
     method: str
-    """The drive's method: "run", "stop", "set_frequency", "reset_fault", "write"."""
+    """Method of the drive: "run", "stop", "set_frequency", "reset_fault", "write"."""
     arguments: tuple[Any, ...]
     at: float
     day: date
-    """On the wall clock: saves are counted by days."""
+    """Day of the wall clock, by which saves are counted."""
     ended_at: float | None = None
     frames_sent: int = 0
-    """Frames of this wish that left, but for stops."""
+    """Frames sent for this command, without stops."""
     frames_received: int = 0
-    """Those that the drive heard …"""
+    """Frames that the drive received …"""
     motion_frames_received: int = 0
-    """… and of those the ones that start or jog."""
+    """… and those of them that start or jog."""
     executions: int = 0
-    """How often a frame of this wish switched the motor on (I2)."""
+    """Number of times that a frame of this command started the motor (I2)."""
     outcome: Any = None
     error: Exception | None = None
     task: asyncio.Task[None] | None = field(default=None, repr=False)
@@ -55,7 +55,7 @@ class UserCommand:
 
     @property
     def result_word(self) -> str:
-        """What the user was told: the outcome's word, else the error's name."""
+        """Status of the outcome, else the name of the error."""
         if self.outcome is not None:
             return str(self.outcome.status)
         return type(self.error).__name__ if self.error is not None else "nothing"
@@ -66,6 +66,6 @@ class UserCommand:
 
 
 def without_traceback(error: DrivebusError) -> DrivebusError:
-    """The error without the frames that it came through: the witness remembers wishes for hours, and they with it."""
+    """Return the error without its traceback, which would stay in memory as long as the command."""
     error.__context__ = error.__cause__ = None
     return error.with_traceback(None)

@@ -1,6 +1,0 @@
-"""``python tests/fuzz/fuzz_c320_tolerant.py -runs=100000`` (see harness.py)."""
-
-from harness import main
-
-if __name__ == "__main__":
-    main("c320-tolerant")
