@@ -429,7 +429,10 @@ def _check_not_executed(command: UserCommand, history: DriveHistory, wrong: Repo
         wrong("stops have no such end")
     if command.result_word == "refused" and command.executions:
         wrong("the motor was switched on for it")
-    message = command.outcome is not None and command.outcome.key in ("drives.wrong_direction", "drives.setpoint_differs")
+    message = command.outcome is not None and command.outcome.key in (
+        "drives.wrong_direction",
+        "drives.setpoint_differs",
+    )
     if (
         command.is_motion
         and history.on
