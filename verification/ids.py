@@ -19,7 +19,7 @@ UNDEFINED = re.compile(
 )
 """Codes of documents that are not part of this repository."""
 PARAMETER_GROUP = re.compile(r"F(?:0\d|1[0-2])")
-"""Parameter groups of the VC660, defined on its page: ids of the drive in files on it, on profiles and on group sizes."""
+"""Parameter groups of the VC660, defined on its page: its ids in files on it, on profiles and on group sizes."""
 _DEFINED_TRAP = re.compile(r'^\| (?:<a id="t\d+"></a>)?\*\*(T\d\d)\*\* \|', re.MULTILINE)
 _DEFINED_INVARIANT = re.compile(r'^\| <a id="i\d+"></a>(I\d+) \|', re.MULTILINE)
 
