@@ -132,12 +132,15 @@ def key(module: str, scope: str, change: str) -> str:
 
 
 def write_document(made: dict[str, Any]) -> dict[str, Any]:
-    """Update these modules in the report, and the reasons of all survivors."""
+    """Update these modules in the report, and the reasons of all survivors.
+
+    A survivor whose code was renamed after its run keeps the reason that the report has.
+    """
     old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
     found: dict[str, Any] = dict(sorted((old | made).items()))
     for module, one in found.items():
         for left in one["survivors"]:
-            left["reason"] = reasons.get(key(module, left["scope"], left["change"]), "")
+            left["reason"] = reasons.get(key(module, left["scope"], left["change"]), left.get("reason", ""))
     REPORT.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return found
