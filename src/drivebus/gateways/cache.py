@@ -1,7 +1,6 @@
 """Cache of the service's live topics: whole objects in, snapshots and changes out.
 
-Every gateway uses it. Ages are not kept here: objects carry absolute times on the service's clock, and ``now_ms`` tells
-what that clock shows.
+Every gateway uses it. It holds no ages: objects carry absolute times on the service's clock, which ``now_ms`` returns.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _MISSING: Any = object()
 
 @dataclass(slots=True)
 class TopicChange:
-    """What one or several messages of the service changed."""
+    """Changes of one or several messages of the service."""
 
     keys: dict[str, set[str]] = field(default_factory=dict)
     """Topic → top-level keys."""
@@ -97,7 +96,7 @@ class TopicCache:
         return self._clock_ms + round((now - self._received_at) * 1000)
 
     def clear(self) -> None:
-        """Forget everything: the service starts over."""
+        """Discard everything: the service starts over."""
         self.topics.clear()
         self.lists.clear()
 
@@ -118,11 +117,11 @@ class TopicCache:
         return found
 
     def _append(self, topic: str, items: list[Json], change: TopicChange) -> None:
-        """Frames are numbered: those of a new snapshot that are known already are left out."""
-        kept = self.lists.setdefault(topic, deque(maxlen=MAX_CACHED_ITEMS))
-        newest = kept[-1].get("n", 0) if kept else 0
+        """Append new items. Frames are numbered: those of a new snapshot that are known already are left out."""
+        cached = self.lists.setdefault(topic, deque(maxlen=MAX_CACHED_ITEMS))
+        newest = cached[-1].get("n", 0) if cached else 0
         fresh = [item for item in items if item.get("n", newest + 1) > newest]
-        kept.extend(fresh)
+        cached.extend(fresh)
         change.items[topic] = fresh
         if topic == "events":
             change.urgent.add(topic)

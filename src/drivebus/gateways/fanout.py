@@ -84,7 +84,7 @@ class FanoutGroup:
             self.cancel_timer()
 
     def restart(self) -> None:
-        """Send everybody a snapshot: the service has started over."""
+        """Send every subscriber a snapshot: the service has started over."""
         self.cancel_timer()
         self._pending = TopicChange()
         self._sent_at = self._delta_sent_at = asyncio.get_running_loop().time()

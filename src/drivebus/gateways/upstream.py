@@ -38,7 +38,7 @@ class UpstreamFeed:
         return group
 
     def leave(self, subscriber: Subscriber, group: FanoutGroup) -> None:
-        """Idempotent."""
+        """Remove a subscriber. Idempotent."""
         group.leave(subscriber)
         self._groups = {key: one for key, one in self._groups.items() if one.subscribers}
         self._update_streams()
@@ -53,7 +53,7 @@ class UpstreamFeed:
         self._update_streams()
 
     def _update_streams(self) -> None:
-        """Start and end streams as the subscribers' patterns want them."""
+        """Start and end streams according to the patterns of the subscribers."""
         wanted = self._wanted_streams()
         for stream in wanted - self._streams.keys():
             self._streams[stream] = asyncio.create_task(self._read(stream), name=f"live {stream}")
@@ -66,7 +66,7 @@ class UpstreamFeed:
                 self._cache.remove(stream)
 
     def _wanted_streams(self) -> set[str]:
-        """A pattern of frames stands for the buses that are known, or for the one that it names."""
+        """Return the streams of the patterns; one of frames stands for the known buses, or for one that it names."""
         if not self._groups:
             return set()
         patterns = {pattern for group in self._groups.values() for pattern in group.patterns}

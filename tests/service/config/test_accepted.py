@@ -1,4 +1,4 @@
-"""What is unusual and right is not refused: each check's near side."""
+"""Unusual but valid plant files are accepted: the valid side of each check."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_limits_as_wide_as_the_models_own_and_one_direction() -> None:
     assert kinds(HEAD.replace("[drive.fan]", "[drive.fan]\nlimits = { minimum_hz = 50.0 }")) == ["limits"]
 
 
-def test_open_questions_take_their_choices_and_their_spans() -> None:
+def test_options_accept_the_choices_and_spans_of_open_questions() -> None:
     settings = "options = { monitor_index = 'bcd', nibble = true, class4_item = 255 }"
     assert plant(fan=settings).drive("fan").options == {"monitor_index": "bcd", "nibble": True, "class4_item": 255}
     assert plant(fan="options = { class4_item = 'unknown' }").drive("fan").options == {"class4_item": "unknown"}
@@ -67,11 +67,11 @@ def test_open_questions_take_their_choices_and_their_spans() -> None:
         assert kinds(HEAD.replace("[drive.fan]", f"[drive.fan]\noptions = {{ {wrong} }}")) == ["choice"], wrong
 
 
-def test_the_other_encoding_on_a_line_of_its_own() -> None:
+def test_another_encoding_on_a_bus_of_its_own() -> None:
     assert plant(fan="encoding = 'hex'").drive("fan").encoding == "hex"
 
 
-def test_every_key_of_a_drive_and_of_the_plant_arrives() -> None:
+def test_every_key_of_a_drive_and_of_the_plant_is_configured() -> None:
     found = plant(
         pump="title = { en = 'Pump', zh = '泵' }\non_client_lost = 'stop'\non_service_stop = 'hold'\n"
         "on_restart = 'stop'\nmin_poll_interval_s = 2.5\nsignals = { output_current = 4.0 }",
@@ -90,7 +90,7 @@ def test_every_key_of_a_drive_and_of_the_plant_arrives() -> None:
         found.drive("unknown")
 
 
-def test_a_model_of_ones_own_by_a_path_from_the_file(tmp_path: Path) -> None:
+def test_a_user_profile_by_a_path_relative_to_the_file(tmp_path: Path) -> None:
     (tmp_path / "spindle.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nmaximum_hz = 400.0\n')
     (tmp_path / "plant.toml").write_text(
         HEAD.replace('model = "vc660"', 'model = "spindle.toml"\nlimits = { maximum_hz = 300.0 }'), encoding="utf-8"
@@ -103,7 +103,7 @@ def test_a_model_of_ones_own_by_a_path_from_the_file(tmp_path: Path) -> None:
 # --- lines --------------------------------------------------------------------------------------------------------
 
 
-def test_a_simulated_line_may_be_written_twice_but_not_a_shared_one() -> None:
+def test_a_private_simulated_bus_may_be_named_twice_but_not_a_shared_one() -> None:
     two = 'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://c320@1{0}"\n[bus.b]\nlink = "sim://c320@1{0}"\n'
     assert len(config.loads(two.format("")).buses) == 2
     assert kinds(two.format("?name=x")) == ["one_device"]
@@ -126,7 +126,7 @@ def test_one_device_by_two_names_is_one_device(tmp_path: Path) -> None:
     )
 
 
-def test_the_line_is_the_files_then_the_links_then_the_factorys() -> None:
+def test_serial_settings_are_the_files_then_the_port_urls_then_the_factory_settings() -> None:
     text = HEAD.replace("[drive.fan]", "baud = 19200\n[drive.fan]")
     found = config.loads(text)
     assert [str(config.serial_settings_in(found, bus)) for bus in "abc"] == ["19200 8E1", "9600 8N1", "9600 8N1"]
@@ -136,12 +136,12 @@ def test_the_line_is_the_files_then_the_links_then_the_factorys() -> None:
     assert str(config.serial_settings_in(empty, "d")) == "1200 8N1"
 
 
-def test_sisters_that_speak_alike_share_a_line() -> None:
+def test_models_of_one_protocol_share_a_bus() -> None:
     more = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c300"\n'
     assert plant(more).drive("fan-2").model == "c300"
 
 
-def test_a_period_just_as_long_as_the_question_takes_is_not_too_often() -> None:
+def test_a_period_as_long_as_its_transaction_is_accepted() -> None:
     once_s = config.bus_loads(plant(fan="signals = { output_frequency = 1.0 }"))[0].cycle_s
     edge = f"signals = {{ output_frequency = {once_s + 1e-6:.6f} }}"
     assert plant(fan=edge).drive("fan").signals["output_frequency"] == pytest.approx(once_s, abs=1e-5)
@@ -173,7 +173,7 @@ def test_interlocks_that_can_hold(drives: str, require: str) -> None:
     assert (lock.require, lock.action, lock.delay_s, lock.title.en) == (require, "block_start", 1.5, "i")
 
 
-def test_a_chain_that_ends_is_no_cycle_and_a_longer_one_is_named() -> None:
+def test_a_chain_of_interlocks_is_no_cycle_and_a_long_cycle_is_named() -> None:
     def lock(id: str, drive: str, first: str) -> str:
         return f'[interlock.{id}]\ndrives = ["{drive}"]\nrequire = "{first}.output_frequency > 5 Hz"\n'
 
@@ -183,7 +183,7 @@ def test_a_chain_that_ends_is_no_cycle_and_a_longer_one_is_named() -> None:
     assert kinds(HEAD + chain + lock("z", "pump", "fan-2")) == ["cycle"]
 
 
-def test_an_alarm_without_drives_is_over_all_that_have_the_signal() -> None:
+def test_an_alarm_without_drives_applies_to_all_that_poll_the_signal() -> None:
     more = '[alarm.x]\nkind = "above"\nsignal = "output_frequency"\nthreshold = 45.0\n'
     found = plant(more).alarms[0]
     assert (found.kind, found.drives, found.priority) == (AlarmKind.ABOVE, ("fan", "pump"), AlarmPriority.HIGH)
@@ -202,18 +202,18 @@ def test_an_alarm_without_drives_is_over_all_that_have_the_signal() -> None:
         'kind = "stale"',
     ],
 )
-def test_thresholds_at_the_edge_of_a_signals_range(keys: str) -> None:
+def test_thresholds_at_the_bounds_of_a_signals_range(keys: str) -> None:
     assert plant(f'[alarm.x]\ndrives = ["pump"]\nsignal = "temperature"\n{keys}\n').alarms[0].drives == ("pump",)
 
 
-def test_a_raw_word_may_have_an_alarm_of_its_own() -> None:
+def test_a_signal_without_unit_may_have_an_alarm() -> None:
     more = (
         '[alarm.x]\nkind = "above"\ndrives = ["raw"]\nsignal = "output_current"\nthreshold = 5000.0\nhysteresis = 1e6\n'
     )
     assert plant(more).alarms[0].threshold == 5000.0
 
 
-def test_a_group_with_everything() -> None:
+def test_a_group_with_every_key() -> None:
     more = (
         '[group.g]\ndrives = ["fan", "pump"]\nleader = "pump"\nratios = { fan = 0.5 }\n'
         'start_interval_s = 2.0\nmax_concurrent_starts = 2\ntitle = "Both"\n'
@@ -226,7 +226,7 @@ def test_a_group_with_everything() -> None:
 # --- places -------------------------------------------------------------------------------------------------------
 
 
-def test_a_page_for_the_network_with_its_certificate(tmp_path: Path) -> None:
+def test_the_web_gateway_on_every_address_with_a_certificate(tmp_path: Path) -> None:
     for name in ("plant.crt", "plant.key"):
         (tmp_path / name).touch()
     more = '[gateway.web]\nhost = "0.0.0.0"\nport = 0\ncertificate = "plant.crt"\nkey = "plant.key"\norigins = ["https://a.b:8443"]\n'
@@ -238,11 +238,11 @@ def test_a_page_for_the_network_with_its_certificate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "url", ["postgresql://u@127.0.0.1/plant", "postgres://u:p@[::1]:5432/plant", "postgresql:///plant?host=/run/pg"]
 )
-def test_databases(url: str) -> None:
+def test_urls_of_databases(url: str) -> None:
     assert plant(f'[history]\nurl = "{url}"\n').history.url == url
 
 
-def test_retention_may_be_equal_and_every_figure_arrives() -> None:
+def test_equal_retention_times_are_accepted_and_configured() -> None:
     days = "raw_days = 7.0\nrollup_1s_days = 7.0\nrollup_1min_days = 8.0\nrollup_1h_days = 9.0\n"
     more = f"[history]\nmax_size_mb = 50.0\n[history.retention]\n{days}"
     found = plant(more).history
@@ -250,7 +250,7 @@ def test_retention_may_be_equal_and_every_figure_arrives() -> None:
     assert (found.retention, found.max_size_mb) == (retention, 50)
 
 
-def test_folders_that_are_there_and_that_are_not(tmp_path: Path) -> None:
+def test_a_state_directory_may_exist_or_not(tmp_path: Path) -> None:
     for name in (".", "new/state"):
         keys = f'id = "p"\ndirectory = "{name}"\nusers = "users.json"'
         found = config.loads(HEAD.replace('id = "p"', keys), base=tmp_path)
@@ -262,13 +262,13 @@ def test_passwords_are_hidden_and_users_are_not() -> None:
     assert redact_url("postgresql://u@h/d") == "postgresql://u@h/d"
 
 
-def test_an_expression_may_stand_on_several_lines_and_names_may_be_chinese() -> None:
+def test_an_expression_may_have_several_lines_and_a_title_may_be_chinese() -> None:
     require = '"""\npump.state == running and\n\tpump.temperature < 80 ℃"""'
     more = f'[interlock.i]\ndrives = ["fan"]\nrequire = {require}\ntitle = "水泵先行 №1"\n'
     assert plant(more).interlocks[0].title.en == "水泵先行 №1"
 
 
-def test_a_lower_limit_below_the_models_own_is_refused(tmp_path: Path) -> None:
+def test_a_lower_limit_below_the_models_own_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "slow.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nminimum_hz = 10.0\n')
     text = HEAD.replace('model = "vc660"', 'model = "slow.toml"\nlimits = { minimum_hz = 10.0 }')
     assert config.loads(text, base=tmp_path).drive("pump").limits.minimum_hz == 10.0

@@ -40,7 +40,7 @@ def check(*words: Any) -> Result:
     return CliRunner().invoke(cli, ["check", *(str(word) for word in words)])
 
 
-def test_a_good_plant_is_answered_with_its_arithmetic(plant: Path) -> None:
+def test_a_valid_plant_is_reported_with_its_bus_load(plant: Path) -> None:
     result = check(plant)
     assert result.exit_code == 0
     assert "Buses: 2, drives: 2" in result.output
@@ -48,7 +48,7 @@ def test_a_good_plant_is_answered_with_its_arithmetic(plant: Path) -> None:
     assert "conveyor is polled at most every 750 ms" in result.output
 
 
-def test_a_bad_plant_is_refused_with_every_complaint_and_exit_code_2() -> None:
+def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None:
     result = check(REFUSED / "many-faults.toml", "--json")
     assert result.exit_code == 2
     found = json.loads(result.stdout)
@@ -102,8 +102,8 @@ def test_a_requirement_is_parsed_in_seconds_and_percent() -> None:
     )
 
 
-def test_the_stop_bound_is_the_longest_question_its_deadline_the_gap_and_the_stop() -> None:
-    """One C320 at 9600 8E1: 18 characters asked, 18 answered."""
+def test_the_stop_bound_is_the_longest_request_its_timeout_the_gap_and_the_stop() -> None:
+    """One C320 at 9600 8E1: 18 characters of request, 18 of reply."""
     bus = bus_loads(config.loads(PLANT))[0]
     assert bus.stop_bound_s == bus.drives[0].stop_bound_s == pytest.approx(0.0933, abs=1e-3)
     assert bus.load_percent == pytest.approx(sum(one.load_percent for one in bus.drives))

@@ -1,4 +1,4 @@
-"""A reload does what differs and nothing else."""
+"""Difference of two configurations: a reload applies it and nothing else."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ titles = st.sampled_from([Text("", ""), Text("Fan", "风机")])
 
 
 def named(make: Any, ids: str) -> st.SearchStrategy[Any]:
-    """Some of these ids in any order, each with a thing of its own."""
+    """Return a strategy: some of these ids in any order, each with an object from ``make``."""
 
     def of(chosen: list[str]) -> st.SearchStrategy[Any]:
         return st.tuples(*(make(id) for id in chosen))
@@ -79,7 +79,7 @@ plants = st.builds(
 
 @settings(deadline=None, max_examples=50)
 @given(plants, plants)
-def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantConfig, new: PlantConfig) -> None:
+def test_applying_the_difference_turns_one_plant_into_the_other(old: PlantConfig, new: PlantConfig) -> None:
     change = config_diff(old, new)
     assert apply_diff(change, old) == new
     same = replace(new, drives=(), buses=(), groups=(), interlocks=(), alarms=(), gateways=())
@@ -94,7 +94,7 @@ def test_what_differs_is_the_whole_way_from_one_plant_to_the_other(old: PlantCon
 
 @settings(deadline=None, max_examples=50)
 @given(plants)
-def test_nothing_differs_from_itself(plant: PlantConfig) -> None:
+def test_a_plant_does_not_differ_from_itself(plant: PlantConfig) -> None:
     change = config_diff(plant, plant)
     assert not change and not change.reopened
     assert change.unchanged == tuple(drive.id for drive in plant.drives)
@@ -102,7 +102,7 @@ def test_nothing_differs_from_itself(plant: PlantConfig) -> None:
 
 @settings(deadline=None, max_examples=50)
 @given(plants, plants)
-def test_an_untouched_drive_is_the_same_on_the_same_line(old: PlantConfig, new: PlantConfig) -> None:
+def test_an_unchanged_drive_is_the_same_on_the_same_bus(old: PlantConfig, new: PlantConfig) -> None:
     change = config_diff(old, new)
     buses = {bus.id: bus for bus in old.buses}
     for id in change.unchanged:
@@ -131,7 +131,7 @@ model = "c320"
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "fate"),
+    ("before", "after", "action"),
     [
         ("address = 2", "address = 3", ReloadAction.RECREATE),
         ('address = 2\nmodel = "c320"', 'address = 2\nmodel = "c300"', ReloadAction.RECREATE),
@@ -146,11 +146,11 @@ model = "c320"
         ('id = "p"', 'id = "p"\ntitle = "Plant"', ReloadAction.UNCHANGED),
     ],
 )
-def test_what_becomes_of_a_drive_and_that_its_neighbour_is_left_alone(
-    before: str, after: str, fate: ReloadAction
+def test_the_action_for_a_changed_drive_leaves_the_other_drive_unchanged(
+    before: str, after: str, action: ReloadAction
 ) -> None:
     change = config_diff(config.loads(TEXT), config.loads(TEXT.replace(before, after)))
-    assert change.actions == {"fan": ReloadAction.UNCHANGED, "fan-2": fate}
+    assert change.actions == {"fan": ReloadAction.UNCHANGED, "fan-2": action}
 
 
 def test_another_link_recreates_all_drives_of_the_bus_and_another_title_none() -> None:

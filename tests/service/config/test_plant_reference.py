@@ -1,4 +1,4 @@
-"""The reference of plant.toml is complete, and what it shows loads."""
+"""The reference of plant.toml is complete, and its examples load."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def reference() -> ModuleType:
 
 
 @pytest.mark.parametrize("language", i18n.LANGUAGES)
-def test_every_key_has_its_paragraph_and_no_paragraph_is_without_a_key(reference: ModuleType, language: str) -> None:
+def test_every_key_has_a_paragraph_and_every_paragraph_a_key(reference: ModuleType, language: str) -> None:
     paths = {f"plant_config.key.{'.'.join(path)}" for path in reference.paths()}
     known = {key for key in i18n.catalogue(language) if key.startswith("plant_config.key.")}
     assert len(paths) > 50 and paths == known
@@ -43,15 +43,15 @@ def test_every_key_stands_on_the_page_with_what_it_means(reference: ModuleType, 
         assert f"`{path[-1]}`" in page or f"[{path[0]}.ID" in page or f"`[{path[0]}]`" in page
 
 
-def texts_apart(value: Any) -> Any:
-    """A setting without the file that it was read from."""
+def without_source(value: Any) -> Any:
+    """Return a configuration without the path of its file."""
     return dataclasses.replace(value, source="")
 
 
-def test_both_samples_say_the_same_and_name_every_table_and_key(reference: ModuleType) -> None:
+def test_both_samples_are_the_same_plant_and_name_every_table_and_key(reference: ModuleType) -> None:
     folder = Path(config.__file__).parent
     english, chinese = (folder / f"sample.{language}.toml" for language in i18n.LANGUAGES)
-    assert texts_apart(config.load(english)) == texts_apart(config.load(chinese))
+    assert without_source(config.load(english)) == without_source(config.load(chinese))
     for path in (english, chinese):
         text = path.read_text(encoding="utf-8")
         missing = [path for path in reference.paths() if not re.search(rf"\b{path[-1]}\b", text)]
@@ -67,7 +67,7 @@ def test_the_example_on_the_page_loads(page: Path) -> None:
     assert config.loads(examples[0]).id == "boiler-house"
 
 
-def test_states_and_paces_on_the_page_are_the_codes_own() -> None:
+def test_states_and_intervals_on_the_page_are_those_of_the_code() -> None:
     from drivebus.service.config.bus_load import CANDIDATE_INTERVALS_S
     from drivebus.service.config.diff import REPOLL_FIELDS, UPDATE_FIELDS
 

@@ -1,4 +1,4 @@
-"""What ``check`` reckons is what the plant then does: the same polls, and figures that the line keeps."""
+"""The load estimate of ``check`` holds in a running plant: the same polls, and the estimated refresh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plant(model: str, count: int, more: str = "", line: str = "") -> PlantConfig
 
 
 def watched(bus: Bus, setting: DriveConfig) -> tuple[Drive, list[Poll]]:
-    """The drive as the plant has it, and what its monitor asks for."""
+    """Return a drive of a running plant and the polls of its monitor."""
     asked: list[Poll] = []
     drive = Drive(bus, config.profile_of(setting), setting.address, encoding=setting.encoding, options=setting.options)
     real = bus.start_polling
@@ -42,7 +42,7 @@ def watched(bus: Bus, setting: DriveConfig) -> tuple[Drive, list[Poll]]:
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
 @pytest.mark.parametrize("more", ["", "signals = { output_current = 3.0 }", "min_poll_interval_s = 1.5"])
-def test_the_polls_that_are_reckoned_are_those_that_are_sent(model: str, more: str) -> None:
+def test_the_estimated_polls_are_those_that_are_sent(model: str, more: str) -> None:
     if model == "c320":
         more = more.replace("output_current", "output_voltage")
     setting = plant(model, 1, more).drives[0]
@@ -58,7 +58,7 @@ def test_the_polls_that_are_reckoned_are_those_that_are_sent(model: str, more: s
 
 
 async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]:
-    """For each drive, the longest time between two values of its most frequent signal."""
+    """Return for each drive the longest time between two values of its most frequent signal."""
     port = open_port(setting.buses[0].link)
     gaps: dict[str, float] = {}
     async with Bus(port) as bus:
@@ -82,8 +82,8 @@ async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]
 
 
 @pytest.mark.parametrize(("model", "count"), [("c320", 3), ("c320", 12), ("dzb100", 2), ("vc660", 6), ("df800", 3)])
-def test_a_line_keeps_the_refresh_that_was_reckoned(model: str, count: int) -> None:
-    """Every drive on its line, as often as its file's silence about periods allows."""
+def test_a_bus_keeps_the_estimated_refresh(model: str, count: int) -> None:
+    """Every drive on one bus, without configured periods."""
     setting = plant(model, count)
     bus = config.bus_loads(setting)[0]
     promised, asked = min(bus.drives[0].refresh.values()), min(bus.drives[0].periods.values())

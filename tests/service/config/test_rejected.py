@@ -1,4 +1,4 @@
-"""Every file in ``refused/`` is refused, for exactly the faults beside it: file, line, key, found, expected, remedy."""
+"""Every file in ``refused/`` is rejected for exactly the faults listed beside it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def refusal(path: Path) -> ConfigurationError:
     return caught.value
 
 
-def test_there_are_at_least_twenty_five_refused_files_each_with_its_expectation() -> None:
+def test_there_are_at_least_twenty_five_rejected_files_each_with_its_expectation() -> None:
     assert len(FILES) >= 25
     check_pairs(FILES)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_bad_plant_is_refused_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
+def test_an_invalid_plant_is_rejected_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
     check_complaints(path, refusal(path))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_refusal_is_complete_in_both_languages(path: Path) -> None:
+def test_a_rejection_is_complete_in_both_languages(path: Path) -> None:
     for complaint in refusal(path).params["complaints"]:
         english, chinese = complaint.text("en"), complaint.text("zh")
         assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
@@ -45,18 +45,18 @@ def test_a_refusal_is_complete_in_both_languages(path: Path) -> None:
         assert any("一" <= character <= "鿿" for character in chinese)
 
 
-def test_every_mistake_of_a_file_is_named_in_one_go() -> None:
-    """Wrong types and missing keys do not hide what is wrong elsewhere, and what they spoil is not called unknown."""
+def test_every_fault_of_a_file_is_reported_at_once() -> None:
+    """Wrong types and missing keys hide no other fault, and what depends on them is not reported as unknown."""
     found = refusal(REFUSED / "many-faults.toml").params
     assert found["count"] == 8
     assert [one.line for one in found["complaints"]] == [6, 9, 12, 14, 16, 17, 19, 19]
 
 
-def test_two_protocol_families_on_one_bus_are_refused_when_the_file_is_read() -> None:
+def test_two_protocol_families_on_one_bus_are_rejected() -> None:
     assert [one.kind for one in refusal(REFUSED / "mixed-families.toml").params["complaints"]] == ["mixed"]
 
 
-def test_no_page_for_the_network_without_a_certificate() -> None:
+def test_the_web_gateway_on_every_address_needs_a_certificate() -> None:
     kinds = [one.kind for one in refusal(REFUSED / "web-for-everybody.toml").params["complaints"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
@@ -91,19 +91,19 @@ def test_a_missing_or_unreadable_file_is_reported(tmp_path: Path) -> None:
     assert refusal(large).params["complaints"][0].kind == "too_large"
 
 
-def test_a_hundred_complaints_are_enough() -> None:
+def test_at_most_a_hundred_faults_are_reported() -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads('format = 1\n[plant]\nid = "p"\n' + "".join(f"x{n} = 1\n" for n in range(5000)))
     assert caught.value.params["count"] == 100
 
 
-def test_brackets_without_end_are_refused_like_any_other_nonsense() -> None:
+def test_brackets_without_end_are_rejected_as_a_syntax_error() -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads("format = 1\nx = " + "[" * 100_000)
     assert caught.value.params["complaints"][0].kind == "toml"
 
 
-def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
+def test_every_kind_of_fault_has_three_texts_and_a_rejected_file() -> None:
     files = [*Path(config.__file__).parent.glob("*.py"), Path(toml_file.__file__), Path(gateway.__file__)]
     source = "".join(path.read_text() for path in files)
     kinds = set(re.findall(r'issue\(\s*"([a-z_]+)"', source)) | {"newer", "format"}

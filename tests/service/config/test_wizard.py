@@ -1,4 +1,4 @@
-"""``drivebus init``: what it writes loads, in both languages, examples included; it overwrites nothing."""
+"""``drivebus init``: the file that it writes loads, in both languages and with its examples; it overwrites nothing."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def test_answers_become_a_plant_that_passes_check(answers: Path, tmp_path: Path,
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("addresses", [(1,), (1, 2)])
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "e300"])
-def test_every_example_in_the_comments_is_good_as_well(model: str, addresses: tuple[int, ...], language: str) -> None:
-    """But for paths, which are not there."""
+def test_every_example_in_the_comments_is_valid(model: str, addresses: tuple[int, ...], language: str) -> None:
+    """Beside the paths, which do not exist here."""
     drives = tuple(DriveAnswer(address, model) for address in addresses)
     text = plant_toml(PlantAnswers("P", (BusAnswer("tcp://127.0.0.1:1", drives),)), language)
     paths = r"# (directory|certificate|key) = "
@@ -108,7 +108,7 @@ def test_it_can_go_to_standard_output(answers: Path) -> None:
         ('"1-2,7"', '"1-2,7', "TOML"),
     ],
 )
-def test_answers_that_make_no_plant_are_refused_and_nothing_is_written(
+def test_invalid_answers_are_rejected_and_nothing_is_written(
     answers: Path, tmp_path: Path, before: str, after: str, text: str
 ) -> None:
     answers.write_text(ANSWERS.replace(before, after), encoding="utf-8")
@@ -144,7 +144,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
     ]
 
 
-def test_a_scan_writes_what_answered(tmp_path: Path) -> None:
+def test_a_scan_writes_the_stations_that_replied(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     words = ["--scan", "--models", "vc660,df800", "--addresses", "1-3", "--listen-seconds", "0", "-o", path]
     result = init("sim://vc660@1,3", *words, "--json")
@@ -189,8 +189,8 @@ titles = st.text(max_size=30)
 
 @settings(deadline=None, max_examples=25)
 @given(titles, st.lists(titles, min_size=1, max_size=4), st.sampled_from(["en", "zh"]))
-def test_any_names_become_a_file_that_says_them(title: str, names: list[str], language: str) -> None:
-    """Quotes, backslashes, control characters, other scripts: a TOML string all the same."""
+def test_any_names_are_written_and_loaded_unchanged(title: str, names: list[str], language: str) -> None:
+    """Quotes, backslashes, control characters and other scripts are escaped."""
     drives = tuple(DriveAnswer(address, "vc660", name) for address, name in enumerate(names, 1))
     raw = tomllib.loads(plant_toml(PlantAnswers(title, (BusAnswer("tcp://127.0.0.1:1", drives),)), language))
     assert raw["plant"]["title"] == title

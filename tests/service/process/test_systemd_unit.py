@@ -1,4 +1,4 @@
-"""The systemd unit says what the plant process does."""
+"""The systemd unit fits the service process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def service() -> configparser.SectionProxy:
     return found["Service"]
 
 
-def test_systemd_waits_for_ready_watches_the_buses_and_lets_the_plant_stop_its_motors() -> None:
+def test_systemd_waits_for_ready_watches_the_buses_and_leaves_time_to_stop_the_drives() -> None:
     unit = service()
     assert (unit["Type"], unit["NotifyAccess"]) == ("notify", "main")
     assert float(unit["WatchdogSec"]) >= 2 * MAX_BUS_LATENESS_S
@@ -39,12 +39,12 @@ def test_the_service_comes_before_other_work_of_the_machine_and_its_gateways() -
     assert precedence < precedence + NICE_GATEWAY < 0
 
 
-def test_systemd_finds_nothing_wrong_with_it(tmp_path: Path) -> None:
-    """Only where systemd is."""
+def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
+    """Runs only where systemd is installed."""
     if (analyze := shutil.which("systemd-analyze")) is None:
         return
     copy = tmp_path / UNIT.name
     copy.write_text(UNIT.read_text().replace("/usr/local/bin/drivebus", sys.executable))
     done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True, check=False)
-    message = [line for line in done.stderr.splitlines() if UNIT.name in line]
-    assert not message, message
+    messages = [line for line in done.stderr.splitlines() if UNIT.name in line]
+    assert not messages, messages

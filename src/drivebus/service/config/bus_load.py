@@ -34,12 +34,12 @@ def profile_of(drive: DriveConfig) -> DriveProfile:
 
 def with_periods(profile: DriveProfile, periods: Mapping[str, float]) -> DriveProfile:
     """Return the profile with other periods; unknown signals are ignored."""
-    asked = {
+    changed = {
         name: replace(profile.signals[name], period_s=period)
         for name, period in periods.items()
         if name in profile.signals
     }
-    return replace(profile, signals=dict(profile.signals) | asked) if asked else profile
+    return replace(profile, signals=dict(profile.signals) | changed) if changed else profile
 
 
 def polled_names(drive: DriveConfig, profile: DriveProfile) -> tuple[str, ...]:

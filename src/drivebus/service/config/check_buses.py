@@ -141,8 +141,8 @@ def _check_drive(parsed: ParsedPlant, id: str, drive: DriveTable, profile: Drive
     yield from _check_limits(id, drive, profile)
     yield from _check_signals(parsed, id, drive, profile)
     if not faults:
-        asked = with_periods(profile, drive.signals)
-        parsed.dialects[id] = create_dialect(asked, drive.address, encoding=drive.encoding, options=drive.options)
+        polled = with_periods(profile, drive.signals)
+        parsed.dialects[id] = create_dialect(polled, drive.address, encoding=drive.encoding, options=drive.options)
 
 
 def _check_address(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
@@ -225,9 +225,9 @@ def bus_load_problems(parsed: ParsedPlant) -> Iterator[Issue]:
 
 def _check_families(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
     """Yield drives of different protocols: bytes of one may look like a frame of another."""
-    spoken = [(id, parsed.dialects[id]) for id, _ in drives if id in parsed.dialects]
-    for id, dialect in spoken[1:]:
-        first, other = spoken[0]
+    dialects = [(id, parsed.dialects[id]) for id, _ in drives if id in parsed.dialects]
+    for id, dialect in dialects[1:]:
+        first, other = dialects[0]
         if protocol_of(dialect.codec) != protocol_of(other.codec):
             found, expected = ("/".join(protocol_of(one.codec)) for one in (dialect, other))
             yield issue("mixed", ("drive", id, "bus"), found, other=first, expected=expected)

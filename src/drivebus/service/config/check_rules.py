@@ -94,9 +94,9 @@ def _check_signal(parsed: ParsedPlant, one: SignalReference, path: KeyPath) -> I
         if "status" not in profile.capabilities:
             yield issue("expression_no_state", path, str(one), column=one.column, model=profile.model)
         return
-    asked = polled_signals(parsed, one.drive, parsed.file.drive[one.drive])
-    if one.name not in asked:
-        names = suggestions(one.name, list(dict.fromkeys((STATE_NAME, *asked))))
+    polled = polled_signals(parsed, one.drive, parsed.file.drive[one.drive])
+    if one.name not in polled:
+        names = suggestions(one.name, list(dict.fromkeys((STATE_NAME, *polled))))
         yield issue("expression_signal", path, str(one), column=one.column, drive=one.drive, **names)
     elif profile.signals[one.name].uncertain:
         yield issue("expression_uncertain", path, str(one), column=one.column, model=profile.model)
@@ -162,7 +162,7 @@ def _unit(parsed: ParsedPlant, side: Operand) -> str | None:
 
 def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, Expression]) -> Iterator[Issue]:
     """Yield drives that must run before each other, so that none of them could ever start."""
-    first: dict[str, list[tuple[str, str]]] = {}
+    first: dict[str, list[tuple[str, str]]] = {}  # drive → drives that must run before it, each with the interlock
     for id, expression in read.items():
         wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
         for drive in interlocks[id].drives:
@@ -178,16 +178,16 @@ def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, E
 
 def _shortest_cycle(start: str, first: Mapping[str, list[tuple[str, str]]]) -> list[str] | None:
     """Return the shortest cycle of required drives from ``start`` back to itself."""
-    ways = [[start]]
-    seen = {start}
-    while ways:
-        way = ways.pop(0)
-        for other, _ in first.get(way[-1], ()):
+    paths = [[start]]
+    visited = {start}
+    while paths:
+        path = paths.pop(0)
+        for other, _ in first.get(path[-1], ()):
             if other == start:
-                return way
-            if other not in seen:
-                seen.add(other)
-                ways.append([*way, other])
+                return path
+            if other not in visited:
+                visited.add(other)
+                paths.append([*path, other])
     return None
 
 
@@ -228,9 +228,9 @@ def _check_alarm_signal(parsed: ParsedPlant, alarm: AlarmTable, name: str, path:
         return
     signals: dict[str, Signal] = {}
     for drive in drives:
-        asked = polled_signals(parsed, drive, parsed.file.drive[drive])
-        if name not in asked:
-            yield issue("alarm_signal", (*path, "signal"), name, drive=drive, **suggestions(name, asked))
+        polled = polled_signals(parsed, drive, parsed.file.drive[drive])
+        if name not in polled:
+            yield issue("alarm_signal", (*path, "signal"), name, drive=drive, **suggestions(name, polled))
         elif name in parsed.profiles[drive].signals:
             signals[drive] = parsed.profiles[drive].signals[name]
     units = {signal.unit: drive for drive, signal in signals.items()}

@@ -99,9 +99,11 @@ def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
         bus.id for bus in new.buses if bus.id in before and _changed_fields(before[bus.id], bus) - UPDATE_BUS_FIELDS
     )
     drives = {drive.id: drive for drive in old.drives}
-    fates = {drive.id: _reload_action(drives[drive.id], drive, reopened) for drive in new.drives if drive.id in drives}
+    actions = {
+        drive.id: _reload_action(drives[drive.id], drive, reopened) for drive in new.drives if drive.id in drives
+    }
     others = {name: getattr(new, name) for name in _changed_fields(old, new) - set(_CONFIG_PARTS)}
-    return ConfigDiff(**parts, actions=fates, reopened=reopened, others=others)
+    return ConfigDiff(**parts, actions=actions, reopened=reopened, others=others)
 
 
 def apply_diff(change: ConfigDiff, old: PlantConfig) -> PlantConfig:

@@ -54,7 +54,7 @@ class Gateway:
 
 
 def installed_gateways() -> Mapping[str, Gateway]:
-    """Return every installed gateway by name. Raises ConfigurationError for one that can't be used."""
+    """Return every installed gateway by name, sorted. Raises ConfigurationError for one that can't be used."""
     return MappingProxyType(_load_all()[0])
 
 
@@ -75,7 +75,7 @@ def gateway_problems(tables: GatewayTables, resolve_path: ResolvePath) -> Iterat
 
 
 def clear_registry() -> None:
-    """Look up the entry points again."""
+    """Discard the loaded gateways; the next use looks up the entry points again."""
     _load_all.cache_clear()
 
 

@@ -1,4 +1,4 @@
-"""Unix sockets at any path: the system takes 107 bytes, a state directory may lie deeper."""
+"""Sockets of the service: their names, paths of any length, and the form of a reply."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"received\n"
 
 @contextlib.contextmanager
 def short_socket_path(path: Path) -> Iterator[str]:
-    """The path, or a shorter one to the same place while this block lasts. Raises ConfigurationError."""
+    """Yield the path, or a shorter one to the same place that works in this block: the system takes 107 bytes.
+
+    Raises ConfigurationError.
+    """
     text = str(path)
     if len(os.fsencode(text)) <= MAX_SOCKET_PATH_BYTES:
         yield text

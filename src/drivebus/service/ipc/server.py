@@ -26,12 +26,12 @@ from drivebus.types import Json
 
 MAX_CONCURRENT_REQUESTS = 1000  # of one connection; stops do not count
 MAX_UNSENT_BYTES = 16 * 1024 * 1024
-"""A client that lets so much lie unread is cut off: its web part hangs, and is started again."""
+"""A client that leaves more unread is disconnected, because it hangs."""
 LOG = logging.getLogger("drivebus.service")
 
 
 class SocketServer:
-    """``plant.sock``."""
+    """Server of ``plant.sock``."""
 
     def __init__(self, plant: ServiceClient, path: Path) -> None:
         self._service, self.path = plant, path
@@ -43,7 +43,7 @@ class SocketServer:
         self._server = await listen_unix(self.path, self._connected)
 
     async def close(self) -> None:
-        """No more clients; what they asked for and was not done is not done."""
+        """Disconnect every client; pending requests are cancelled."""
         await close_server(self._server, self.path)
         for task in self._connections:
             task.cancel()
@@ -62,7 +62,7 @@ class SocketServer:
 
 
 class _ClientConnection:
-    """One client."""
+    """Connection of one client."""
 
     def __init__(self, plant: ServiceClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._service, self._reader, self._writer = plant, reader, writer
@@ -70,13 +70,15 @@ class _ClientConnection:
         self._live_tasks: dict[Any, asyncio.Task[None]] = {}
 
     async def run(self) -> None:
-        """Until the client goes, or sends what is no request. What it asked for ends as it would have: a stop is not
-        taken back, a command is recorded with its outcome."""
+        """Serve until the client disconnects or sends an invalid request.
+
+        Its commands continue: a stop is not revoked, and each is recorded with its outcome.
+        """
         try:
             while line := await self._reader.readline():
                 self._handle(json.loads(line))
         except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
-            LOG.warning("a client of the plant's socket was cut off: %s", type(error).__name__)
+            LOG.warning("a client of the service's socket was disconnected: %s", type(error).__name__)
         finally:
             for task in self._live_tasks.values():
                 task.cancel()
@@ -192,7 +194,7 @@ ConnectionHandler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Await
 
 
 async def listen_unix(path: Path, connected: ConnectionHandler) -> asyncio.Server:
-    """Listen at a path that only this user may open; what a killed plant left there is taken away.
+    """Listen at a path that only this user may open; the socket that a killed service left there is removed.
 
     Raises OSError.
     """

@@ -100,7 +100,7 @@ class GatewaySupervisor(PlantListener):
     """All gateways of a plant; ``plant.gateways`` holds their status."""
 
     def __init__(self, plant: Plant, *, without: Collection[str] = (), address_output: AddressOutput = "plain") -> None:
-        """``without``: names of gateways that don't run, whatever the configuration says."""
+        """``without``: names of gateways that are not started, also where their table enables them."""
         self._plant, self._without, self._address_output = plant, frozenset(without), address_output
         self._configs: dict[str, GatewayConfig] = {}
         self._children: dict[str, ChildProcess] = {}

@@ -14,7 +14,7 @@ PRIVATE_DIRECTORY_MODE = 0o700
 
 @contextmanager
 def single_instance(directory: Path) -> Iterator[None]:
-    """Raises ConfigurationError where a plant runs there already, or the directory can't be used."""
+    """Hold the lock while the block lasts. Raises ConfigurationError where another service holds it."""
     from fcntl import LOCK_EX, LOCK_NB, flock
 
     try:

@@ -85,7 +85,7 @@ EVENT_FIELDS = ("kind", "drive", "actor", "outcome")
 
 
 class PlainFormatter(logging.Formatter):
-    """``2026-11-21T22:00:00+00:00 WARNING fan-1: fan-1 does not answer any more``."""
+    """Formatter of lines such as ``2026-11-21T22:00:00+00:00 WARNING fan-1: fan-1 no longer replies``."""
 
     def format(self, record: logging.LogRecord) -> str:
         event = getattr(record, "event", None) or {}

@@ -13,7 +13,7 @@ MAX_BUS_LATENESS_S = 5.0  # a bus that is later with due work counts as hanging
 
 
 class SystemdNotifier:
-    """``Type=notify`` with ``WatchdogSec``: see ``sd_notify(3)``."""
+    """Client of systemd for ``Type=notify`` with ``WatchdogSec``: see ``sd_notify(3)``."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
@@ -31,14 +31,14 @@ class SystemdNotifier:
         with socket.socket(socket.AF_UNIX, kind) as manager, contextlib.suppress(OSError):
             manager.sendto(message.encode(), self._address)
 
-    def feed_watchdog(self, lines: Iterable[BusRuntime], now: float) -> None:
+    def feed_watchdog(self, buses: Iterable[BusRuntime], now: float) -> None:
         """Feed the watchdog if every bus does its work; called from the loop of the buses."""
         due = self._watchdog_fed_at is None or now - self._watchdog_fed_at >= self.watchdog_interval_s
-        if self.watchdog_interval_s and due and all(is_bus_alive(line) for line in lines):
+        if self.watchdog_interval_s and due and all(is_bus_alive(bus) for bus in buses):
             self._watchdog_fed_at = now
             self.send("WATCHDOG=1")
 
 
-def is_bus_alive(line: BusRuntime) -> bool:
+def is_bus_alive(runtime: BusRuntime) -> bool:
     """Return whether a bus does its due work, or is being opened again."""
-    return line.bus.is_closed or not line.bus.is_open or line.bus.overdue_s < MAX_BUS_LATENESS_S
+    return runtime.bus.is_closed or not runtime.bus.is_open or runtime.bus.overdue_s < MAX_BUS_LATENESS_S
