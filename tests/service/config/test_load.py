@@ -32,15 +32,13 @@ def test_the_sample_loads(path: Path) -> None:
     assert plant.drive("fan-1").limits.maximum_hz == 45.0
 
 
-def test_a_running_drive_is_left_alone_by_a_restart_and_stopped_by_an_end_unless_the_file_says_otherwise() -> None:
+def test_by_default_a_restart_adopts_a_running_drive_and_the_end_of_the_service_stops_it() -> None:
     drive = config.loads(SMALL).drive("fan")
     policies = (drive.on_client_lost, drive.on_service_stop, drive.on_restart)
     assert policies == (OnClientLost.HOLD, OnServiceStop.STOP, OnRestart.ADOPT)
 
 
-def test_the_state_directory_is_the_users_own_unless_the_file_says_otherwise(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_default_state_directory_is_below_the_users_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert config.loads(SMALL).directory == tmp_path / "drivebus" / "plants" / "small"
     named = SMALL.replace('id = "small"', 'id = "small"\ndirectory = "state"')

@@ -1,4 +1,4 @@
-"""What only asks waits for its turn; what does something comes in as it was sent: a stop voids all before it."""
+"""Order of requests on one connection: commands are called as they arrive, queries yield to them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from fixtures.service import LOCAL, ServiceKit, running_service
 
-QUESTIONS = [("buses.list", {})] * 20
+QUERIES = [("buses.list", {})] * 20
 
 
 class Wire:
-    """What the plant writes to a client of its socket."""
+    """Writer that records the messages to a client of the socket."""
 
     def __init__(self) -> None:
         self.transport = self
@@ -38,8 +38,8 @@ class Wire:
         return
 
 
-async def asked(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
-    """All of them in one piece over the plant's socket, by who sits at the plant; the answers as they were asked."""
+async def send_at_once(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
+    """Send requests in one piece as a local user; return the replies in the order of the requests."""
     reader, wire = asyncio.StreamReader(), Wire()
     for number, (name, params) in enumerate(requests):
         message = {"id": number, "op": name, "params": params, "actor": LOCAL.as_json()}
@@ -54,62 +54,62 @@ async def asked(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
     ("command", "params"),
     [("drive.run", {"frequency_hz": 20.0}), ("drive.jog", {}), ("group.start", {"group": "fans"})],
 )
-def test_a_stop_voids_a_start_that_came_before_it_whatever_else_waits(command: str, params: Json) -> None:
+def test_a_stop_supersedes_an_earlier_start_while_queries_wait(command: str, params: Json) -> None:
     """By an actor whose starts need one step, behind waiting queries."""
     place = {"frequency_hz": 20.0} | params if "group" in params else {"drive": "fan-1"} | params
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             await kit.grant_waivers()
-            *_, start, stop = await asked(kit, *QUESTIONS, (command, place), ("drive.stop", {"drive": "fan-1"}))
+            *_, start, stop = await send_at_once(kit, *QUERIES, (command, place), ("drive.stop", {"drive": "fan-1"}))
             assert "Superseded" in json.dumps(start) and stop["result"]["outcome"]["status"] == "confirmed"
             await asyncio.sleep(3)
             assert [kit.station(fan).motor.starts for fan in ("fan-1", "fan-2")] == [0, 0]
 
-    run(story())
+    run(scenario())
 
 
-def test_a_stop_of_everything_holds_whatever_release_came_before_it() -> None:
-    async def story() -> None:
+def test_a_stop_of_everything_inhibits_starts_after_an_earlier_release() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
             release = "start_inhibit.release", {"drive": "fan-1"}
-            await asked(kit, *QUESTIONS, release, ("plant.stop", {}))
+            await send_at_once(kit, *QUERIES, release, ("plant.stop", {}))
             assert (await kit.call("drives.get", drive="fan-1"))["start_inhibited"]
 
-    run(story())
+    run(scenario())
 
 
 def test_a_jog_renewal_does_not_wait_for_queries() -> None:
-    """A jog whose renewal comes late stops the motor; a lease is lost."""
+    """A late renewal stops the motor of a jog and ends a lease."""
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            paper, before = kit.service.call, list[str]()
+            call, called = kit.service.call, list[str]()
 
-            async def noted(operation: str, params: Json, actor: Any) -> Json:
-                before.append(operation)
-                return await paper(operation, params, actor)
+            async def record(operation: str, params: Json, actor: Any) -> Json:
+                called.append(operation)
+                return await call(operation, params, actor)
 
-            kit.service.call = noted  # type: ignore[method-assign]
+            kit.service.call = record  # type: ignore[method-assign]
             renewals = [(name, {"drive": "fan-1"}) for name in ("drive.jog_renew", "lease.renew")]
-            await asked(kit, *QUESTIONS, *renewals)
-            assert len(before) == 22 and max(map(before.index, ("drive.jog_renew", "lease.renew"))) < 5
+            await send_at_once(kit, *QUERIES, *renewals)
+            assert len(called) == 22 and max(map(called.index, ("drive.jog_renew", "lease.renew"))) < 5
 
-    run(story())
-
-
-def test_what_waits_is_what_nothing_comes_of() -> None:
-    message = {name for name, operation in OPERATIONS.items() if not operation.yields}
-    assert message == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
+    run(scenario())
 
 
-def test_a_live_message_overtakes_long_answers() -> None:
-    """Each is encoded in pieces; only those of the answers wait behind each other."""
+def test_only_operations_without_effect_yield() -> None:
+    immediate = {name for name, operation in OPERATIONS.items() if not operation.yields}
+    assert immediate == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
 
-    async def story() -> None:
+
+def test_a_live_message_overtakes_long_replies() -> None:
+    """Replies are encoded in pieces, one after another; live messages do not wait for them."""
+
+    async def scenario() -> None:
         wire, many = Wire(), {f"drives/{number}": {"title": "x" * 1000} for number in range(300)}
         async with running_service() as kit:
             connection = _ClientConnection(kit.service, asyncio.StreamReader(), cast(asyncio.StreamWriter, wire))
@@ -117,4 +117,4 @@ def test_a_live_message_overtakes_long_answers() -> None:
             await asyncio.gather(*map(connection._send, messages))
         assert wire.messages[0]["id"] == 20
 
-    run(story())
+    run(scenario())

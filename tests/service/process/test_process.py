@@ -50,8 +50,8 @@ def write(tmp_path: Path, *more: str) -> Path:
 
 
 @contextmanager
-def served(file: Path, *words: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """A plant that is ready."""
+def running_service(file: Path, *words: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """A service process that is ready."""
     process = subprocess.Popen(
         [*COMMAND, "serve", str(file), *words],
         stdout=subprocess.PIPE,
@@ -69,12 +69,12 @@ def served(file: Path, *words: str, **environment: str) -> Iterator[subprocess.P
         process.communicate()
 
 
-def verb(*words: str) -> subprocess.CompletedProcess[str]:
+def command(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True, check=False)
 
 
-async def seen(client: SocketClient, drive: str) -> dict[str, Any]:
-    """The drive once it answers."""
+async def wait_until_stopped(client: SocketClient, drive: str) -> dict[str, Any]:
+    """Return the view of a drive once its state is read as stopped."""
     while True:
         found = {view["id"]: view for view in (await client.call("drives.list", {}, ME))["drives"]}
         if found.get(drive, {}).get("state") == "stopped":
@@ -82,36 +82,36 @@ async def seen(client: SocketClient, drive: str) -> dict[str, Any]:
         await asyncio.sleep(0.1)
 
 
-def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stopped(tmp_path: Path) -> None:
-    """``Type=notify``; SIGHUP; SIGTERM stops what was started, in order."""
+def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tmp_path: Path) -> None:
+    """It notifies systemd (``Type=notify``), reloads on SIGHUP, and ends in order on SIGTERM."""
     file, state = write(tmp_path), tmp_path / "state"
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
     manager.settimeout(20)
-    asked = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
-    with served(file, "--without", "web", "--log", "json", **asked) as process:
+    environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
+    with running_service(file, "--without", "web", "--log", "json", **environment) as process:
         text = [manager.recv(100).decode() for _ in range(3)]
         assert "READY=1" in text and "WATCHDOG=1" in text
-        second = verb("serve", str(file), "--without", "web")
+        second = command("serve", str(file), "--without", "web")
         assert second.returncode == 2 and "already uses" in second.stderr
 
-        async def story() -> None:
+        async def scenario() -> None:
             client = SocketClient(state / "plant.sock")
-            await seen(client, "fan-1")
+            await wait_until_stopped(client, "fan-1")
             write(tmp_path, SECOND)
             process.send_signal(signal.SIGHUP)
-            await seen(client, "fan-2")
+            await wait_until_stopped(client, "fan-2")
             for drive in ("fan-1", "fan-2"):
                 await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
             await client.call("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}, ME)
-            stopped = await asyncio.to_thread(verb, "stop", "--all", str(file), "--json")
+            stopped = await asyncio.to_thread(command, "stop", "--all", str(file), "--json")
             assert stopped.returncode == 0, stopped
             assert json.loads(stopped.stdout)["buses"]["a"]["confirmed"] is True
             await client.call("start_inhibit.release", {"drive": "fan-2"}, ME)
             await client.call("drive.run", {"drive": "fan-2", "frequency_hz": 20.0}, ME)
             await client.close()
 
-        asyncio.run(story())  # meanwhile the manager's queue is full: no bus waits for it
+        asyncio.run(scenario())  # meanwhile the manager's queue is full: no bus waits for it
         manager.setblocking(False)
         with suppress(BlockingIOError):
             while True:
@@ -129,7 +129,7 @@ def test_one_plant_runs_once_takes_over_its_file_and_ends_with_its_motors_stoppe
     assert not [name for name in state.iterdir() if name.suffix == ".sock"]
 
 
-def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(tmp_path: Path) -> None:
+def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: Path) -> None:
     """A closed terminal ends the service; otherwise it would keep running with its port."""
     file, (master, slave) = write(tmp_path), os.openpty()
     process = subprocess.Popen(
@@ -152,8 +152,8 @@ def test_a_plant_whose_terminal_is_closed_ends_and_does_not_read_its_file_again(
     assert not [one for one in (tmp_path / "state").iterdir() if one.suffix == ".sock"]
 
 
-def test_every_line_of_a_plant_that_was_asked_for_json_is_json(tmp_path: Path) -> None:
-    """The page's address too, which its own process tells."""
+def test_with_json_every_line_of_standard_output_is_json(tmp_path: Path) -> None:
+    """Also the address of the page, which the web process prints."""
     words = [*COMMAND, "serve", str(write(tmp_path)), "--json"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
@@ -165,10 +165,9 @@ def test_every_line_of_a_plant_that_was_asked_for_json_is_json(tmp_path: Path) -
     assert (plant["plant"], page["page"].startswith("http://127.0.0.1:")) == ("hall", True)
 
 
-def test_a_killed_web_part_leaves_the_plant_going_and_comes_back(tmp_path: Path) -> None:
-    """Kill -9 of the web process."""
+def test_a_killed_web_process_is_started_again_and_the_service_goes_on(tmp_path: Path) -> None:
     file, state = write(tmp_path), tmp_path / "state"
-    with served(file) as process:
+    with running_service(file) as process:
         assert process.stdout is not None
         first = process.stdout.readline()
         assert first.startswith("http://127.0.0.1:")
@@ -176,11 +175,11 @@ def test_a_killed_web_part_leaves_the_plant_going_and_comes_back(tmp_path: Path)
         os.kill(child, signal.SIGKILL)
         client = SocketClient(state / "plant.sock")
 
-        async def story() -> None:
-            await seen(client, "fan-1")
+        async def scenario() -> None:
+            await wait_until_stopped(client, "fan-1")
             await client.close()
 
-        asyncio.run(story())
+        asyncio.run(scenario())
         assert process.stdout.readline().startswith("http://127.0.0.1:")
         (another,) = children(process.pid)
         assert another != child
@@ -194,10 +193,10 @@ def children(pid: int) -> list[int]:
     return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def test_stop_all_says_when_no_plant_answers(tmp_path: Path) -> None:
-    found = verb("stop", "--all", "--directory", str(tmp_path))
+def test_stop_all_reports_a_missing_service(tmp_path: Path) -> None:
+    found = command("stop", "--all", "--directory", str(tmp_path))
     assert found.returncode == 1 and "nothing was stopped" in found.stderr
-    assert verb("stop", "--all").returncode == 2
+    assert command("stop", "--all").returncode == 2
 
 
 @pytest.mark.parametrize(
@@ -217,7 +216,7 @@ def test_an_error_in_the_file_does_not_prevent_a_stop_of_all_drives(
 @pytest.mark.parametrize(
     "text", ["", "[plant]\nid = 3\n", '[plant]\nid = "No"\n', '[plant]\nid = "a"\ndirectory = 5\n']
 )
-def test_a_file_that_names_no_plant_is_refused_with_its_mistakes(text: str, tmp_path: Path) -> None:
+def test_a_file_that_names_no_plant_is_rejected_with_its_faults(text: str, tmp_path: Path) -> None:
     file = tmp_path / "plant.toml"
     file.write_text(text)
     with pytest.raises(ConfigurationError) as refused:
@@ -225,26 +224,26 @@ def test_a_file_that_names_no_plant_is_refused_with_its_mistakes(text: str, tmp_
     assert refused.value.key == "plant_config.refused"
 
 
-@pytest.mark.parametrize(("says", "key"), [(b"", "stop_all.hangs"), (b"received\n", "stop_all.gone")])
-def test_stop_all_never_waits_for_a_plant_that_hangs_and_calls_nothing_stopped(
-    says: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("reply", "key"), [(b"", "stop_all.hangs"), (b"received\n", "stop_all.gone")])
+def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs(
+    reply: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Frozen, it still has its socket, and the kernel takes the word for it."""
+    """A frozen process still has its socket, and the kernel accepts the connection."""
     monkeypatch.setattr(stop, "STOP_ACCEPT_TIMEOUT_S", 0.2)
 
-    def asked() -> None:
-        with socket.socket(socket.AF_UNIX) as door:
-            door.bind(str(tmp_path / "stop.sock"))
-            door.listen()
-            threading.Thread(target=answered, args=(door,), daemon=True).start()
+    def request_stop() -> None:
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(str(tmp_path / "stop.sock"))
+            server.listen()
+            threading.Thread(target=answer, args=(server,), daemon=True).start()
             asyncio.run(stop._request_stop(tmp_path))
 
-    def answered(door: socket.socket) -> None:
-        if says:
-            with door.accept()[0] as one:
+    def answer(server: socket.socket) -> None:
+        if reply:
+            with server.accept()[0] as one:
                 one.recv(100)
-                one.sendall(says)
+                one.sendall(reply)
 
     with pytest.raises(StopUnconfirmed) as caught:
-        asked()
+        request_stop()
     assert caught.value.key == key and exit_code_of(caught.value) is ExitCode.UNKNOWN

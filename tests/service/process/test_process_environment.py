@@ -1,4 +1,4 @@
-"""Around the plant process: its log, its watchdog, its web child, its lock."""
+"""Environment of the service process: log, watchdog, child processes, lock."""
 
 from __future__ import annotations
 
@@ -32,25 +32,22 @@ from drivebus.testing.virtual_time import run
 from fixtures.service import plant_config, running_service
 
 
-def line(text: str, drive: str | None = None) -> logging.LogRecord:
+def record_of(text: str, drive: str | None = None) -> logging.LogRecord:
     record = logging.LogRecord("drivebus.service", logging.WARNING, "", 0, text, (), None)
     record.event = {"kind": "presence", "drive": drive, "actor": None, "outcome": None}
     return record
 
 
-def test_no_text_of_anybody_makes_a_second_line_in_the_log_or_colours_it() -> None:
-    """S13."""
+def test_no_text_forges_a_line_of_the_log_or_sends_escape_sequences() -> None:
     evil = "gone\n2026-01-01T00:00:00+00:00 INFO pump-1: all is well\x1b[2J\r"
-    plain = logging_setup.PlainFormatter().format(line(evil, "fan-1"))
+    plain = logging_setup.PlainFormatter().format(record_of(evil, "fan-1"))
     assert "\n" not in plain and "\r" not in plain and "\x1b" not in plain and "fan-1: gone" in plain
-    found = json.loads(logging_setup.JsonFormatter().format(line(evil, "fan-1")))
+    found = json.loads(logging_setup.JsonFormatter().format(record_of(evil, "fan-1")))
     assert found["text"] == evil and found["drive"] == "fan-1" and found["level"] == "warning"
-    assert "\n" not in logging_setup.JsonFormatter().format(line(evil))
+    assert "\n" not in logging_setup.JsonFormatter().format(record_of(evil))
 
 
-def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the form that was asked for, like every other line."""
-
+def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     async def ended(setting: Any, *, without: Any, announce: str, on_ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"status": "confirmed"}}
 
@@ -64,7 +61,6 @@ def test_what_did_not_stop_at_the_end_is_a_line_of_the_log(monkeypatch: pytest.M
 
 
 def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines are dropped, control goes on."""
     ending: list[Any] = []
     monkeypatch.setattr(logging_setup.atexit, "register", lambda *what: ending.append(partial(*what)))
     monkeypatch.setattr(logging_setup, "FLUSH_TIMEOUT_S", 0.05)
@@ -93,7 +89,7 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
         root.setLevel(before[1])
 
 
-def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Path) -> None:
+def test_the_watchdog_is_fed_only_while_every_bus_does_its_due_work(tmp_path: Path) -> None:
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
     manager.setblocking(False)
@@ -104,33 +100,33 @@ def test_the_watchdog_is_fed_only_while_every_bus_does_what_is_due(tmp_path: Pat
 
     notify.feed_watchdog([bus(0.0), bus(0.1)], 10.0)
     assert manager.recv(100) == b"WATCHDOG=1"
-    for lines, now in (([bus(0.0)], 10.5), ([bus(0.0), bus(MAX_BUS_LATENESS_S)], 12.0)):
-        notify.feed_watchdog(lines, now)
+    for buses, now in (([bus(0.0)], 10.5), ([bus(0.0), bus(MAX_BUS_LATENESS_S)], 12.0)):
+        notify.feed_watchdog(buses, now)
         with pytest.raises(BlockingIOError):
             manager.recv(100)
-    notify.feed_watchdog([bus(0.0), bus(99.0, is_open=False)], 12.5)  # known to be lost, and being opened again
+    notify.feed_watchdog([bus(0.0), bus(99.0, is_open=False)], 12.5)  # its loss is known, and it is opened again
     assert manager.recv(100) == b"WATCHDOG=1"
     manager.close()
     notify.send("READY=1")  # the manager is gone: no error
     SystemdNotifier({}).send("READY=1")
 
 
-def test_a_bus_that_does_not_do_what_is_due_is_not_alive() -> None:
-    async def story() -> None:
+def test_a_bus_that_is_late_with_its_due_work_is_not_alive() -> None:
+    async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            line = kit.service.plant.buses["a"]
-            assert is_bus_alive(line)
-            line.bus._timer.set(None)  # type: ignore[union-attr]
-            line.bus._arm_timer = lambda: None  # type: ignore[method-assign]
+            runtime = kit.service.plant.buses["a"]
+            assert is_bus_alive(runtime)
+            runtime.bus._timer.set(None)  # type: ignore[union-attr]
+            runtime.bus._arm_timer = lambda: None  # type: ignore[method-assign]
             await asyncio.sleep(10)
-            assert not is_bus_alive(line)
+            assert not is_bus_alive(runtime)
 
-    run(story())
+    run(scenario())
 
 
 def test_a_gateway_that_ends_is_started_again_with_growing_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def story() -> None:
+    async def scenario() -> None:
         loop = asyncio.get_running_loop()
         begun: list[float] = []
         exits: list[tuple[int, bool]] = []
@@ -161,11 +157,11 @@ def test_a_gateway_that_ends_is_started_again_with_growing_pauses(monkeypatch: p
         assert exits == [(3, False), (3, True), (3, True), (3, False), (3, True)]
         await child.close()
 
-    run(story())
+    run(scenario())
 
 
 def ignores(pid: int, number: signal.Signals) -> bool:
-    """Has it begun to ignore the signal? (proc_pid_status(5))"""
+    """Return whether a process ignores a signal; see ``proc_pid_status(5)``."""
     found = re.search(r"SigIgn:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
     return found is not None and bool(int(found[1], 16) >> number - 1 & 1)
 
@@ -174,7 +170,7 @@ def test_a_gateway_that_ignores_sigterm_is_killed(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(gateways, "TERMINATE_TIMEOUT_S", 0.1)
     stubborn = "import signal,time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
 
-    async def story() -> None:
+    async def scenario() -> None:
         loop = asyncio.get_running_loop()
         child = ChildProcess([sys.executable, "-c", stubborn], b"", loop.time)
         child.start()
@@ -183,14 +179,14 @@ def test_a_gateway_that_ignores_sigterm_is_killed(monkeypatch: pytest.MonkeyPatc
         while not ignores(child.process.pid, signal.SIGTERM):  # noqa: ASYNC110
             await asyncio.sleep(0.01)
         assert os.getpgid(child.process.pid) == child.process.pid, "no Ctrl-C of the service's terminal reaches it"
-        assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares (G06)"
+        assert os.getsid(child.process.pid) == os.getsid(0), "one session, whose processor its niceness shares"
         await child.close()
         assert child.process.returncode == -signal.SIGKILL
 
-    asyncio.run(story())
+    asyncio.run(scenario())
 
 
-def test_a_state_directory_serves_one_plant_and_is_its_users_own(
+def test_a_state_directory_serves_one_service_and_is_private_to_its_user(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> int:
@@ -203,7 +199,7 @@ def test_a_state_directory_serves_one_plant_and_is_its_users_own(
             raise AssertionError
     with monkeypatch.context() as context:
         context.setattr(os, "write", full)
-        with single_instance(folder):  # A plant that crashed on a full disk comes back
+        with single_instance(folder):  # a service that crashed on a full disk starts again
             pass
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="can't be used"), single_instance(tmp_path / "file"):
