@@ -134,7 +134,7 @@ class DetectedDrive:
     """Station that answered a probe."""
 
     models: tuple[str, ...]
-    """Models that fit, the most likely first; related models with the same frames can't be told apart."""
+    """Models that fit, the most likely first; related models with the same frames can't be distinguished."""
     family: str
     encoding: str
     address: int
@@ -227,8 +227,8 @@ async def scan(
 
 def _remaining_passes(queue: Sequence[ScanPass], found: Sequence[DetectedDrive]) -> list[ScanPass]:
     """Return the passes of the serial setting that was answered; all of them as long as none was."""
-    settled = {drive.settings for drive in found if not drive.doubtful}
-    return [each for each in queue if not settled or each.settings in settled]
+    answered = {drive.settings for drive in found if not drive.doubtful}
+    return [each for each in queue if not answered or each.settings in answered]
 
 
 async def _run_pass(
@@ -267,7 +267,7 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
             return None
     if first is None:
         return None
-    proof = good or first
+    answer = good or first
     candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
@@ -275,7 +275,7 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         encoding=scan_pass.candidates[0].encoding,
         address=address,
         settings=scan_pass.settings,
-        exchange=(proof.sent, proof.received),
+        exchange=(answer.sent, answer.received),
         doubtful=not fits,
     )
 
@@ -287,7 +287,7 @@ def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate
 
 
 async def _probe(bus: Bus, candidate: ScanCandidate, address: int) -> tuple[BusResult, bool]:
-    """Send one probe; the second value tells that the drive rejected it."""
+    """Send one probe; the second value is True if the drive rejected it."""
     dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
     bus.add_station(dialect.station_config)
     try:

@@ -138,10 +138,10 @@ class DriveContext:
     command_count: int = 0
     on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 
-    def create_command(self, kind: CommandKind, around: BusConditions) -> DriveCommand:
+    def create_command(self, kind: CommandKind, conditions: BusConditions) -> DriveCommand:
         """Create a command now."""
         self.command_count += 1
-        return DriveCommand(f"{kind.value}-{self.command_count}", kind, around.now, around.stop_epoch)
+        return DriveCommand(f"{kind.value}-{self.command_count}", kind, conditions.now, conditions.stop_epoch)
 
     def require_capability(self, capability: str) -> None:
         """Raise CapabilityError where the model lacks a capability."""

@@ -90,20 +90,20 @@ class Monitor:
 
     def _apply(self, facts: Readings) -> None:
         self._reading_pairs.add(facts)
-        verdict = self._dialect.derive_state(self._reading_pairs)
-        if verdict is not None:
-            self._derived = verdict
+        derived = self._dialect.derive_state(self._reading_pairs)
+        if derived is not None:
+            self._derived = derived
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
 
     def status(self) -> DriveStatus:
         """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
         now = self._bus.now()
-        verdict = self._current_state(now)
+        derived = self._current_state(now)
         aged = self._reading_pairs.with_staleness(now, self._validity_s)
         readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
-        code = verdict.fault_code
+        code = derived.fault_code
         fault = None if code is None else fault_from_code(self._dialect.profile, code)
-        found = DriveStatus(verdict.state, verdict.direction, fault, readings, verdict.reason, self._derived_at)
+        found = DriveStatus(derived.state, derived.direction, fault, readings, derived.reason, self._derived_at)
         return complete_status(self._dialect, found, self._names)
 
     def _current_state(self, now: float) -> DerivedState:

@@ -91,7 +91,7 @@ class Precondition:
     keypad: Text
     """Keypad step that sets it."""
     unreadable: Text | None = None
-    """Reason why the host can't read it, and what to supply; the user is told instead of a value being assumed."""
+    """Reason why the host can't read it, and what to supply; the user sees this instead of an assumed value."""
 
 
 @dataclass(frozen=True, slots=True)

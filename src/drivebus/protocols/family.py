@@ -140,7 +140,7 @@ def resolve(target: Any) -> Any:
 
 
 def clear_registry() -> None:
-    """Forget registered families and look up the entry points again."""
+    """Remove registered families; entry points are looked up again."""
     _registered.clear()
     _entry_points.cache_clear()
 

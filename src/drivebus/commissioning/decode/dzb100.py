@@ -23,7 +23,7 @@ def describe(
 
 
 def decode_options(profile: DriveProfile) -> dzb100.Dzb100DecodeOptions:
-    """Return the codings of a model, with the default where one is not settled."""
+    """Return the codings of a model, with the default where one is not determined."""
     setpoint_coding = _settled_coding(profile, "setpoint_coding")
     return dzb100.Dzb100DecodeOptions(
         setpoint_coding=setpoint_coding or "hex-0.1",

@@ -215,10 +215,10 @@ class Dialect(Protocol):
 def decode_whole_request(codec: Codec, frame: bytes) -> Any | None:
     """Return the message of bytes that are exactly one request; None for all other bytes, which may move the motor."""
     try:
-        verdict = codec.decode_request(frame)
+        result = codec.decode_request(frame)
     except ProtocolError:
         return None
-    return verdict.message if isinstance(verdict, Complete) and verdict.size == len(frame) else None
+    return result.message if isinstance(result, Complete) and result.size == len(frame) else None
 
 
 def signal_reading(signal: Signal, raw: int, at: float | None) -> Reading:

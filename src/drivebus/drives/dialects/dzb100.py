@@ -111,8 +111,8 @@ class Dzb100Dialect:
 
     def effect(self, frame: bytes) -> Effect:
         """Return the effect of a frame; a stop with a frequency or an invalid frame may move the motor."""
-        heard = decode_whole_request(self.codec, frame)
-        return Effect.MOTION if heard is None else _request_effect(heard)
+        request = decode_whole_request(self.codec, frame)
+        return Effect.MOTION if request is None else _request_effect(request)
 
     def _bus_sync_request(self, n: int) -> Dzb100ReadParameter:
         request = Dzb100ReadParameter(self.address, 2 * n % (PARAMETER_COUNT + 1))
@@ -169,15 +169,17 @@ class Dzb100Dialect:
 
     def _reading(self, signal: Signal, item: int, data: int, at: float | None) -> Reading:
         coding = self.options.get("query_coding", "unknown")
-        settled = coding in CODINGS
+        determined = coding in CODINGS
         if item not in FREQUENCY_ITEMS and coding != "decimal-0.1":
             return signal_reading(signal, data, at)
         try:
-            value = decode_frequency(data, coding if settled else DEFAULT_CODING)
+            value = decode_frequency(data, coding if determined else DEFAULT_CODING)
         except ValueError:
             return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", data)
         reading = with_plausibility(signal, Reading(value, signal.unit, Quality.GOOD, at, None, data))
-        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+        return (
+            reading if determined else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+        )
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Running where Q01 is above 0 twice; stopped or in fault where it is 0 twice."""
@@ -306,8 +308,10 @@ class Dzb100Dialect:
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         reading = parameter_reading(self._scaled_parameter(parameter), raw, at)
-        settled = self.options.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
-        return reading if settled else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+        determined = self.options.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
+        return (
+            reading if determined else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+        )
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
         return self._scaled_parameter(parameter).scale.raw(value)

@@ -71,9 +71,9 @@ def direction_from_bits(status: StatusMap, raw: int) -> Direction | None:
 
 
 SYNC_READ_COUNT = 2
-"""Without FC08 a fence is told by its count, so no other read ever has this count."""
+"""Registers of a sync probe without FC08, by which its reply is recognised: no other read has this count."""
 MAX_MERGE_PERIOD_RATIO = 4.0
-"""Registers whose periods differ by more are read apart."""
+"""Registers whose periods differ by more are not merged."""
 
 
 def merge_reads(
@@ -410,11 +410,11 @@ class ModbusDialect:
         fault = self._fault_code(readings) if pair[1] & self.status_map.bits.get("fault", 0) else None
         return DerivedState(newer, direction_from_bits(self.status_map, pair[1]) if newer.turning else None, fault)
 
-    def _fault_code(self, book: ReadingPairs) -> int:
+    def _fault_code(self, readings: ReadingPairs) -> int:
         """Return the lowest bit of the fault words, UNNAMED_FAULT_CODE where the drive names none."""
         assert self.status_map is not None
         for place, _ in enumerate(self.status_map.fault_registers):
-            word = book.agreed_raw(f"fault_{place}")
+            word = readings.agreed_raw(f"fault_{place}")
             if word:
                 return 16 * place + (word & -word).bit_length() - 1
         return UNNAMED_FAULT_CODE
@@ -484,7 +484,7 @@ class ModbusDialect:
         commands = self.profile.commands
         bits = {} if commands is None else commands.variants.get("direction_field", {}).get("b3b2", {})
         if "jog_forward" not in bits:
-            raise CapabilityError("drives.cannot", model=self.profile.model, what="direction proof")
+            raise CapabilityError("drives.cannot", model=self.profile.model, what="calibrate direction")
         return self._command_frames((bits["jog_forward"].value,))
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:

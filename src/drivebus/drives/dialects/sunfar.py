@@ -1,6 +1,6 @@
-"""Dialect of the C320 and its sisters (C320 manual 2.3 and 2.4).
+"""Dialect of the Sunfar family (C320 manual 2.3 and 2.4).
 
-A reply does not name the class that it answers, so a command is never confirmed by its own reply.
+A reply does not name the class of its request, so a command is never confirmed by its own reply.
 """
 
 from __future__ import annotations
@@ -116,14 +116,14 @@ def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
 
 
 MIN_TAGS_TO_SHARE = 4
-"""With so many fence tags the bus and our conversations have their own; draft profiles list fewer and share them."""
+"""From this number of sync tags on, the bus and the operations have separate ones; draft profiles list fewer."""
 
 
 IDENTITY_PARTS = ("model", "series", "version", "control")  # groups 0 to 3 of frame class 0
 
 
 class SunfarDialect:
-    """Dialect of one C320 or one of its sisters."""
+    """Dialect of one drive of the family."""
 
     reports_run_state = True
     state_names: tuple[str, ...] = ("state",)
@@ -152,8 +152,8 @@ class SunfarDialect:
 
     def effect(self, frame: bytes) -> Effect:
         """Return the effect of a frame; the operation acts in every class, and no valid frame may move the motor."""
-        heard = decode_whole_request(self.codec, frame)
-        return Effect.MOTION if heard is None else operation_effect(heard.request, heard.operation)
+        received = decode_whole_request(self.codec, frame)
+        return Effect.MOTION if received is None else operation_effect(received.request, received.operation)
 
     def _bus_sync_request(self, n: int) -> SunfarReadParameter:
         tags = self._sync_tags[0::2] if len(self._sync_tags) >= MIN_TAGS_TO_SHARE else self._sync_tags
@@ -226,7 +226,7 @@ class SunfarDialect:
         found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if reply.item is not None:
             return found
-        if reply.data == 0:  # in a fault nobody can tell "0" from "not carried out" (manual 2.4.6): None is never 0.0
+        if reply.data == 0:  # in a fault 0 may also mean "not executed" (manual 2.4.6): missing, not 0.0
             return {signal.name: missing_reading("drives.item_not_echoed", signal.unit) for signal in signals}
         return {name: _without_item_echo(reading) for name, reading in found.items()}
 
@@ -336,10 +336,10 @@ class SunfarDialect:
 
     def is_allowed(self, frame: bytes) -> bool:
         """Allow an operation only in a control frame, and no broadcast."""
-        heard = decode_whole_request(self.codec, frame)
-        if heard is None or heard.request.address == self.profile.broadcast:
+        received = decode_whole_request(self.codec, frame)
+        if received is None or received.request.address == self.profile.broadcast:
             return False
-        return isinstance(heard.request, SunfarControl) or heard.operation is SunfarOperation.NONE
+        return isinstance(received.request, SunfarControl) or received.operation is SunfarOperation.NONE
 
     def set_option(self, option: str, value: Any) -> None:
         self.options[option] = value

@@ -134,11 +134,11 @@ def _message_params(wanted: _ParameterWrite) -> dict[str, object]:
 
 def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> DriveOperation[Outcome]:
     notation, wear = wanted.parameter.notation, op.drive.eeprom_budget
-    said = _message_params(wanted)
+    params = _message_params(wanted)
     held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
     if save:
         if held == wanted.raw and not wear.count(notation).ram_written:
-            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **said)
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **params)
         conditions = yield from op.check_deadline()
         yield from wear.consume(notation, conditions.day)
     else:
@@ -146,14 +146,14 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
     conditions = yield from op.check_deadline()
     command = op.drive.create_command(CommandKind.WRITE, conditions)
     answer = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
-    refused = op.rejected_outcome(answer, **said)
+    refused = op.rejected_outcome(answer, **params)
     if refused is not None:
         return refused
-    outcome = yield from _read_back(op, wanted, answer.error is None, said)
+    outcome = yield from _read_back(op, wanted, answer.error is None, params)
     if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
-            answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **said
+            answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **params
         )
     if save and outcome.succeeded:
         with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe
@@ -162,11 +162,11 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
 
 
 def _read_back(
-    op: OperationContext, wanted: _ParameterWrite, answered: bool, said: dict[str, object]
+    op: OperationContext, wanted: _ParameterWrite, answered: bool, params: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not wanted.parameter.readable:
-        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **said)
+        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **params)
     raw: int | None = None
     error: DrivebusError | None = None
     for attempt in range(READ_BACK_TRIES):
@@ -177,11 +177,11 @@ def _read_back(
         except PreflightError as silent:
             error = silent
         if raw == wanted.raw and error is None:
-            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **said)
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
     if error is not None or raw is None:
-        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **said)
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **params)
     found = op.dialect.parameter_reading(wanted.parameter, raw, None).value
-    return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **said)
+    return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **params)
 
 
 def _synced_raw(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:

@@ -55,18 +55,18 @@ def read_back_setpoint(op: OperationContext, word: int, frequency_hz: float, ans
     """Compare the set frequency that the drive shows with the one that was sent."""
     requests = op.dialect.setpoint_reads()
     error: DrivebusError | None = None
-    verdict: bool | None = None
+    matches: bool | None = None
     for _ in range(SETPOINT_READ_TRIES if requests else 0):
         op.reading_pairs.clear("set_frequency")
         for _ in range(VERIFICATION_ROUNDS):
             error = error or (yield from op.verified_reads(requests))
-        verdict = None if error is not None else op.dialect.setpoint_matches(op.reading_pairs, word, frequency_hz)
-        if verdict or error is not None:
+        matches = None if error is not None else op.dialect.setpoint_matches(op.reading_pairs, word, frequency_hz)
+        if matches or error is not None:
             break
         yield from wait(SETPOINT_READ_PAUSE_S)
-    if verdict:
+    if matches:
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=frequency_hz)
-    if verdict is False:
+    if matches is False:
         found = op.reading_pairs.latest["set_frequency"].value
         return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=found)
     if answered and error is None:

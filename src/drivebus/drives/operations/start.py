@@ -77,13 +77,13 @@ def _change_running_speed(
     op: OperationContext, frequency_hz: float, direction: Direction | None
 ) -> DriveOperation[Outcome]:
     """Change the frequency of a running drive. Reversing begins at standstill."""
-    verdict = op.derived
+    derived = op.derived
     wanted = direction or Direction.FORWARD
-    runs = verdict.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
-    if not runs or (verdict.direction is not None and verdict.direction is not wanted):
-        shown_direction = verdict.direction if verdict.direction else "?"
-        raise StartInhibited("drives.turning", state=verdict.state, direction=shown_direction)
-    if verdict.direction is None and direction is not None:
+    runs = derived.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
+    if not runs or (derived.direction is not None and derived.direction is not wanted):
+        shown_direction = derived.direction if derived.direction else "?"
+        raise StartInhibited("drives.turning", state=derived.state, direction=shown_direction)
+    if derived.direction is None and direction is not None:
         raise StartInhibited("drives.turning_unknown_direction", direction=direction)
     return (yield from set_frequency(op, frequency_hz))
 

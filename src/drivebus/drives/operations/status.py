@@ -60,14 +60,16 @@ def comm_loss_behaviour(op: OperationContext) -> DriveOperation[CommLossReport]:
     action = found.get(rule.action_notation) if rule.action_notation else None
     if any(r is not None and (r.raw is None or r.quality is Quality.BAD) for r in (time, action)):
         return CommLossReport(None, "drives.comm_loss_unread", {"model": model}, time, action)
-    said: dict[str, Any] = {"time": _value_text(time), "notation": rule.time_notation, "action": rule.action_notation}
-    said["value"] = None if action is None else action.raw
+    params: dict[str, Any] = {"time": _value_text(time), "notation": rule.time_notation, "action": rule.action_notation}
+    params["value"] = None if action is None else action.raw
     if time is not None and time.raw == 0:
-        return CommLossReport(False, "drives.comm_loss_off", said, time, action)
+        return CommLossReport(False, "drives.comm_loss_off", params, time, action)
     if action is None or not rule.trips_values:
-        return CommLossReport(None, "drives.comm_loss_unknown", said, time, action)
+        return CommLossReport(None, "drives.comm_loss_unknown", params, time, action)
     trips = action.raw in rule.trips_values
-    return CommLossReport(trips, "drives.comm_loss_stops" if trips else "drives.comm_loss_runs_on", said, time, action)
+    return CommLossReport(
+        trips, "drives.comm_loss_stops" if trips else "drives.comm_loss_runs_on", params, time, action
+    )
 
 
 def _value_text(reading: Reading | None) -> str:

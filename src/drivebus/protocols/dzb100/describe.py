@@ -50,7 +50,7 @@ _CODEC = Dzb100Codec()
 
 @dataclass(frozen=True, slots=True)
 class Dzb100DecodeOptions:
-    """Codings that a profile names; until the setpoint coding is settled, descriptions warn of the others."""
+    """Codings that a profile names; until the setpoint coding is determined, descriptions warn of the others."""
 
     setpoint_coding: FrequencyCoding = "hex-0.1"
     query_coding: FrequencyCoding = "hex-0.1"
