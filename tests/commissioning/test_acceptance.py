@@ -46,12 +46,12 @@ def step(
     meanwhile: Callable[[], Any] | None = None,
     *,
     motor: bool = True,
-    rig: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
+    session_class: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
 ) -> StepFinding:
     async def scenario() -> StepFinding:
         target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
         other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
-        found = await run_step(name, rig(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
+        found = await run_step(name, session_class(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
         if other is not None:
             other.cancel()
         return found
@@ -127,39 +127,39 @@ def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
     assert found.reason == "acceptance.bad.reply_times"
 
 
-def test_late_replies_fail_the_fences(bench: SimulatedBus) -> None:
+def test_late_replies_fail_the_sync_probes(bench: SimulatedBus) -> None:
     bench.line_quality = "late=0.1:0.3"
     assert step("stray_replies").verdict is StepResult.FAILED
 
 
 def test_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
-    async def hands() -> None:
+    async def replug() -> None:
         await asyncio.sleep(5.0)
         bench.unplug()
         await asyncio.sleep(3.0)
         bench.replug()
 
-    found = step("unplug", hands)
+    found = step("unplug", replug)
     assert found.verdict is StepResult.PASSED
     assert 2.9 < found.figures["away_s"] < 4.0
     assert step("unplug").figures == {"noticed": False}
 
 
 def test_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
-    async def hands() -> None:
+    async def power_cycle_drive() -> None:
         await asyncio.sleep(5.0)
         bench.station(1).power_cycle(20.0)
 
-    assert step("power", hands).verdict is StepResult.PASSED
+    assert step("power", power_cycle_drive).verdict is StepResult.PASSED
     assert step("power").verdict is StepResult.FAILED
 
 
 def test_a_motor_that_does_not_do_what_is_commanded_fails(bench: SimulatedBus) -> None:
-    class Sceptic(AgreeingPerson):
+    class DisagreeingPerson(AgreeingPerson):
         async def ask(self, key: str, /, **params: Any) -> str:
             return "n" if key == "acceptance.ask.turns" else "y"
 
-    assert step("run_and_stop", rig=Sceptic).verdict is StepResult.FAILED
+    assert step("run_and_stop", session_class=DisagreeingPerson).verdict is StepResult.FAILED
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
 
 
@@ -170,7 +170,7 @@ def test_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None
 
 
 def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(bench: SimulatedBus) -> None:
-    class Nobody(acceptance_command.TerminalAcceptance):
+    class AbsentPerson(acceptance_command.TerminalAcceptance):
         async def ask(self, key: str, /, **params: Any) -> str:
             return ""
 
@@ -178,7 +178,7 @@ def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(
         if needs is StepRequirement.MOTOR:
             assert step(name, motor=False).reason == "acceptance.no_motor"
         if needs is not StepRequirement.NOTHING:
-            assert step(name, rig=Nobody).verdict is StepResult.SKIPPED
+            assert step(name, session_class=AbsentPerson).verdict is StepResult.SKIPPED
     assert not bench.stations[0].motor.energised
 
 

@@ -1,4 +1,4 @@
-"""The synchronous twin: every verb of the async drive, and what differs because there is a second thread."""
+"""Blocking API: every method of the asynchronous drive, and the differences that the second thread makes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LOOP_ONLY = {
     "settings",
 }
 LOOP_ONLY |= {"open", "is_open", "is_closed", "data_received", "port_lost", "overdue_s"}
-"""Of Bus: its wiring. ``blocking.Bus.bus`` is the bus itself; ``health`` tells presence."""
+"""Internal attributes of Bus. ``blocking.Bus.bus`` is the bus itself; ``health`` reports presence."""
 
 
 def verbs(kind: type) -> set[str]:
@@ -38,7 +38,7 @@ def verbs(kind: type) -> set[str]:
 @pytest.mark.parametrize(
     ("mirrored", "twin"), [(drivebus.Drive, blocking.Drive), (Monitor, blocking.Monitor)], ids=["drive", "monitor"]
 )
-def test_the_twin_has_every_verb_with_the_same_arguments(mirrored: type, twin: type) -> None:
+def test_the_blocking_class_has_every_method_with_the_same_arguments(mirrored: type, twin: type) -> None:
     assert verbs(mirrored) <= verbs(twin)
     for name in verbs(mirrored):
         theirs, ours = getattr(mirrored, name), getattr(twin, name)
@@ -46,7 +46,7 @@ def test_the_twin_has_every_verb_with_the_same_arguments(mirrored: type, twin: t
             assert list(inspect.signature(ours).parameters) == list(inspect.signature(theirs).parameters), name
 
 
-def test_the_twin_of_the_bus_has_every_verb_but_the_wiring() -> None:
+def test_the_blocking_bus_has_every_method_but_the_internal_ones() -> None:
     assert verbs(drivebus.Bus) - LOOP_ONLY <= verbs(blocking.Bus)
 
 
@@ -66,7 +66,7 @@ def test_a_monitor_polls_in_the_background_until_it_is_closed() -> None:
         assert bus.statistics().transactions <= sent + 1
 
 
-def test_after_a_bus_stop_the_bus_is_latched_until_somebody_releases_it() -> None:
+def test_starts_stay_inhibited_after_a_bus_stop_until_they_are_released() -> None:
     with blocking.open_bus("sim://vc660@1?baud=38400&ramp=1") as bus:
         drive = blocking.Drive(bus, "vc660", 1)
         drive.run(5.0)
@@ -83,7 +83,7 @@ def test_after_a_bus_stop_the_bus_is_latched_until_somebody_releases_it() -> Non
             bus.health(1)
 
 
-def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
+def test_the_observation_is_requested_on_the_callers_thread() -> None:
     asked_on: list[threading.Thread] = []
 
     def watched() -> Direction:
@@ -99,12 +99,12 @@ def test_the_person_who_watched_is_asked_on_the_callers_thread() -> None:
         drive.stop()
 
 
-def test_a_proof_that_is_refused_asks_nobody() -> None:
+def test_a_refused_calibration_requests_no_observation() -> None:
     with blocking.open_bus("sim://vc660@1?baud=38400") as bus, pytest.raises(drivebus.DrivebusError):
         blocking.Drive(bus, "vc660", 1).calibrate("direction", lambda: pytest.fail("asked"))
 
 
-def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
+def test_a_calibration_whose_observation_is_interrupted_determines_nothing() -> None:
     def away() -> Direction:
         raise KeyboardInterrupt
 
@@ -116,8 +116,8 @@ def test_nobody_who_walks_away_from_a_proof_settles_it() -> None:
             drive.run(10.0, "reverse")
 
 
-def test_a_coding_that_the_drive_does_not_show_is_not_settled() -> None:
-    """The keypad of this drive stands at 0 Hz, whoever says 12.3."""
+def test_a_coding_that_the_drive_does_not_show_stays_undetermined() -> None:
+    """The keypad of this drive shows 0 Hz, not 12.3."""
     with blocking.open_bus("sim://dzb100@1?baud=9600") as bus:
         drive = blocking.Drive(bus, "dzb100", 1)
         with pytest.raises(TargetNotReached):

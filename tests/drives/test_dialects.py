@@ -1,4 +1,4 @@
-"""Readings, states, polls and fences of each family."""
+"""Readings, states, polls and sync probes of each family."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def c320_reply(
     return sunfar.SunfarReply(1, sunfar.SunfarResponse.OK, state, 0, None if fault is not None else item, data, fault)
 
 
-def judged_320(*states: sunfar.SunfarState) -> DerivedState | None:
+def derived_c320(*states: sunfar.SunfarState) -> DerivedState | None:
     dialect = dialect_for("c320")
     replies = [
         (sunfar.ReadMonitor(1, 0), c320_reply(s, fault=7 if s == sunfar.SunfarState.FAULT else None)) for s in states
@@ -50,7 +50,7 @@ def judged_320(*states: sunfar.SunfarState) -> DerivedState | None:
     return dialect.derive_state(book_of(dialect, *replies))
 
 
-def judged_vc660(*words: int, faults: tuple[int, int] = (0, 0)) -> DerivedState | None:
+def derived_vc660(*words: int, faults: tuple[int, int] = (0, 0)) -> DerivedState | None:
     dialect = dialect_for("vc660")
     replies: list[tuple[Any, Any]] = [
         (modbus.ReadRegisters(1, 0x3000, 1), modbus.RegisterValues(1, 3, (word,))) for word in words
@@ -73,25 +73,25 @@ def judged_dzb(outputs: tuple[int, int], words: tuple[int, int] = (0, 0), **sett
 
 @pytest.mark.parametrize("state", [s for s in sunfar.SunfarState if s != sunfar.SunfarState.FAULT])
 def test_every_c320_state_that_two_reads_agree_on_has_a_name(state: sunfar.SunfarState) -> None:
-    verdict = judged_320(state, state)
-    assert verdict is not None and verdict.state is not DriveState.UNKNOWN
-    assert (verdict.direction is Direction.REVERSE) is state.name.endswith("REVERSE")
+    derived = derived_c320(state, state)
+    assert derived is not None and derived.state is not DriveState.UNKNOWN
+    assert (derived.direction is Direction.REVERSE) is state.name.endswith("REVERSE")
 
 
 def test_one_read_decides_nothing() -> None:
-    assert judged_320(sunfar.SunfarState.STOPPED) is None
-    assert judged_vc660(0x0001) is None
+    assert derived_c320(sunfar.SunfarState.STOPPED) is None
+    assert derived_vc660(0x0001) is None
 
 
 def test_a_state_change_needs_two_reads_but_a_ramp_does_not_hide_that_it_turns() -> None:
-    assert judged_320(sunfar.SunfarState.RUNNING_FORWARD, sunfar.SunfarState.STOPPED) is None
-    verdict = judged_320(sunfar.SunfarState.ACCELERATING_FORWARD, sunfar.SunfarState.RUNNING_FORWARD)
-    assert verdict is not None and verdict.state is DriveState.RUNNING
+    assert derived_c320(sunfar.SunfarState.RUNNING_FORWARD, sunfar.SunfarState.STOPPED) is None
+    derived = derived_c320(sunfar.SunfarState.ACCELERATING_FORWARD, sunfar.SunfarState.RUNNING_FORWARD)
+    assert derived is not None and derived.state is DriveState.RUNNING
 
 
 def test_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
-    verdict = judged_320(sunfar.SunfarState.FAULT, sunfar.SunfarState.FAULT)
-    assert verdict == DerivedState(DriveState.FAULT, None, 7)
+    derived = derived_c320(sunfar.SunfarState.FAULT, sunfar.SunfarState.FAULT)
+    assert derived == DerivedState(DriveState.FAULT, None, 7)
     fault = fault_from_code(profiles.load("c320"), 7)
     assert (fault.code, fault.label) == (7, "Fu.7")
 
@@ -129,29 +129,29 @@ def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
         (0x000A, DriveState.RUNNING),
     ],
 )
-def test_vc660_says_motion_before_everything_else(word: int, state: DriveState) -> None:
-    verdict = judged_vc660(word, word)
-    assert verdict is not None and verdict.state is state
+def test_the_state_of_vc660_reports_motion_first(word: int, state: DriveState) -> None:
+    derived = derived_vc660(word, word)
+    assert derived is not None and derived.state is state
 
 
 def test_vc660_direction_is_what_the_output_does() -> None:
-    verdict = judged_vc660(0x8009, 0x8009)
-    assert verdict is not None and verdict.direction is Direction.REVERSE
+    derived = derived_vc660(0x8009, 0x8009)
+    assert derived is not None and derived.direction is Direction.REVERSE
 
 
 @pytest.mark.parametrize("bit", range(9, 14))
-def test_a_status_word_with_a_reserved_bit_is_not_believed(bit: int) -> None:
+def test_a_status_word_with_a_reserved_bit_is_rejected(bit: int) -> None:
     dialect = dialect_for("vc660")
     reply = modbus.RegisterValues(1, 3, (0x0001 | 1 << bit,))
     facts = dialect.decode_readings(modbus.ReadRegisters(1, 0x3000, 1), reply, 1.0)
     assert (facts["state"].quality, facts["state"].reason) == (Quality.BAD, "drives.reserved_bits")
-    assert judged_vc660(0x0001 | 1 << bit, 0x0001 | 1 << bit) is None
+    assert derived_vc660(0x0001 | 1 << bit, 0x0001 | 1 << bit) is None
 
 
 def test_vc660_names_its_lowest_fault_bit_and_says_so_where_it_names_none() -> None:
-    assert judged_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == DerivedState(DriveState.FAULT, None, 0)
-    assert judged_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
-    assert judged_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
+    assert derived_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == DerivedState(DriveState.FAULT, None, 0)
+    assert derived_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
+    assert derived_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
     assert fault_from_code(profiles.load("vc660"), UNNAMED_FAULT_CODE).text.zh == "没有代码的故障"
 
 
@@ -169,11 +169,11 @@ def test_dzb100_fault_needs_two_equal_codes() -> None:
 
 
 def test_dzb100_never_takes_the_command_echo_for_the_state() -> None:
-    """T20: Q03's A says "run forward"; the output is 0, so it stands."""
+    """T20: Q03's A is "run forward"; the output is 0, so the drive is stopped."""
     assert judged_dzb((0, 0), (0x1000, 0x1000)) == DerivedState(DriveState.STOPPED)
 
 
-def test_an_undocumented_fault_code_is_not_believed() -> None:
+def test_an_undocumented_fault_code_is_rejected() -> None:
     dialect = dialect_for("dzb100")
     facts = dialect.decode_readings(dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply("Q", 1, 3, 0x0099, True), 1.0)
     assert facts["fault"].quality is Quality.BAD
@@ -202,7 +202,7 @@ def test_an_unpublished_scale_makes_a_reading_uncertain() -> None:
     assert facts["output_voltage"].quality is Quality.UNCERTAIN
 
 
-def test_in_a_fault_nobody_repeats_which_monitor_this_is() -> None:
+def test_in_a_fault_a_monitor_reply_without_its_item_is_uncertain() -> None:
     dialect = dialect_for("c320")
     facts = dialect.decode_readings(
         sunfar.ReadMonitor(1, 0), c320_reply(sunfar.SunfarState.FAULT, data=500, fault=2), 1.0
@@ -231,7 +231,7 @@ def test_dzb100_reads_frequencies_by_its_query_coding(coding: str, word: int, hz
     assert (reading.value, reading.quality) == (hz, Quality.GOOD)
 
 
-def test_dzb100_readings_are_uncertain_until_the_coding_is_settled() -> None:
+def test_dzb100_readings_are_uncertain_until_the_coding_is_determined() -> None:
     dialect = dialect_for("dzb100")
     reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
         "output_frequency"
@@ -261,7 +261,7 @@ def test_dzb100_parameters_have_a_coding_of_their_own(coding: str, raw: int, sec
 
 
 def test_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() -> None:
-    """Every word, every set of codings that may be left."""
+    """Every word, with every set of codings that may be left."""
     for count in range(1, 1 << len(CODINGS)):
         left = tuple(c for place, c in enumerate(CODINGS) if count >> place & 1)
         for word in range(highest_safe_word(left) + 1):
@@ -277,12 +277,12 @@ def test_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
 
 
 @pytest.mark.parametrize(("hz", "word"), [(0.1, 1), (0.5, 5)])
-def test_an_unsettled_dzb100_takes_what_is_below_the_cap(hz: float, word: int) -> None:
+def test_an_uncalibrated_dzb100_accepts_frequencies_below_the_cap(hz: float, word: int) -> None:
     assert dialect_for("dzb100").setpoint_word(hz) == word
 
 
 @pytest.mark.parametrize("hz", [0.6, 5.0, 10.0, 50.0])
-def test_an_unsettled_dzb100_refuses_what_is_above_the_cap(hz: float) -> None:
+def test_an_uncalibrated_dzb100_refuses_frequencies_above_the_cap(hz: float) -> None:
     with pytest.raises(LimitError) as caught:
         dialect_for("dzb100").setpoint_word(hz)
     assert caught.value.params["cap"] == "0005H"
@@ -291,7 +291,7 @@ def test_an_unsettled_dzb100_refuses_what_is_above_the_cap(hz: float) -> None:
 @pytest.mark.parametrize(
     ("coding", "word"), [("hex-0.1", 0x64), ("hex-0.01", 0x3E8), ("decimal-0.1", 0x100), ("hex-1", 0x0A)]
 )
-def test_a_settled_dzb100_is_sent_ten_hertz_as_its_own_word(coding: str, word: int) -> None:
+def test_a_calibrated_dzb100_gets_ten_hertz_in_its_own_coding(coding: str, word: int) -> None:
     dialect = dialect_for("dzb100", setpoint_coding=coding)
     assert dialect.setpoint_word(10.0) == word
     assert dialect.setpoint_frequency(word) == 10.0
@@ -305,7 +305,7 @@ def registers_of(polls: Any) -> set[int]:
     return {request.register + n for request, _ in polls for n in range(request.count)}
 
 
-def test_vc660_reads_what_was_asked_for_and_never_more_than_four_at_once() -> None:
+def test_vc660_reads_the_requested_registers_at_most_four_at_once() -> None:
     dialect = dialect_for("vc660")
     polls = dialect.polls(tuple(dialect.profile.signals))
     assert registers_of(polls) == {signal.locator[1] for signal in dialect.profile.signals.values()}
@@ -337,7 +337,7 @@ def test_polls_only_read(model: str) -> None:
 
 
 @pytest.mark.parametrize(("index", "item"), [("binary", 37), ("bcd", 0x37)])
-def test_the_number_of_a_c320_monitor_goes_as_its_setting_says(index: str, item: int) -> None:
+def test_the_item_of_a_c320_monitor_follows_its_option(index: str, item: int) -> None:
     dialect = dialect_for("c320", monitor_index=index)
     request = dialect.polls(("last_fault_temperature",))[0][0]
     assert request.item == item
@@ -345,77 +345,77 @@ def test_the_number_of_a_c320_monitor_goes_as_its_setting_says(index: str, item:
     assert facts["last_fault_temperature"].value == 60
 
 
-# --- fences --------------------------------------------------------------------------------------------
+# --- probes --------------------------------------------------------------------------------------------
 
 
-def bus_fences(dialect: Dialect, count: int) -> list[Any]:
+def bus_sync_probes(dialect: Dialect, count: int) -> list[Any]:
     return [dialect.station_config.sync_request(n) for n in range(count)]
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_fences_only_read(model: str) -> None:
+def test_sync_probes_only_read(model: str) -> None:
     from drivebus.protocols.codec import Effect
 
     dialect = dialect_for(model)
-    for fence in [*bus_fences(dialect, 100), *(dialect.sync_request() for _ in range(100))]:
-        assert dialect.station_config.effect_of(dialect.codec.encode_request(fence)) is Effect.NONE
+    for probe in [*bus_sync_probes(dialect, 100), *(dialect.sync_request() for _ in range(100))]:
+        assert dialect.station_config.effect_of(dialect.codec.encode_request(probe)) is Effect.NONE
 
 
-def test_a_c320_fence_is_a_parameter_of_another_group_than_0_and_neighbours_differ_in_group() -> None:
+def test_a_c320_sync_probe_reads_a_group_other_than_0_and_neighbours_differ_in_group() -> None:
     dialect = dialect_for("c320")
-    for fences in (bus_fences(dialect, 9), [dialect.sync_request() for _ in range(9)]):
-        assert all(isinstance(f, sunfar.SunfarReadParameter) and f.group != 0 for f in fences)
-        assert all(a.group != b.group for a, b in itertools.pairwise(fences))
+    for probes in (bus_sync_probes(dialect, 9), [dialect.sync_request() for _ in range(9)]):
+        assert all(isinstance(f, sunfar.SunfarReadParameter) and f.group != 0 for f in probes)
+        assert all(a.group != b.group for a, b in itertools.pairwise(probes))
 
 
-def test_bus_and_conversations_never_use_the_same_fence_on_c320_and_dzb100() -> None:
+def test_bus_and_operations_never_use_the_same_sync_probe_on_c320_and_dzb100() -> None:
     for model in ("c320", "dzb100"):
         dialect = dialect_for(model)
         ours = {dialect.sync_request() for _ in range(200)}
-        assert not ours & set(bus_fences(dialect, 200))
+        assert not ours & set(bus_sync_probes(dialect, 200))
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100"])
-def test_a_fence_is_never_like_the_read_that_it_guards(model: str) -> None:
+def test_a_sync_probe_never_equals_the_read_after_it(model: str) -> None:
     dialect = dialect_for(model)
     for parameter in dialect.profile.parameters.values():
         request = dialect.read_parameter(parameter)
         dialect.on_sent(request)
         for _ in range(50):
             assert dialect.sync_request(avoid=request) != request
-        assert request not in bus_fences(dialect, 100)
+        assert request not in bus_sync_probes(dialect, 100)
 
 
-def test_a_dzb100_fence_comes_again_only_after_the_longest_lateness() -> None:
+def test_a_dzb100_sync_probe_is_reused_only_after_the_longest_reply_lateness() -> None:
     """40 tags, each a transaction of 22 characters of 11 bits at 4800 baud at least: 2 s, lateness is 0.5 s."""
     dialect = dialect_for("dzb100")
-    fences = [dialect.sync_request().parameter for _ in range(200)]
+    probes = [dialect.sync_request().parameter for _ in range(200)]
     apart = min(
         later - first
-        for first in range(len(fences))
-        for later in range(first + 1, len(fences))
-        if fences[first] == fences[later]
+        for first in range(len(probes))
+        for later in range(first + 1, len(probes))
+        if probes[first] == probes[later]
     )
     assert apart * 22 * 11 / 4800 > dialect.profile.timing.max_reply_lateness_s
-    assert all(0 <= number <= 80 for number in fences)
+    assert all(0 <= number <= 80 for number in probes)
 
 
-def test_vc660_fences_carry_a_nonce_that_does_not_come_again() -> None:
+def test_vc660_sync_probes_have_a_nonce_that_is_not_reused() -> None:
     dialect = dialect_for("vc660")
-    nonces = [f.data for f in [*bus_fences(dialect, 5000), *(dialect.sync_request() for _ in range(5000))]]
+    nonces = [f.data for f in [*bus_sync_probes(dialect, 5000), *(dialect.sync_request() for _ in range(5000))]]
     assert len(set(nonces)) == len(nonces)
 
 
-def test_df800_fences_read_two_registers_that_are_wanted_anyway_and_nothing_else_does() -> None:
+def test_only_df800_sync_probes_read_two_registers_at_once() -> None:
     dialect = dialect_for("df800")
-    fences = [*bus_fences(dialect, 20), *(dialect.sync_request() for _ in range(20))]
-    assert {(f.register, f.count) for f in fences} == {(100, 2), (107, 2)}
+    probes = [*bus_sync_probes(dialect, 20), *(dialect.sync_request() for _ in range(20))]
+    assert {(f.register, f.count) for f in probes} == {(100, 2), (107, 2)}
     reads = [request for request, _ in dialect.polls(tuple(dialect.profile.signals))]
     reads += [dialect.read_parameter(p) for p in dialect.profile.parameters.values()]
     assert all(request.count != 2 for request in reads)
 
 
-def test_two_touching_registers_are_read_apart_where_two_at_once_mean_a_fence() -> None:
+def test_two_adjacent_registers_are_read_apart_where_a_read_of_two_is_a_sync_probe() -> None:
     profile = profiles.load("df800")
     current = profile.signals["output_current"]
     beside = replace(current, name="beside", locator=("holding", current.locator[1] + 1))
@@ -427,7 +427,7 @@ def test_two_touching_registers_are_read_apart_where_two_at_once_mean_a_fence() 
     assert [r.count for r, _ in three.polls(tuple(signals))] == [3]
 
 
-def test_an_answer_that_echoes_too_little_proves_nothing() -> None:
+def test_a_reply_that_echoes_too_little_is_no_valid_sync_reply() -> None:
     assert not dialect_for("c320").is_valid_sync_reply(sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE))
     assert not dialect_for("vc660").is_valid_sync_reply(modbus.ExceptionReply(1, 8, 1))
 
@@ -436,7 +436,7 @@ def test_an_answer_that_echoes_too_little_proves_nothing() -> None:
 
 
 @pytest.mark.parametrize(("model", "address"), [("c320", 31), ("dzb100", 0), ("vc660", 0)])
-def test_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int) -> None:
+def test_a_drive_at_the_broadcast_address_is_refused(model: str, address: int) -> None:
     with pytest.raises(ConfigurationError) as caught:
         create_dialect(profiles.load(model), address)
     assert caught.value.key == "drives.address_broadcast"
@@ -446,7 +446,7 @@ def test_a_drive_at_the_broadcast_address_is_not_armed(model: str, address: int)
     ("model", "options"),
     [("c320", {"address": 32}), ("c320", {"encoding": "rtu"}), ("c320", {"options": {"colour": 1}})],
 )
-def test_an_address_encoding_or_setting_that_the_model_has_not_is_refused(model: str, options: dict[str, Any]) -> None:
+def test_an_address_encoding_or_option_unknown_to_the_model_is_refused(model: str, options: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError):
         create_dialect(profiles.load(model), **({"address": 1} | options))
 
@@ -461,7 +461,7 @@ def test_every_profile_that_comes_with_drivebus_makes_a_dialect(model: str) -> N
 
 
 def test_an_emergency_stop_of_c320_that_still_shows_a_frequency_is_no_standstill() -> None:
-    """Manual 2.4.6 does not say that the output is off in it (found by `lab commands`)."""
+    """Manual 2.4.6 does not state that the output is off in it."""
     dialect = dialect_for("c320")
     for state, data, seen in (
         (sunfar.SunfarState.EMERGENCY_STOP, 300, False),

@@ -115,7 +115,7 @@ def test_one_flipped_bit_of_a_dzb100_stop_that_runs_commands_zero_hertz() -> Non
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
 def test_a_stop_cut_short_or_with_more_behind_it_may_move_and_never_leaves_with_a_permit(model: str) -> None:
-    """Exempt and lawful is one whole request, and nothing else."""
+    """Only one whole request is exempt from permits or allowed."""
     dialect = dialect_for(model)
     plain = dialect.codec.encode_request(dialect.stop(StopMode.STOP)[0])
     assert dialect.station_config.effect_of(plain) is Effect.STOP and dialect.is_allowed(plain)
@@ -168,7 +168,7 @@ def test_every_command_word_that_can_move_a_motor_is_motion(model: str) -> None:
             assert not dialect.command_word.is_mapped(word)
 
 
-def test_the_toggle_of_df800_is_known_to_nobody() -> None:
+def test_the_direction_toggle_of_df800_is_in_no_command_map() -> None:
     for field in ("b3b2", "b2b3"):
         dialect = dialect_for("df800", direction_field=field)
         assert isinstance(dialect, ModbusDialect) and dialect.command_word is not None
@@ -189,13 +189,13 @@ def test_df800_starts_without_a_direction_and_stops_with_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(("field", "forward", "reverse"), [("b3b2", 0x0A, 0x06), ("b2b3", 0x06, 0x0A)])
-def test_a_proved_df800_starts_in_the_direction_that_its_field_says(field: str, forward: int, reverse: int) -> None:
+def test_a_calibrated_df800_starts_in_the_direction_of_its_field(field: str, forward: int, reverse: int) -> None:
     dialect = dialect_for("df800", direction_field=field, direction_calibrated=True)
     assert dialect.start(Direction.FORWARD, 0)[0].request.value == forward
     assert dialect.start(Direction.REVERSE, 0)[0].request.value == reverse
 
 
-def test_vc660_levels_are_kept_in_a_shadow_and_sent_with_each_pulse() -> None:
+def test_the_levels_of_vc660_are_remembered_and_sent_with_each_pulse() -> None:
     dialect = dialect_for("vc660")
     words = [f.request.value for f in dialect.start(Direction.REVERSE, 0)]
     assert words == [0x0005, 0x0004]
@@ -215,7 +215,7 @@ def test_a_level_word_that_would_turn_a_running_motor_round_is_motion() -> None:
 
 
 def test_the_levels_after_a_start_are_a_setting_and_after_a_stop_a_stop() -> None:
-    """A stop effect takes queued commands away; what completes a start must not do that to its own start."""
+    """A stop removes queued commands: a frame that completes a start must not remove its own start."""
     dialect = dialect_for("vc660")
     levels = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0))
     dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0001))
@@ -261,8 +261,8 @@ def test_a_stop_that_a_model_lacks_is_refused_before_sending(how: StopMode) -> N
         ("vc660", modbus.WriteRegister(0, 0x2000, 1)),
     ],
 )
-def test_nothing_but_a_stop_is_lawful_to_everybody(model: str, request_: Any) -> None:
-    """Matrix 6.4: broadcast non-stop X. VC660's own example 4 writes a parameter to all drives."""
+def test_no_broadcast_but_a_stop_is_allowed(model: str, request_: Any) -> None:
+    """VC660's own example 4 writes a parameter to all drives: it is not allowed."""
     assert not lawful(model, request_)
 
 
@@ -276,7 +276,7 @@ def test_the_broadcast_stop_is_a_stop(model: str) -> None:
         assert dialect.codec.address_of(request) == dialect.codec.broadcast_address
 
 
-def test_df800_has_no_broadcast_until_a_profile_says_so() -> None:
+def test_df800_has_no_broadcast_unless_a_profile_gives_one() -> None:
     assert dialect_for("df800").broadcast_stop() == ()
 
 

@@ -36,7 +36,7 @@ def world_of(model: str) -> PureBus:
 
 
 def asleep_over(bus: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
-    """The host sleeps an hour while this request is out."""
+    """Suspend the host for an hour during this transaction."""
 
     def sleeps(ask: BusRequest) -> None:
         if of_this(ask):
@@ -53,8 +53,8 @@ COMMANDS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("model", COMMANDS)
-def test_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str) -> None:
-    """Not the frequency of a run either, nor a fault reset: each has its first frame within PREPARE_S of the wish."""
+def test_no_frame_of_a_command_is_sent_an_hour_after_its_request(model: str) -> None:
+    """Neither the frequency of a run nor a fault reset: the first frame follows the request within CHECKS_TIMEOUT_S."""
     bus = world_of(model)
     op = OperationContext(context_for(bus.dialect), 0, bus.now)
     asleep_over(bus, lambda ask: len(bus.requests) == 2)
@@ -65,7 +65,7 @@ def test_nothing_of_a_command_leaves_an_hour_after_it_was_wished_for(model: str)
 
 
 @pytest.mark.parametrize("save", [False, True])
-def test_a_write_does_not_leave_an_hour_after_it_was_wished_for(save: bool) -> None:
+def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
     bus = PureBus(dialect_for("c320"), FakeC320())
     op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
     with pytest.raises(Expired):
@@ -86,7 +86,7 @@ def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_e
 
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
-    """Each has PREPARE_S of its own: a long list on a slow line is no old wish."""
+    """Each write has CHECKS_TIMEOUT_S of its own: a long list on a slow bus does not expire."""
     bus = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
     assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True)).succeeded
@@ -101,21 +101,21 @@ MOTIONS: dict[str, tuple[str, Any]] = {
 }
 
 
-def last_motion_s(name: str, transaction_s: float, wished_at: float | None) -> float | None:
-    """How long after the wish the last frame that moves was sent, on a line of this pace; None where there was none."""
-    model, conversation = MOTIONS[name]
+def last_motion_s(name: str, transaction_s: float, requested_at: float | None) -> float | None:
+    """Return the seconds from the request to the last frame that moves, on a bus of this pace; None without one."""
+    model, operation = MOTIONS[name]
     bus = PureBus(dialect_for(model), FakeC320() if model == "c320" else world_of(model).station)
     bus.conditions, bus.transaction_s = replace(bus.conditions, now=100.0), transaction_s
     sent: list[float] = []
     bus.on_request = lambda ask: sent.append(bus.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
     with contextlib.suppress(Expired):
-        bus.run(conversation(OperationContext(context_for(bus.dialect), 0, 100.0, wished_at)))
+        bus.run(operation(OperationContext(context_for(bus.dialect), 0, 100.0, requested_at)))
     return sent[-1] - 100.0 if sent else None
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_limit(name: str) -> None:
-    """Checks and command together, whatever the line's pace; without it they add up."""
+def test_with_a_known_request_time_no_frame_that_moves_is_older_than_its_limit(name: str) -> None:
+    """The limit holds for checks and command together on every bus; without a request time they add up."""
     paces = [pace / 200 for pace in range(1, 120)]
     known = [last_motion_s(name, pace, 100.0) for pace in paces]
     assert known[0] is not None and known[-1] is None
@@ -124,8 +124,8 @@ def test_with_the_moment_of_the_wish_known_nothing_that_moves_is_older_than_its_
     assert max(age for age in apart if age is not None) > CHECKS_TIMEOUT_S
 
 
-def test_a_wish_of_another_clock_is_one_of_now() -> None:
-    """A wall clock's seconds would never expire."""
+def test_a_request_time_by_another_clock_counts_as_now() -> None:
+    """By the seconds of a wall clock it would never expire."""
 
     async def aged() -> float:
         async with SimulatedDrives("c320") as bench:
@@ -141,7 +141,7 @@ def test_a_wish_of_another_clock_is_one_of_now() -> None:
     assert run_virtual(aged()) >= COMMAND_TTL_S[CommandKind.START]
 
 
-def test_a_lease_runs_out_while_the_machine_is_suspended() -> None:
+def test_a_jog_lease_expires_while_the_machine_is_suspended() -> None:
     """The loop's clock stands still then, the bus's goes on, as the motor does: the program may not just renew."""
 
     async def jogged() -> None:

@@ -1,4 +1,4 @@
-"""Jog: begun once, stopped at once where nobody knows whether it turns."""
+"""Jog: begun once, stopped at once where it is unknown whether the motor turns."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
     assert operations(bus) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
 
 
-def test_a_jog_of_df800_waits_for_its_proof() -> None:
+def test_a_jog_of_df800_needs_its_calibration() -> None:
     paper = FakeModbus(registers={101: 5, 102: 2})
     bus = PureBus(dialect_for("df800"), paper)
     with pytest.raises(StartInhibited) as caught:
@@ -102,8 +102,8 @@ def test_a_lease_is_above_zero_and_at_most_half_a_second(lease_s: float) -> None
 
 
 @pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e500", "e550"])
-def test_a_model_says_what_decides_its_jog_frequency_as_its_frames_have_it(model: str) -> None:
-    """Nobody is offered a frequency that is refused afterwards."""
+def test_the_jog_frequency_of_a_model_agrees_with_its_frames(model: str) -> None:
+    """No user interface offers a frequency that is refused afterwards."""
     dialect = dialect_for(model, **({"direction_calibrated": True} if model == "df800" else {}))
 
     def takes(word: int | None) -> bool:

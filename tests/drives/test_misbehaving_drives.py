@@ -1,4 +1,4 @@
-"""What somebody tried who wanted a motor to go on turning, or a stop to be lost or believed, when it must not."""
+"""Drives, ports and callers that misbehave: no motor keeps turning, and no stop is lost or confirmed by mistake."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ async def jogging(drive: Any) -> None:
 @pytest.mark.parametrize("begun_s", [0.0, 0.3])
 @pytest.mark.parametrize("model", MODELS)
 def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back(model: str, begun_s: float) -> None:
-    """At once after the jog frame, and later: somebody must go on telling it to stop (matrix: forever)."""
+    """At once after the jog frame, and later: the stop is repeated until it is confirmed."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
@@ -85,7 +85,7 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
     run_virtual(scenario())
 
 
-def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
+def test_a_cancelled_calibration_run_is_stopped() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive(options={"query_coding": "hex-0.1"})
@@ -104,7 +104,7 @@ def test_a_proof_run_that_is_cancelled_is_stopped() -> None:
 @pytest.mark.parametrize("patience_s", [0.0005, 0.02, 0.2])
 @pytest.mark.parametrize("model", MODELS)
 def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: float) -> None:
-    """``wait_for(drive.stop(), …)``: the caller is told late, the motor is stopped all the same."""
+    """``wait_for(drive.stop(), …)``: the motor is stopped although the caller gave up."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
@@ -183,7 +183,7 @@ def test_a_lease_counts_from_the_moment_at_which_the_motor_may_turn(model: str, 
 
 
 class Renumbered:
-    """A serial port before and after it was opened: only then it knows which adapter it is."""
+    """Serial port whose identity is that of the adapter only once it is open."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -198,8 +198,8 @@ class Renumbered:
         self.identity = "usb:0403:6001:B"
 
 
-def test_what_was_proved_behind_a_device_name_is_not_believed_behind_another_adapter() -> None:
-    """A drive made before its bus is opened: the proofs and the wear are those of the adapter that is opened."""
+def test_a_calibration_stored_for_one_adapter_is_not_used_for_another() -> None:
+    """A drive created before its bus is opened uses the calibrations and write counts of the adapter then opened."""
 
     async def scenario() -> None:
         store = MemoryStore()
@@ -239,7 +239,7 @@ def test_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
     [sunfar.SunfarState.JOGGING_FORWARD, sunfar.SunfarState.DC_BRAKING, sunfar.SunfarState.DECELERATING_FORWARD],
 )
 def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
-    """Somebody jogs at the keypad, it brakes, or it ramps down: nobody may read "started"."""
+    """A drive that jogs from its keypad, brakes or ramps down must not be reported as started."""
     bus = PureBus(dialect_for("c320"), FakeC320(state))
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.START, BusConditions(now=0.0))
@@ -256,8 +256,8 @@ def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sun
 @pytest.mark.parametrize(
     ("failures", "blocked"), [(MIN_FAILURES_FOR_ERROR_RATE - 1, False), (MIN_FAILURES_FOR_ERROR_RATE, True)]
 )
-def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blocked: bool) -> None:
-    around = BusConditions(now=10.5, stop_epoch=3, error_rate=0.5, failures=failures)
+def test_three_damaged_replies_inhibit_a_start_and_two_do_not(failures: int, blocked: bool) -> None:
+    conditions = BusConditions(now=10.5, stop_epoch=3, error_rate=0.5, failures=failures)
     stands = DriveEvidence(
         derived=DerivedState(DriveState.STOPPED),
         state_at=10.4,
@@ -273,7 +273,7 @@ def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blo
                 station=7,
                 effect=Effect.MOTION,
                 retry_policy=RetryPolicy.EDGE_TRIGGERED,
-                conditions=around,
+                conditions=conditions,
                 evidence=stands,
                 family="sunfar",
             )
@@ -281,7 +281,7 @@ def test_three_spoiled_replies_make_a_bad_link_and_two_do_not(failures: int, blo
 
 
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])
-def test_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool) -> None:
+def test_a_command_expires_when_its_checks_take_too_long(age_s: float, fits: bool) -> None:
     """The command's own two seconds begin only after them."""
     bus = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(now=100.0 + age_s))
     op = OperationContext(operation_for(bus.dialect).drive, 0, 100.0)
@@ -289,8 +289,8 @@ def test_checks_that_took_too_long_make_it_another_wish(age_s: float, fits: bool
         bus.run(op.check_deadline())
 
 
-def test_a_stop_since_the_wish_takes_the_command_away_before_it_is_made() -> None:
-    """It was wished for before the stop, whenever its turn came."""
+def test_a_stop_since_the_request_supersedes_the_command_before_it_is_created() -> None:
+    """The request came before the stop, whenever its turn came."""
     bus = PureBus(dialect_for("c320"), FakeC320())
     memory = operation_for(bus.dialect).drive
     stopped = BusConditions(now=1.0, stop_epoch=4)
@@ -304,7 +304,7 @@ def word_of(dialect: Any, *names: str) -> int:
 
 
 def test_a_reset_that_also_turns_the_direction_level_may_move() -> None:
-    """VC660: a reset repeats the levels that the drive holds, or it is no mere reset."""
+    """VC660: a reset that does not repeat the levels of the drive may move the motor."""
     dialect: Any = dialect_for("vc660")
     assert dialect.command_word.effect(word_of(dialect, "reset")) is Effect.SETTING
     assert dialect.command_word.effect(word_of(dialect, "reset", "reverse")) is Effect.MOTION
@@ -314,14 +314,14 @@ def test_a_reset_that_also_turns_the_direction_level_may_move() -> None:
 
 
 def test_a_stop_of_df800_with_a_direction_in_it_is_no_stop() -> None:
-    """It has no levels to keep: a direction is an order of its own, and needs leave."""
+    """DF800 has no levels: a direction is a command of its own and needs a permit."""
     dialect: Any = dialect_for("df800", direction_calibrated=True)
     assert dialect.command_word.effect(word_of(dialect, "stop")) is Effect.STOP
     assert dialect.command_word.effect(word_of(dialect, "stop", "reverse")) is Effect.MOTION
 
 
 @pytest.mark.parametrize("command", ["reset_fault", "write"])
-def test_a_command_that_waited_its_turn_for_too_long_is_another_wish(command: str) -> None:
+def test_a_command_that_waited_too_long_for_its_turn_expires(command: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()

@@ -51,7 +51,7 @@ def test_a_drive_runs_and_stops(model: str) -> None:
 
 
 async def again(command: Callable[[], Awaitable[Outcome]], times: int) -> Outcome:
-    """A user who tries again: on a bad line a command may be refused, but never be wrong about what it did."""
+    """Repeat a command: on a bad bus it may be refused, but its outcome must never be wrong."""
     for left in reversed(range(times)):
         try:
             return await command()
@@ -197,7 +197,7 @@ def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
 @pytest.mark.parametrize(
     ("model", "keys"), [("c320", {(0, 1): 0}), ("vc660", {1: 0}), ("dzb100", {1: 1}), ("df800", {102: 0})]
 )
-def test_a_drive_that_does_not_listen_is_named(model: str, keys: dict[Any, int]) -> None:
+def test_a_drive_that_does_not_accept_bus_commands_is_named(model: str, keys: dict[Any, int]) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             for key, value in keys.items():
@@ -230,7 +230,7 @@ def test_a_silent_drive_is_not_started_and_its_stop_is_reported_unconfirmed(mode
 
 @pytest.mark.parametrize("model", TELLING)
 def test_an_unconfirmed_stop_is_repeated_until_the_drive_comes_back(model: str) -> None:
-    """Matrix 6.4: resend for ever, with an alarm."""
+    """The stop is resent without end."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
@@ -270,7 +270,7 @@ def test_a_drive_that_obeys_and_can_not_answer_is_not_started_twice(model: str) 
 
 
 async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
-    """Look every so often, in virtual time, until it is true."""
+    """Wait in virtual time until a condition holds."""
     for _ in range(100_000):
         if true():
             return
@@ -279,7 +279,7 @@ async def until(true: Callable[[], bool], every_s: float = 0.002) -> None:
 
 
 def watch(bench: SimulatedDrives) -> list[float]:
-    """Every frequency that the motor is told, from now on."""
+    """Return a list that records every frequency commanded to the motor from now on."""
     motor = bench.station().motor
     message: list[float] = []
 
@@ -321,7 +321,7 @@ def test_on_a_lossy_line_no_command_acts_twice_and_no_stop_is_lost(model: str, s
 
 
 @pytest.mark.parametrize("model", TELLING)
-def test_a_stop_takes_a_start_away_that_waits_to_be_confirmed(model: str) -> None:
+def test_a_stop_supersedes_a_start_that_waits_for_confirmation(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
@@ -461,7 +461,7 @@ def test_changing_the_set_frequency_never_wears_the_eeprom(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_bus_stop_stops_every_drive_and_latches(model: str) -> None:
+def test_a_bus_stop_stops_every_drive_and_inhibits_starts(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model, "1-3") as bench:
             drives = [bench.drive(address) for address in (1, 2, 3)]
@@ -547,8 +547,8 @@ def test_a_monitor_follows_the_drive(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", TELLING)
-def test_what_a_command_read_is_what_its_monitor_shows(model: str) -> None:
-    """The polls come every minute: outcome and state beside it are one all the same."""
+def test_a_monitor_shows_the_reads_of_a_command(model: str) -> None:
+    """Outcome and status agree although the polls come every minute."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
@@ -586,8 +586,8 @@ def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
     run_virtual(scenario())
 
 
-def test_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current() -> None:
-    """Else a value read once would stand there for ever, as old; and what was read before a poll is not the newest."""
+def test_a_monitor_takes_only_polled_values_from_a_command() -> None:
+    """Otherwise a value read once would stay for ever, and an older read could replace a newer poll."""
 
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
@@ -604,12 +604,12 @@ def test_a_command_brings_a_monitor_nothing_that_its_polls_do_not_keep_current()
     run_virtual(scenario())
 
 
-# --- proofs -------------------------------------------------------------------------------------------------------
+# --- calibration ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("setpoint", ["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"])
 @pytest.mark.parametrize("query", ["hex-0.1", "hex-0.01", "decimal-0.1"])
-def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, setpoint: str) -> None:
+def test_the_codings_of_a_dzb100_are_calibrated_at_five_hertz_or_less(query: str, setpoint: str) -> None:
     async def scenario() -> None:
         store = MemoryStore()
         async with SimulatedDrives(
@@ -620,7 +620,7 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
             message = watch(bench)
             assert (await drive.calibrate("query_coding")).options == {"query_coding": query}
             if setpoint == "hex-0.01" and query != "hex-0.01":
-                await nothing_is_proved(drive)
+                await check_undetermined(drive)
                 return
             found = await drive.calibrate("setpoint_coding")
             assert found.options == {"setpoint_coding": setpoint}
@@ -635,8 +635,8 @@ def test_the_codings_of_a_dzb100_are_proved_at_five_hertz_or_less(query: str, se
     run_virtual(scenario())
 
 
-async def nothing_is_proved(drive: Drive) -> None:
-    """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is settled."""
+async def check_undetermined(drive: Drive) -> None:
+    """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is determined."""
     with pytest.raises(TargetNotReached):
         await drive.calibrate("setpoint_coding")
     assert drive.dialect.options["setpoint_coding"] == "unknown"
@@ -644,7 +644,7 @@ async def nothing_is_proved(drive: Drive) -> None:
         await drive.run(1.0)
 
 
-def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
+def test_a_calibration_never_runs_faster_than_the_user_allows() -> None:
     async def scenario() -> None:
         async with SimulatedDrives(
             "dzb100", limits=DriveLimits(maximum_hz=3.0), options={"query_coding": "hex-0.1"}
@@ -656,7 +656,7 @@ def test_a_proof_never_runs_faster_than_the_user_allows() -> None:
     run_virtual(scenario())
 
 
-def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:
+def test_the_setpoint_coding_is_not_calibrated_before_the_query_coding() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             with pytest.raises(StartInhibited):
@@ -667,7 +667,7 @@ def test_the_setpoint_coding_is_not_proved_before_the_query_coding() -> None:
 
 
 @pytest.mark.parametrize("field", ["b3b2", "b2b3"])
-def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None:
+def test_one_observed_jog_calibrates_the_direction_field_of_df800(field: str) -> None:
     async def scenario() -> None:
         store = MemoryStore()
         async with SimulatedDrives("df800", query=f"direction_field={field}", store=store) as bench:
@@ -700,7 +700,7 @@ def test_one_watched_jog_proves_the_direction_field_of_df800(field: str) -> None
 # --- who is it ----------------------------------------------------------------------------------------------------
 
 
-def test_c320_tells_who_it_is_and_the_others_only_that_they_answer() -> None:
+def test_only_c320_reports_an_identity() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             found = await bench.drive().identify()
@@ -712,7 +712,7 @@ def test_c320_tells_who_it_is_and_the_others_only_that_they_answer() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_what_happens_when_the_host_dies_is_never_promised_where_nobody_published_it(model: str) -> None:
+def test_an_unpublished_communication_loss_behaviour_is_never_reported_as_a_stop(model: str) -> None:
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             report = await bench.drive().comm_loss_behaviour()

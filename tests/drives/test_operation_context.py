@@ -1,4 +1,4 @@
-"""What every conversation is made of: fences that prove, frames that are listed, evidence that is bounded."""
+"""Parts of every operation: sync probes, the allow-list of frames, bounded evidence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operatio
 
 
 @pytest.mark.parametrize("register", [0x200B, 0x2002, 0x3000, 0x0200])
-def test_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: int) -> None:
+def test_no_operation_sends_a_frame_outside_the_allow_list(register: int) -> None:
     bus = PureBus(dialect_for("vc660"), FakeModbus())
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.WRITE, bus.conditions)
@@ -36,8 +36,8 @@ def test_a_frame_that_no_table_lists_is_not_sent_by_any_conversation(register: i
     assert not bus.requests
 
 
-def test_a_fence_that_the_drive_refuses_proves_nothing() -> None:
-    """A short reply (6, 7, 8) echoes the address alone: it could be anybody's late one."""
+def test_a_rejected_sync_probe_is_no_valid_sync_reply() -> None:
+    """A short reply (6, 7, 8) echoes the address only: it could be a late reply to any request."""
 
     class Refuses(FakeC320):
         def __call__(self, request: Any) -> Any:
@@ -88,7 +88,7 @@ def test_evidence_is_bounded_and_in_order() -> None:
     assert times == sorted(times)
 
 
-def test_confirming_reads_are_not_in_the_lane_that_a_stop_clears() -> None:
+def test_confirming_reads_have_another_priority_than_the_commands_that_a_stop_removes() -> None:
     bus = PureBus(dialect_for("c320"), FakeC320())
     bus.run(operation_for(bus.dialect).read_verified_state())
     assert {ask.priority for ask in bus.requests} == {RequestPriority.PARAMETER}
@@ -129,7 +129,7 @@ def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
     assert op.derived.state is DriveState.UNKNOWN
 
 
-def test_a_conversation_is_a_script_of_values() -> None:
+def test_an_operation_yields_values_as_steps() -> None:
     """Sans-IO: storing is a step, and waiting too."""
     from drivebus.drives.store import MemoryStore
 

@@ -34,7 +34,7 @@ from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dial
 
 
 class Desk:
-    """A drive on paper, its bus and its store; ``write`` and ``read`` as a user calls them."""
+    """Fake drive with its bus and store; ``write`` and ``read`` as a user calls them."""
 
     def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
         self.dialect = dialect_for(model)
@@ -52,17 +52,17 @@ class Desk:
         return self.bus.sent(sunfar.SunfarWriteParameter) + self.bus.sent(modbus.WriteRegister)
 
 
-def test_a_write_goes_to_ram_and_is_read_back_behind_a_fence() -> None:
+def test_a_write_goes_to_ram_and_is_read_back_behind_a_sync_probe() -> None:
     desk = Desk("c320", FakeC320())
     outcome = desk.write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
-    written, fence, back = [ask.request for ask in desk.bus.requests]
+    written, probe, back = [ask.request for ask in desk.bus.requests]
     assert written == sunfar.SunfarWriteParameter(1, 0, 2, 3000, save=False)
-    assert isinstance(fence, sunfar.SunfarReadParameter) and fence.group != 0
+    assert isinstance(probe, sunfar.SunfarReadParameter) and probe.group != 0
     assert back == sunfar.SunfarReadParameter(1, 0, 2)
 
 
-def test_vc660_saves_at_its_own_address_and_only_when_told_to() -> None:
+def test_vc660_saves_at_its_own_address_and_only_on_request() -> None:
     desk = Desk("vc660", FakeModbus())
     desk.write({"F00.02": 30.0})
     desk.write({"F00.02": 31.0}, save=True)
@@ -78,7 +78,7 @@ def test_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
     assert not desk.bus.requests
 
 
-def test_a_save_of_what_is_there_already_is_skipped() -> None:
+def test_a_save_of_the_stored_value_is_skipped() -> None:
     desk = Desk("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
     outcome = desk.write({"F0.2": 30.0}, save=True)
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
@@ -86,7 +86,7 @@ def test_a_save_of_what_is_there_already_is_skipped() -> None:
 
 
 def test_a_save_is_not_skipped_after_a_ram_only_write() -> None:
-    """RAM says 30 Hz already; what EEPROM says nobody knows, and reading back RAM does not tell."""
+    """RAM holds 30 Hz already; the content of the EEPROM is unknown, and reading back shows RAM."""
     desk = Desk("c320", FakeC320())
     desk.write({"F0.2": 30.0})
     outcome = desk.write({"F0.2": 30.0}, save=True)
@@ -294,8 +294,8 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
     assert found["F3.5"].raw == 0
 
 
-def test_a_parameter_that_reads_0_in_a_fault_is_not_believed() -> None:
-    """The reply names neither item nor whether it was carried out."""
+def test_a_parameter_that_reads_0_in_a_fault_is_rejected() -> None:
+    """The reply shows neither the item nor whether the read was executed."""
     desk = Desk("c320", FakeC320(sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
     found = desk.read("F0.1", "F0.2")
     assert (found["F0.1"].value, found["F0.2"].value) == (None, 30.0)
@@ -315,7 +315,7 @@ def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
 # --- pre-flight ---------------------------------------------------------------------------------------------------
 
 
-def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read() -> None:
+def test_the_preflight_reports_satisfied_unmet_and_unreadable_preconditions() -> None:
     desk = Desk("vc660", FakeModbus(registers={1: 2}))
     found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
     assert [m.notation for m in found.unmet] == ["F00.01"]
@@ -323,14 +323,14 @@ def test_the_preflight_says_what_holds_what_is_missing_and_what_nobody_can_read(
     assert not found.passed
 
 
-def test_the_preflight_reads_the_ramps_where_the_model_tells_them() -> None:
+def test_the_preflight_reads_the_ramps_where_the_profile_names_them() -> None:
     desk = Desk("df800", FakeModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
     found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
     assert found.satisfied == ("F1.01", "F1.02")
     assert (desk.memory.acceleration_s, desk.memory.deceleration_s) == (15.0, 4.0)
 
 
-def test_silence_proves_nothing() -> None:
+def test_a_drive_without_a_reply_passes_no_preflight() -> None:
     desk = Desk("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
         desk.bus.run(read_preflight(OperationContext(desk.memory)))
@@ -352,7 +352,7 @@ def test_a_file_store_keeps_values_and_replaces_the_file_as_a_whole(tmp_path: Pa
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"format": 2, "values": {}}', '{"format": 1, "values": {"a": 1}}'])
-def test_a_store_that_is_not_ours_is_refused_and_never_overwritten(tmp_path: Path, text: str) -> None:
+def test_a_store_of_another_format_is_refused_and_never_overwritten(tmp_path: Path, text: str) -> None:
     path = tmp_path / "s.json"
     path.write_text(text)
     with pytest.raises(ConfigurationError):
@@ -418,7 +418,7 @@ def test_two_programs_that_save_the_same_parameter_lose_no_count(tmp_path: Path,
 
 
 class Msvcrt:
-    """Windows' lock of a byte: somebody holds it for the first ``busy`` tries of ten seconds each."""
+    """Windows' lock of a byte, held by another program for the first ``busy`` tries of ten seconds each."""
 
     LK_LOCK, LK_UNLCK = 1, 0
 
@@ -437,7 +437,7 @@ def on_windows(monkeypatch: pytest.MonkeyPatch, msvcrt: Msvcrt) -> None:
     monkeypatch.setitem(sys.modules, "msvcrt", msvcrt)
 
 
-def test_windows_waits_for_the_lock_and_gives_it_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_waits_for_the_lock_and_releases_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     msvcrt = Msvcrt(busy=2)
     on_windows(monkeypatch, msvcrt)
     store = FileStore(tmp_path / "s.json")
@@ -497,7 +497,7 @@ def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None
         (0, 2, (2, 3), False, "drives.comm_loss_off"),
     ],
 )
-def test_nothing_is_promised_that_the_manual_does_not_say(
+def test_an_undocumented_communication_loss_behaviour_is_unknown(
     time_raw: int, action: int, trips_values: tuple[int, ...], trips: bool | None, key: str
 ) -> None:
     desk = Desk("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
@@ -507,7 +507,7 @@ def test_nothing_is_promised_that_the_manual_does_not_say(
     assert (found.stops_on_comm_loss, found.key) == (trips, key)
 
 
-def test_a_timer_that_can_not_be_read_promises_nothing() -> None:
+def test_an_unreadable_communication_loss_timer_is_unknown() -> None:
     desk = Desk("c320", FakeC320(silent=True))
     assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.comm_loss_unread"
 

@@ -1,4 +1,4 @@
-"""The gate: every reason not to move, one by one (I1, I7, rulings 4, 5, 12)."""
+"""Start permissives: each reason to withhold a permit, one by one (I1, I7)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited
 from drivebus.protocols.codec import Effect
 
 START = DriveCommand("start-1", CommandKind.START, 10.0, 3)
-AROUND = BusConditions(now=10.5, day="2026-01-02", stop_epoch=3)
-STANDS = DriveEvidence(
+CONDITIONS = BusConditions(now=10.5, day="2026-01-02", stop_epoch=3)
+STANDSTILL = DriveEvidence(
     derived=DerivedState(DriveState.STOPPED),
     state_at=10.4,
     reports_run_state=True,
@@ -33,11 +33,11 @@ STANDS = DriveEvidence(
 )
 
 
-def ask(
+def request_permit(
     command: DriveCommand = START,
     effect: Effect = Effect.MOTION,
-    around: BusConditions = AROUND,
-    evidence: DriveEvidence = STANDS,
+    conditions: BusConditions = CONDITIONS,
+    evidence: DriveEvidence = STANDSTILL,
     family: str = "sunfar",
 ) -> Permit:
     return grant_permit(
@@ -46,73 +46,81 @@ def ask(
             station=7,
             effect=effect,
             retry_policy=RetryPolicy.EDGE_TRIGGERED,
-            conditions=around,
+            conditions=conditions,
             evidence=evidence,
             family=family,
         )
     )
 
 
-def refused(kind: type[DrivebusError], key: str, **changes: object) -> None:
+def check_withheld(kind: type[DrivebusError], key: str, **changes: object) -> None:
     with pytest.raises(kind) as caught:
-        ask(**changes)  # type: ignore[arg-type]
+        request_permit(**changes)  # type: ignore[arg-type]
     assert caught.value.key == key
 
 
-def test_a_start_with_everything_in_order_gets_a_permit_for_its_station_and_generation_only() -> None:
-    permit = ask()
+def test_a_start_with_all_permissives_gets_a_permit_for_its_station_and_stop_epoch_only() -> None:
+    permit = request_permit()
     assert (permit.station, permit.effect, permit.stop_epoch) == (7, Effect.MOTION, 3)
     assert permit.expires_at == 12.0
     assert permit.command_id == "start-1"
 
 
-def test_a_start_is_dead_two_seconds_after_the_wish() -> None:
-    ask(around=replace(AROUND, now=12.0), evidence=replace(STANDS, state_at=11.9))
-    refused(Expired, "drives.expired", around=replace(AROUND, now=12.001), evidence=replace(STANDS, state_at=12.0))
+def test_a_start_expires_two_seconds_after_its_request() -> None:
+    request_permit(conditions=replace(CONDITIONS, now=12.0), evidence=replace(STANDSTILL, state_at=11.9))
+    check_withheld(
+        Expired,
+        "drives.expired",
+        conditions=replace(CONDITIONS, now=12.001),
+        evidence=replace(STANDSTILL, state_at=12.0),
+    )
 
 
 def test_a_setpoint_lives_five_seconds_but_not_where_its_frame_moves() -> None:
     setpoint = DriveCommand("setpoint-1", CommandKind.SETPOINT, 10.0, 3)
-    assert ask(setpoint, Effect.SETTING).expires_at == 15.0
-    runs = replace(STANDS, derived=DerivedState(DriveState.RUNNING))
-    assert ask(setpoint, Effect.MOTION, evidence=runs).expires_at == 12.0
+    assert request_permit(setpoint, Effect.SETTING).expires_at == 15.0
+    runs = replace(STANDSTILL, derived=DerivedState(DriveState.RUNNING))
+    assert request_permit(setpoint, Effect.MOTION, evidence=runs).expires_at == 12.0
 
 
-def test_a_newer_stop_voids_the_command() -> None:
-    refused(Superseded, "drives.superseded", around=replace(AROUND, stop_epoch=4))
+def test_a_newer_stop_supersedes_the_command() -> None:
+    check_withheld(Superseded, "drives.superseded", conditions=replace(CONDITIONS, stop_epoch=4))
 
 
 def test_a_start_inhibited_drive_gets_no_permit() -> None:
-    refused(StartInhibited, "drives.start_inhibited", around=replace(AROUND, start_inhibited=True))
-    refused(
-        StartInhibited, "drives.start_inhibited", effect=Effect.SETTING, around=replace(AROUND, start_inhibited=True)
+    check_withheld(StartInhibited, "drives.start_inhibited", conditions=replace(CONDITIONS, start_inhibited=True))
+    check_withheld(
+        StartInhibited,
+        "drives.start_inhibited",
+        effect=Effect.SETTING,
+        conditions=replace(CONDITIONS, start_inhibited=True),
     )
 
 
 def test_a_foreign_master_blocks_everything_that_acts() -> None:
-    refused(StartInhibited, "drives.foreign_master", around=replace(AROUND, foreign_master=True))
+    check_withheld(StartInhibited, "drives.foreign_master", conditions=replace(CONDITIONS, foreign_master=True))
 
 
 def test_two_drives_at_one_address_are_not_commanded() -> None:
-    refused(StartInhibited, "drives.duplicate", around=replace(AROUND, duplicate=True))
+    check_withheld(StartInhibited, "drives.duplicate", conditions=replace(CONDITIONS, duplicate=True))
 
 
 @pytest.mark.parametrize(("family", "limit"), [("sunfar", 0.01), ("modbus", 0.01), ("dzb100", 0.001)])
-def test_the_link_quality_gate_blocks_a_start(family: str, limit: float) -> None:
-    ask(around=replace(AROUND, error_rate=limit, failures=9), family=family)
-    bad = replace(AROUND, error_rate=limit * 1.01, failures=9)
-    refused(StartInhibited, "drives.high_error_rate", around=bad, family=family)
+def test_a_high_error_rate_inhibits_a_start(family: str, limit: float) -> None:
+    request_permit(conditions=replace(CONDITIONS, error_rate=limit, failures=9), family=family)
+    bad = replace(CONDITIONS, error_rate=limit * 1.01, failures=9)
+    check_withheld(StartInhibited, "drives.high_error_rate", conditions=bad, family=family)
 
 
 def test_one_lost_frame_is_no_error_rate() -> None:
-    ask(around=replace(AROUND, error_rate=0.5, failures=2))
-    refused(StartInhibited, "drives.high_error_rate", around=replace(AROUND, error_rate=0.5, failures=3))
+    request_permit(conditions=replace(CONDITIONS, error_rate=0.5, failures=2))
+    check_withheld(StartInhibited, "drives.high_error_rate", conditions=replace(CONDITIONS, error_rate=0.5, failures=3))
 
 
 def test_a_start_needs_a_fresh_status() -> None:
-    refused(StartInhibited, "drives.status_stale", evidence=replace(STANDS, state_at=None))
-    old = replace(STANDS, state_at=AROUND.now - MAX_STATUS_AGE_S - 0.01)
-    refused(StartInhibited, "drives.status_stale", evidence=old)
+    check_withheld(StartInhibited, "drives.status_stale", evidence=replace(STANDSTILL, state_at=None))
+    old = replace(STANDSTILL, state_at=CONDITIONS.now - MAX_STATUS_AGE_S - 0.01)
+    check_withheld(StartInhibited, "drives.status_stale", evidence=old)
 
 
 def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
@@ -123,64 +131,68 @@ def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> Non
         preflight_passed=True,
         limits_checked=True,
     )
-    ask(evidence=blind)
-    refused(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
+    request_permit(evidence=blind)
+    check_withheld(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
 
 
 @pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.STOPPED])
 def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> None:
-    refused(StartInhibited, "drives.state_forbids", evidence=replace(STANDS, derived=DerivedState(state)))
+    check_withheld(StartInhibited, "drives.state_forbids", evidence=replace(STANDSTILL, derived=DerivedState(state)))
 
 
 @pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
 def test_a_write_or_a_reset_can_not_be_granted_motion(kind: CommandKind) -> None:
-    refused(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
+    check_withheld(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
 
 
 @pytest.mark.parametrize("effect", [Effect.NONE, Effect.STOP])
 def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
-    refused(NotPermitted, "drives.no_permit_needed", effect=effect)
+    check_withheld(NotPermitted, "drives.no_permit_needed", effect=effect)
 
 
 def test_unchecked_limits_stop_a_start() -> None:
-    refused(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDS, limits_checked=False))
+    check_withheld(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDSTILL, limits_checked=False))
 
 
 @pytest.mark.parametrize(
     ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
 )
-def test_every_command_lives_as_long_as_its_kind_may(kind: str, seconds: float) -> None:
+def test_every_command_expires_after_the_limit_of_its_kind(kind: str, seconds: float) -> None:
     command = DriveCommand("x", CommandKind(kind), 10.0, 3)
-    last = replace(AROUND, now=10.0 + seconds)
+    last = replace(CONDITIONS, now=10.0 + seconds)
     assert COMMAND_TTL_S[command.kind] == seconds
-    assert ask(command, Effect.SETTING, last, replace(STANDS, state_at=last.now)).expires_at == last.now
-    refused(
-        Expired, "drives.expired", command=command, effect=Effect.SETTING, around=replace(last, now=last.now + 0.001)
+    assert request_permit(command, Effect.SETTING, last, replace(STANDSTILL, state_at=last.now)).expires_at == last.now
+    check_withheld(
+        Expired,
+        "drives.expired",
+        command=command,
+        effect=Effect.SETTING,
+        conditions=replace(last, now=last.now + 0.001),
     )
 
 
 def test_an_expired_command_says_its_age_and_its_limit_in_hundredths_of_a_second() -> None:
     with pytest.raises(Expired) as caught:
-        ask(around=replace(AROUND, now=13.23456))
+        request_permit(conditions=replace(CONDITIONS, now=13.23456))
     assert caught.value.params == {"age_s": 3.23, "limit_s": 2.0}
     with pytest.raises(Expired) as caught:
-        ask(replace(START, created_at=10.00123), around=replace(AROUND, now=13.0))
+        request_permit(replace(START, created_at=10.00123), conditions=replace(CONDITIONS, now=13.0))
     assert caught.value.params["limit_s"] == 2.0
 
 
 def test_a_status_is_fresh_for_two_seconds_and_not_longer() -> None:
     young = replace(START, created_at=99.0)
-    around = replace(AROUND, now=100.0)
-    ask(young, around=around, evidence=replace(STANDS, state_at=98.0))
+    conditions = replace(CONDITIONS, now=100.0)
+    request_permit(young, conditions=conditions, evidence=replace(STANDSTILL, state_at=98.0))
     with pytest.raises(StartInhibited) as caught:
-        ask(young, around=around, evidence=replace(STANDS, state_at=97.98765))
+        request_permit(young, conditions=conditions, evidence=replace(STANDSTILL, state_at=97.98765))
     assert caught.value.params == {"age_s": 2.01, "limit_s": 2.0}
 
 
 def test_three_failures_are_an_error_rate() -> None:
     assert MIN_FAILURES_FOR_ERROR_RATE == 3
     with pytest.raises(StartInhibited) as caught:
-        ask(around=replace(AROUND, error_rate=0.123456, failures=3), family="modbus")
+        request_permit(conditions=replace(CONDITIONS, error_rate=0.123456, failures=3), family="modbus")
     assert caught.value.key == "drives.high_error_rate"
     assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
 
@@ -188,32 +200,32 @@ def test_three_failures_are_an_error_rate() -> None:
 @pytest.mark.parametrize("kind", [CommandKind.START, CommandKind.JOG])
 @pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
 def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: CommandKind, effect: Effect) -> None:
-    """What the user meant counts, not only what these bytes do."""
+    """The kind of the command counts, not only the effect of these bytes."""
     command = DriveCommand("x", kind, 10.0, 3)
-    ask(command, effect)
-    refused(
+    request_permit(command, effect)
+    check_withheld(
         StartInhibited,
         "drives.high_error_rate",
         command=command,
         effect=effect,
-        around=replace(AROUND, error_rate=1.0, failures=9),
+        conditions=replace(CONDITIONS, error_rate=1.0, failures=9),
     )
-    refused(
+    check_withheld(
         StartInhibited,
         "drives.preflight_not_done",
         command=command,
         effect=effect,
-        evidence=replace(STANDS, preflight_passed=False),
+        evidence=replace(STANDSTILL, preflight_passed=False),
     )
-    refused(
+    check_withheld(
         StartInhibited,
         "drives.limits_unchecked",
         command=command,
         effect=effect,
-        evidence=replace(STANDS, limits_checked=False),
+        evidence=replace(STANDSTILL, limits_checked=False),
     )
-    turns = replace(STANDS, derived=DerivedState(DriveState.RUNNING))
-    refused(StartInhibited, "drives.state_forbids", command=command, effect=effect, evidence=turns)
+    turns = replace(STANDSTILL, derived=DerivedState(DriveState.RUNNING))
+    check_withheld(StartInhibited, "drives.state_forbids", command=command, effect=effect, evidence=turns)
 
 
 RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
@@ -223,13 +235,16 @@ RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
 def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> None:
     """DZB100's setpoint is a run frame: at standstill it would start the motor."""
     setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
-    evidence = replace(STANDS, derived=DerivedState(state))
+    evidence = replace(STANDSTILL, derived=DerivedState(state))
     if state in RUNNING:
-        ask(setpoint, evidence=evidence)
+        request_permit(setpoint, evidence=evidence)
     else:
-        refused(StartInhibited, "drives.state_forbids", command=setpoint, evidence=evidence)
-    refused(
-        StartInhibited, "drives.high_error_rate", command=setpoint, around=replace(AROUND, error_rate=1.0, failures=9)
+        check_withheld(StartInhibited, "drives.state_forbids", command=setpoint, evidence=evidence)
+    check_withheld(
+        StartInhibited,
+        "drives.high_error_rate",
+        command=setpoint,
+        conditions=replace(CONDITIONS, error_rate=1.0, failures=9),
     )
 
 
@@ -242,8 +257,8 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         preflight_passed=False,
         limits_checked=True,
     )
-    ask(setpoint, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), nothing)
-    refused(
+    request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), nothing)
+    check_withheld(
         StartInhibited,
         "drives.limits_unchecked",
         command=setpoint,
@@ -263,5 +278,5 @@ def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -
         limits_checked=False,
     )
     command = DriveCommand("x", kind, 10.0, 3)
-    permit = ask(command, Effect.SETTING, replace(AROUND, error_rate=1.0, failures=9), faulty)
+    permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), faulty)
     assert (permit.effect, permit.retry_policy, permit.stop_epoch) == (Effect.SETTING, RetryPolicy.EDGE_TRIGGERED, 3)

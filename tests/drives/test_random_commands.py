@@ -1,4 +1,4 @@
-"""Random commands, trips and keypads on bad lines: what is said of a drive is never wrong."""
+"""Random commands, trips and keypad actions on bad buses: no outcome of a drive is wrong."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ WEATHERS = ("clean", "loss=0.1", "late=0.1:0.4", "late=0.3:0.5", "loss=0.05,flip
 ACTS = ("run", "run", "stop", "setpoint", "status", "keypad_stop", "trip", "reset", "jog")
 
 
-def told(bench: SimulatedDrives) -> list[float]:
-    """Every frequency other than 0 that the motor is told from now on."""
+def record_commands(bench: SimulatedDrives) -> list[float]:
+    """Return a list that records every frequency other than 0 commanded to the motor from now on."""
     motor = bench.station().motor
     found: list[float] = []
 
@@ -36,14 +36,14 @@ def told(bench: SimulatedDrives) -> list[float]:
 
 
 class Hammer:
-    """One drive, one seed, twelve random acts; each checks what it was told against the drive itself."""
+    """One drive, one seed, twelve random acts; each compares its outcome with the drive itself."""
 
     def __init__(self, model: str, weather: str, seed: int) -> None:
         self.model, self.hz = model, SAFE_HZ[model]
         self.bench = SimulatedDrives(model, query=f"line_quality={weather}&seed={seed}&ramp=2")
         self.rng = random.Random(seed)
         self.done = 0
-        """So often a start or stop was told to be done."""
+        """Number of starts and stops reported as done."""
 
     async def __call__(self) -> None:
         async with self.bench as bench:
@@ -56,7 +56,7 @@ class Hammer:
         return bool(self.bench.station().running)
 
     async def run(self, drive: Drive) -> None:
-        stood, starts = not self.running, told(self.bench)
+        stood, starts = not self.running, record_commands(self.bench)
         try:
             outcome = await drive.run(self.hz)
         except DrivebusError as error:
@@ -122,7 +122,7 @@ class Hammer:
 
 @pytest.mark.parametrize("weather", WEATHERS)
 @pytest.mark.parametrize("model", MODELS)
-def test_nothing_that_is_said_of_a_drive_is_wrong(model: str, weather: str) -> None:
+def test_no_outcome_of_a_drive_is_wrong(model: str, weather: str) -> None:
     hammers = [Hammer(model, weather, seed) for seed in range(8)]
     for hammer in hammers:
         run_virtual(hammer())

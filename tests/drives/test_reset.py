@@ -57,7 +57,7 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
 
 
 def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_was_sent() -> None:
-    """StartInhibited promises that nothing was sent."""
+    """StartInhibited means that nothing was sent."""
     bus = in_fault(on_command=lambda paper, request: None)
 
     def seen(ask: Any) -> None:

@@ -1,4 +1,4 @@
-"""The shells: slow lines, repeated stops, held-up loops, the synchronous twin, the public names."""
+"""Runner of operations: slow buses, repeated stops, a blocked event loop, the blocking API, the public names."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() ->
     run_virtual(scenario())
 
 
-def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background() -> None:
+def test_an_answered_stop_without_a_waiting_caller_is_confirmed_in_the_background() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
@@ -115,7 +115,7 @@ def test_an_answered_stop_that_nobody_waits_for_is_confirmed_in_the_background()
 
 @pytest.mark.parametrize(("may_turn", "ends"), [(False, 0), (True, 1)])
 def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_left(may_turn: bool, ends: int) -> None:
-    """The end of a jog that never began would stop what somebody else does (found by `lab commands`)."""
+    """The end of a jog that never began would stop another command."""
 
     class HangingJog(ScriptedJog):
         async def _begin(self) -> Outcome:
@@ -143,7 +143,7 @@ def test_a_jog_that_is_given_up_is_ended_only_where_something_of_it_may_have_lef
 
 
 def test_a_lease_that_ran_out_while_the_loop_was_held_up_can_not_be_renewed() -> None:
-    """A frozen host: the renewal comes before the timer has had its turn."""
+    """After a suspension of the host the renewal comes before the timer has run."""
 
     async def scenario() -> bool:
         async with ScriptedJog(0.02) as lease:
@@ -170,7 +170,7 @@ def test_an_interrupted_block_ends_its_jog() -> None:
 # --- the synchronous twin -----------------------------------------------------------------------------------------
 
 
-def test_the_synchronous_twin_runs_reads_writes_and_stops() -> None:
+def test_the_blocking_api_runs_reads_writes_and_stops() -> None:
     with blocking.open_bus("sim://vc660@1?baud=38400&ramp=1") as bus:
         drive = blocking.Drive(bus, "vc660", 1)
         assert drive.run(5.0, wait=True).key == "drives.running_at"
@@ -213,12 +213,12 @@ def test_every_public_name_is_there() -> None:
     assert set(dir(drivebus)) == set(drivebus.__all__)
 
 
-def test_importing_drivebus_loads_no_room_of_the_house() -> None:
+def test_importing_drivebus_loads_no_subpackage() -> None:
     code = "import sys, drivebus; print([m for m in sys.modules if m.startswith('drivebus.')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
-def test_a_name_that_nobody_has_is_an_attribute_error() -> None:
+def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError):
         drivebus.nonsense  # noqa: B018

@@ -1,4 +1,4 @@
-"""Starting: once, permitted, confirmed by fenced reads, never resent blindly (rulings 1, 4, 6; matrix 6.4; 6.5)."""
+"""Start: sent once with a permit, confirmed by verified reads, resent only after reads that show standstill."""
 
 from __future__ import annotations
 
@@ -63,25 +63,25 @@ def test_a_start_is_one_frame_with_its_frequency_and_confirmed_by_later_reads() 
 
 
 def test_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
-    """The drive answers yes and stays where it is: failed, never confirmed."""
+    """The drive accepts and does not move: failed, never confirmed."""
     bus, op = c320(FakeC320())
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_every_confirming_read_has_a_fence_of_its_own_before_it() -> None:
+def test_every_confirming_read_has_its_own_sync_probe_before_it() -> None:
     bus, op = c320(FakeC320(on_command=starts))
     start(bus, op)
     place = next(i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl))
     after = [ask.request for ask in bus.requests[place + 1 :]]
     assert [type(r) for r in after] == [sunfar.SunfarReadParameter, sunfar.ReadMonitor] * 2
-    fences = [r for r in after if isinstance(r, sunfar.SunfarReadParameter)]
-    assert all(f.group != 0 for f in fences)
-    assert fences[0] != fences[1]
+    probes = [r for r in after if isinstance(r, sunfar.SunfarReadParameter)]
+    assert all(f.group != 0 for f in probes)
+    assert probes[0] != probes[1]
 
 
-def test_an_unanswered_start_is_resent_after_two_fenced_reads_show_standstill() -> None:
+def test_an_unanswered_start_is_resent_after_two_verified_reads_show_standstill() -> None:
     lost = [True]
 
     def first_is_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -147,7 +147,7 @@ def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
 
 
 def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None:
-    """The bus counts the stop; the start sees its generation gone and is not resent."""
+    """The stop increments the stop epoch; the start is superseded and not resent."""
     bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def stop_comes(ask: Any) -> None:
@@ -173,7 +173,7 @@ def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() 
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_a_drive_that_says_no_is_believed() -> None:
+def test_a_rejected_start_is_refused() -> None:
     def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return sunfar.SunfarReply(1, sunfar.SunfarResponse.OUT_OF_RANGE, sunfar.SunfarState.STOPPED, 0, None, None)
 
@@ -332,8 +332,8 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
 
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])
-def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_nothing_was_sent(model: str) -> None:
-    """Expired and StartInhibited promise that nothing was sent; here the drive already has a new frequency."""
+def test_a_start_withheld_after_its_frequency_was_sent_has_an_outcome(model: str) -> None:
+    """Expired and StartInhibited mean that nothing was sent; here the drive already has a new frequency."""
     paper = FakeModbus()
     bus, op = vc660(paper) if model == "vc660" else df800(paper)
     bus.on_request = lambda ask: bus.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
@@ -344,7 +344,7 @@ def test_a_start_that_is_withheld_after_its_frequency_left_is_not_told_as_if_not
 
 
 def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_sent() -> None:
-    """StartInhibited promises that nothing was sent. The drive stood twice, so it is known to have failed."""
+    """StartInhibited means that nothing was sent. Two reads showed standstill, so the start is known to have failed."""
     bus, op = c320(FakeC320(on_command=lambda paper, request: None))
 
     def seen(ask: Any) -> None:
@@ -412,7 +412,7 @@ def test_an_unanswered_start_of_df800_is_never_resent() -> None:
 
 
 @pytest.mark.parametrize("direction", list(Direction))
-def test_an_explicit_direction_on_df800_waits_for_its_jog_proof(direction: Direction) -> None:
+def test_an_explicit_direction_on_df800_needs_its_calibration(direction: Direction) -> None:
     paper = FakeModbus()
     bus, op = df800(paper)
     with pytest.raises(StartInhibited) as caught:

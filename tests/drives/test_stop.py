@@ -1,4 +1,4 @@
-"""Stopping: asks nobody for leave, repeated until seen, never said to be done when it was not."""
+"""Stop: sent without a permit, repeated until confirmed, never reported as done by mistake."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
     return paper.ok()
 
 
-def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_read() -> None:
+def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     first = bus.requests[0]
@@ -33,7 +33,7 @@ def test_a_stop_goes_in_the_stop_lane_without_a_permit_and_before_anything_is_re
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
 
-def test_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> None:
+def test_the_levels_after_a_stop_pulse_have_a_lower_priority_than_other_stops() -> None:
     bus = PureBus(dialect_for("vc660"), FakeModbus())
     bus.run(stop(operation_for(bus.dialect)))
     pulse, levels, *_ = (ask for ask in bus.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
@@ -41,7 +41,7 @@ def test_the_levels_after_a_stop_pulse_leave_the_stop_lane_to_other_drives() -> 
 
 
 def test_a_stop_is_not_confirmed_by_its_own_reply() -> None:
-    """The drive says yes and runs on."""
+    """The drive accepts the stop and keeps running."""
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
@@ -76,7 +76,7 @@ def test_no_state_of_the_host_withholds_a_stop() -> None:
 
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
-def test_a_fault_or_an_uncharged_bus_finishes_a_stop_and_is_said_so(state: sunfar.SunfarState) -> None:
+def test_a_fault_or_an_uncharged_dc_bus_ends_a_stop_with_its_own_message(state: sunfar.SunfarState) -> None:
     bus = c320(FakeC320(state, fault_code=4))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
@@ -110,14 +110,14 @@ def test_a_drive_that_slows_down_is_given_its_time() -> None:
     assert bus.now > 2 * STOP_PROGRESS_TIMEOUT_S
 
 
-def test_a_slowing_drive_is_told_again_every_half_second() -> None:
+def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
     bus = c320(FakeC320(sunfar.SunfarState.DECELERATING_FORWARD))
     bus.run(stop(operation_for(bus.dialect)))
     times = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(times) > 100
 
 
-def test_a_stop_to_a_dead_drive_is_repeated_and_reported() -> None:
+def test_a_stop_to_an_offline_drive_is_repeated_and_reported() -> None:
     bus = c320(FakeC320(silent=True))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.key == "drives.stop_unconfirmed"
@@ -140,14 +140,14 @@ def test_one_reading_of_standstill_is_not_enough() -> None:
     assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.UNKNOWN
 
 
-def test_without_waiting_an_answered_stop_is_said_to_be_unconfirmed() -> None:
+def test_without_waiting_an_answered_stop_is_unconfirmed() -> None:
     bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
     outcome = bus.run(stop(operation_for(bus.dialect), wait_confirmed=False))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
     assert len(bus.requests) == 1
 
 
-def test_df800_is_told_three_times_and_never_confirmed() -> None:
+def test_a_stop_of_df800_is_sent_three_times_and_never_confirmed() -> None:
     paper = FakeModbus()
     bus = PureBus(dialect_for("df800"), paper)
     outcome = bus.run(stop(operation_for(bus.dialect)))
@@ -198,8 +198,8 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
         assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 
-def test_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_patience() -> None:
-    """A DZB100 that slows down from 30 Hz within 3 s and has no ramp to read, on a line with many other drives."""
+def test_each_lower_reading_is_progress_where_a_verified_state_takes_longer_than_the_timeout() -> None:
+    """A DZB100 that decelerates from 30 Hz within 3 s and has no readable ramp, on a bus with many other drives."""
 
     def slowing(request: Any) -> Any:
         if isinstance(request, dzb100.Dzb100Control):
@@ -220,7 +220,7 @@ def test_each_reading_that_is_lower_is_progress_where_a_look_takes_longer_than_p
 
 
 def test_superseded_reads_do_not_end_a_stop() -> None:
-    """Two stops at once take each other's reads away: both go on."""
+    """Two stops at once supersede each other's reads: both continue."""
     taken = [1, 1, 1]
 
     class Taken(FakeC320):
@@ -234,7 +234,7 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
     assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
 
 
-def test_a_refused_stop_of_a_modbus_drive_is_not_an_answer() -> None:
+def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
     class Refuses(FakeModbus):
         def __call__(self, request: Any) -> Any:
             if isinstance(request, modbus.WriteRegister):

@@ -1,4 +1,4 @@
-"""The store of counts fails: nothing is saved that is not counted, and every error is one of ours."""
+"""Failing store of write counts: no save is sent without its count, and every error is a DrivebusError."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fixtures.drives import FakeC320, PureBus, SimulatedDrives, context_for, dia
 
 
 class Failing(MemoryStore):
-    """Its ``fails``-th use fails."""
+    """Store whose ``fails``-th use fails."""
 
     def __init__(self, fails: int) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
 
 @pytest.mark.parametrize("fails", range(1, 6))
 def test_a_store_that_fails_is_raised_only_where_nothing_was_sent(fails: int) -> None:
-    """And what was sent was counted."""
+    """Each frame that was sent was counted."""
     store = Failing(fails)
     bus, end = saved(store, {"F0.2": 30.0})
     sent = len(bus.sent(sunfar.SunfarWriteParameter))
@@ -66,8 +66,8 @@ def test_where_the_first_of_a_list_was_sent_the_failing_store_is_an_outcome() ->
     assert isinstance(end.params["why"], ConfigurationError) and len(bus.sent(sunfar.SunfarWriteParameter)) == 1
 
 
-def test_a_drive_on_a_bus_tells_the_same() -> None:
-    """The error of a step is the conversation's to judge, also in the shell."""
+def test_a_drive_on_a_bus_reports_the_same() -> None:
+    """The operation handles the error of a step, also when the runner performs it."""
 
     class Full(MemoryStore):
         def update(self, key: str, change: Callable[[str | None], str]) -> None:

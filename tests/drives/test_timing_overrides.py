@@ -93,6 +93,6 @@ def test_a_profile_file_overrides_what_it_names_and_keeps_the_rest(tmp_path: Any
 )
 @pytest.mark.parametrize("value", [-0.001, float("inf"), float("nan")])
 def test_a_time_that_is_none_or_never_ends_is_refused(name: str, value: float) -> None:
-    """One drive's override must not hold up everybody's stops."""
+    """The override of one drive must not delay the stops of all."""
     with pytest.raises(ValueError, match=name):
         replace(FACTORY, **{name: value})

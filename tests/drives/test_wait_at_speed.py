@@ -1,4 +1,4 @@
-"""Waiting for the set frequency: what the drive reports counts, and its ramp sets the patience."""
+"""Wait for the set frequency: by the drive's reports, with a time limit from its ramp."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_drive_that_stops_ends_the_waiting_at_once() -> None:
     assert bus.now < 1.0
 
 
-def test_a_silent_drive_is_not_said_to_have_failed() -> None:
+def test_a_drive_without_replies_has_an_unknown_outcome() -> None:
     bus, op = waiting(FakeC320(silent=True))
     with pytest.raises(TargetNotReached) as caught:
         wait_for(bus, op)
@@ -73,7 +73,7 @@ def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
         wait_for(bus, op)
 
 
-def test_patience_comes_from_the_ramp_where_it_is_known() -> None:
+def test_the_time_limit_comes_from_the_ramp_where_it_is_known() -> None:
     assert ramp_timeout_s(10.0, None) == 17.0
     assert ramp_timeout_s(None, None) == 60.0
     assert ramp_timeout_s(10.0, 3.0) == 3.0

@@ -343,7 +343,7 @@ def test_c320_fault_codes_carry_the_keypads_label() -> None:
     assert profiles.load("c320").fault(12).label == "Fu.12"
 
 
-def test_dzb100_codings_start_unsettled() -> None:
+def test_dzb100_codings_start_undetermined() -> None:
     settings = profiles.load("dzb100").options
     assert {settings[f"{what}_coding"] for what in ("setpoint", "query", "parameter")} == {"unknown"}
 

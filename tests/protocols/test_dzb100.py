@@ -554,8 +554,8 @@ def test_a_reply_comes_from_one_of_31_drives(address: int) -> None:
 def test_a_state_digit_is_one_of_nine(digit: int | None) -> None:
     with pytest.raises(ValueError, match="only a C reply has one, 0 to 8"):
         CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, digit))
-    for lawful in (0, 8):
-        assert CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, lawful))[2] == ord("0") + lawful
+    for valid in (0, 8):
+        assert CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, valid))[2] == ord("0") + valid
 
 
 def test_only_a_broadcast_has_the_mark_of_one() -> None:
