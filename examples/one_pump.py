@@ -6,8 +6,8 @@ import sys
 import drivebus
 
 
-async def main(link: str) -> None:
-    async with drivebus.open_bus(link, baud=19200, format="8E1") as bus:
+async def main(port_url: str) -> None:
+    async with drivebus.open_bus(port_url, baud=19200, format="8E1") as bus:
         pump = drivebus.Drive(bus, "c320", 3)
         print("run:", await pump.run(10.0, wait=True))
         status = await pump.status()

@@ -1,4 +1,4 @@
-"""The same for scripts and notebooks, without await. 同样的事，不用 await。"""
+"""Run, read and stop one drive without ``await``, for scripts and notebooks. 不用 await，供脚本和 notebook 使用。"""
 
 from drivebus import blocking
 
