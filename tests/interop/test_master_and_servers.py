@@ -82,9 +82,9 @@ async def test_every_read_returns_the_values_of_the_servers_tables(server: PeerS
         4: lambda n: 2000 + n,
     }
     for ask, reply in zip(asks, await replies(server, *asks), strict=True):
-        asked = ask.request
-        expected = [tables[asked.function](n) for n in range(asked.register, asked.register + asked.count)]
-        assert (reply.address, reply.function, list(reply.values)) == (STATION, asked.function, expected)
+        request = ask.request
+        expected = [tables[request.function](n) for n in range(request.register, request.register + request.count)]
+        assert (reply.address, reply.function, list(reply.values)) == (STATION, request.function, expected)
 
 
 async def test_values_written_with_a_permit_are_read_back(server: PeerServer) -> None:

@@ -400,9 +400,9 @@ def test_directions_are_right(line: TsharkComparison) -> None:
 
 def test_each_response_is_linked_to_the_request_that_it_answers(line: TsharkComparison) -> None:
     answers = [(one.request_number, row) for one, row in line if one.request is not None and one.whole]
-    normal = [(asked, row) for asked, row in answers if "modbus.exception_code" not in row]
+    normal = [(request, row) for request, row in answers if "modbus.exception_code" not in row]
     assert len(normal) > 3000
-    assert [(asked, row) for asked, row in normal if int(row["modbus.request_frame"]) != asked] == []
+    assert [(request, row) for request, row in normal if int(row["modbus.request_frame"]) != request] == []
 
 
 def test_without_all_modbus_only_damaged_requests_are_not_modbus(tmp_path: Path) -> None:
@@ -447,11 +447,11 @@ def test_frames_of_another_protocol_are_shown_as_their_raw_bytes(tmp_path: Path,
 
 
 def test_events_echoes_and_bytes_that_the_hardware_marked_are_shown(tmp_path: Path) -> None:
-    ask, say = CODEC.encode_request(ReadRegisters(1, 100)), CODEC.encode_reply(RegisterValues(1, 3, (7,)))
+    request, reply = CODEC.encode_request(ReadRegisters(1, 100)), CODEC.encode_reply(RegisterValues(1, 3, (7,)))
     writer = CaptureWriter(tmp_path / "one.dbcap", CaptureHeader(SerialSettings(), started=STARTED), now=0.0)
     writer.write_event(0.0, "opened", baud=9600)
-    writer.write_bytes(0.1, "tx", ask)
-    writer.write_bytes(0.2, "rx", ask + say, 1)
+    writer.write_bytes(0.1, "tx", request)
+    writer.write_bytes(0.2, "rx", request + reply, 1)
     writer.write_event(0.3, "lost", reason="hang-up")
     writer.close()
     rows = tshark_fields(exported(tmp_path / "one.dbcap"), tmp_path)

@@ -27,7 +27,7 @@ async def serve(client: SocketClient, arguments: GatewayArguments[WebConfig], en
 
 
 def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebConfig]) -> None:
-    """Print the address of the page on standard output, and what is left to do by hand on standard error."""
+    """Print the address of the page on standard output, and the remaining manual steps on standard error."""
     secret = (
         auth.setup_secret.issue() if auth.needs_setup else None
     )  # before the address: its reader may use it at once

@@ -40,7 +40,7 @@ JOULES_PER_KWH = 3.6e6
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One family of series. ``name`` is without ``METRIC_PREFIX``; the catalogue ``metrics`` says what it means."""
+    """One family of series. ``name`` is without ``METRIC_PREFIX``; its meaning is in the catalogue ``metrics``."""
 
     name: str
     labels: tuple[str, ...] = ()

@@ -11,9 +11,9 @@ BEYOND = {"cursor", "to_ms"}
 
 
 @schemathesis.check
-def what_fits_the_description_is_never_called_wrong(ctx: Any, response: Any, case: Any) -> None:
-    """422 has two meanings here: wrong parameters, which a fitting request never has, and what this drive can't do or
-    must not do (a limit, a parameter it lacks), which only the plant knows.
+def valid_requests_have_no_wrong_parameters(ctx: Any, response: Any, case: Any) -> None:
+    """422 means wrong parameters, which a valid request never has, or a command that this drive's limits or model do
+    not allow, which no schema expresses.
     """
     fits = case.meta is not None and case.meta.generation.mode.is_positive
     if not fits or response.status_code != 422:
@@ -21,4 +21,4 @@ def what_fits_the_description_is_never_called_wrong(ctx: Any, response: Any, cas
     error = response.json()["error"]
     wrong = {fault["path"] for fault in error["params"].get("faults", ())}
     if error["code"] == "plant.params" and not wrong <= BEYOND:
-        raise AssertionError(f"the description allows what is refused: {response.text[:300]}")
+        raise AssertionError(f"the description allows a rejected request: {response.text[:300]}")

@@ -84,7 +84,7 @@ async def test_a_start_with_a_wrong_parameter_is_rejected_and_not_executed(body:
     error = answer.json()["error"]
     assert (answer.status_code, error["kind"], error["code"]) == (422, "InvalidParameters", "plant.params")
     assert error["params"]["faults"] and plant.calls == []
-    assert plant.records == [], "the plant and the door write the trail; this gateway never does"
+    assert plant.records == [], "only the service and the middleware write the audit trail"
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])

@@ -291,7 +291,7 @@ def test_frames_are_subscribed_only_while_a_client_shows_them() -> None:
 
 def test_a_slow_client_is_closed_with_the_reason_and_delays_no_other() -> None:
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
-        slow, quick = FakeWebSocket(takes=False), FakeWebSocket()
+        slow, quick = FakeWebSocket(reads=False), FakeWebSocket()
         tasks = [begin(live, socket) for socket in (slow, quick)]
         await asyncio.sleep(0.1)
         plant.messages.put_nowait(snapshot())

@@ -18,7 +18,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.types import Json
 from fixtures.running_service import PASSWORD, RunningService, http_service, token
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def by_token(plant: RunningService, query: str = "", role: Role = Role.VIEWER) -
 
 
 async def receive(socket: ClientConnection) -> Json:
-    message: Json = json.loads(await asyncio.wait_for(socket.recv(), PATIENCE_S))
+    message: Json = json.loads(await asyncio.wait_for(socket.recv(), TIMEOUT_S))
     return message
 
 

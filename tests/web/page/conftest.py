@@ -60,7 +60,7 @@ def plant(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[St
 @pytest.fixture
 def stage(plant: Stage) -> Stage:
     """Return the plant in its initial state."""
-    plant.calm()
+    plant.reset()
     return plant
 
 

@@ -64,7 +64,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
 
     page.click("[data-stop=all]")
     page.locator(f".stop-status.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
-    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "the next poll does not tell it")
+    stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "the next poll does not report it")
 
     stage.lose_server()
     page.locator(".banner.bad[role=alert]").wait_for()
@@ -169,8 +169,8 @@ def test_a_start_needs_two_steps_within_its_seconds(stage: Stage, visit: Any) ->
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1")
     take(page)
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url.rpartition("/")[2]))
     for invalid in ("46", "-1", "2,5", "1e1", "0x10", "5²", "twenty", ""):  # a browser's number field makes 2,5 25
         page.fill(".control .frequency input[inputmode=decimal]", invalid)
         page.locator("[data-step=first]:disabled").wait_for()
@@ -187,5 +187,5 @@ def test_a_start_needs_two_steps_within_its_seconds(stage: Stage, visit: Any) ->
     page.keyboard.up("Enter")
     page.keyboard.press("Escape")
     page.locator("[data-step=first]").wait_for()
-    assert "arm" in asked and "run" not in asked
+    assert "arm" in requests and "run" not in requests
     stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "it moves, or does not answer")

@@ -156,8 +156,8 @@ STEADY = "fan-1.output_frequency"
 
 def answer(route: Any) -> None:
     """Answer with a year of history at 20 Hz: good, bad from one third on, uncertain from two thirds on."""
-    asked = dict(part.split("=") for part in route.request.url.partition("?")[2].split("&"))
-    begin, end = int(asked["from_ms"]), int(asked["to_ms"])
+    query = dict(part.split("=") for part in route.request.url.partition("?")[2].split("&"))
+    begin, end = int(query["from_ms"]), int(query["to_ms"])
     at = [begin + (end - begin) * n // 600 for n in range(600)]
     third = [0 if n < 200 else 2 if n < 400 else 1 for n in range(600)]
     mean = [None if quality == 2 else 20.0 for quality in third]

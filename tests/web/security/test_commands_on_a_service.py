@@ -65,12 +65,12 @@ def test_a_user_without_the_right_sends_no_frame(tmp_path: Path) -> None:
         await asyncio.sleep(10)
         polls = set(frames.sent)
         assert polls
-        strangers = [
+        anonymous_clients = [
             harness.client(),
             harness.client(authorization="Bearer dbt_x"),
             harness.client(cookie="drivebus_session=x"),
         ]
-        clients = [(None, client) for client in strangers]
+        clients = [(None, client) for client in anonymous_clients]
         clients += [
             (ROLE_RIGHTS[role], await harness.log_in(role)) for role in (Role.VIEWER, Role.OPERATOR, Role.ENGINEER)
         ]

@@ -36,7 +36,7 @@ def recorded_denials(plant: CountingService) -> list[tuple[str, str, int, str]]:
     return [(one["target"], one["params"]["who"], one["params"]["times"], one["outcome"]) for one, _ in plant.records]
 
 
-def refusals(plant: CountingService) -> DenialLog:
+def denial_log(plant: CountingService) -> DenialLog:
     return DenialLog(plant, asyncio.get_running_loop().time)
 
 
@@ -63,13 +63,13 @@ def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_coun
     plant = CountingService()
 
     async def scenario() -> None:
-        door = refusals(plant)
+        denials = denial_log(plant)
         for _ in range(3):
-            await door.record_denial("POST", "/stop", "auth.csrf", EVE)
-        await door.record_denial("GET", "/stop", "auth.csrf", EVE)
-        await door.record_denial("POST", "/run", "auth.csrf", EVE)
-        await door.record_denial("POST", "/stop", "auth.forbidden", EVE)
-        await door.record_denial("POST", "/stop", "auth.csrf", ANONYMOUS)
+            await denials.record_denial("POST", "/stop", "auth.csrf", EVE)
+        await denials.record_denial("GET", "/stop", "auth.csrf", EVE)
+        await denials.record_denial("POST", "/run", "auth.csrf", EVE)
+        await denials.record_denial("POST", "/stop", "auth.forbidden", EVE)
+        await denials.record_denial("POST", "/stop", "auth.csrf", ANONYMOUS)
         once = [
             ("POST /stop", "eve@10.0.0.9", 1, "auth.csrf"),
             ("GET /stop", "eve@10.0.0.9", 1, "auth.csrf"),
@@ -94,20 +94,20 @@ def test_the_count_is_recorded_before_a_new_period() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        door = refusals(plant)
+        denials = denial_log(plant)
         now = 100.0
-        door.clock = lambda: now
+        denials.clock = lambda: now
         for _ in range(2):
-            await door.record_denial("POST", "/stop", "k", EVE)
+            await denials.record_denial("POST", "/stop", "k", EVE)
         now += SUMMARY_PERIOD_S - 0.1
-        await door.record_denial("POST", "/stop", "k", EVE)
+        await denials.record_denial("POST", "/stop", "k", EVE)
         assert len(plant.records) == 1
         now += 0.1
-        await door.record_denial("POST", "/stop", "k", EVE)
+        await denials.record_denial("POST", "/stop", "k", EVE)
         now += SUMMARY_PERIOD_S - 0.1
-        await door.record_denial("POST", "/stop", "k", EVE)
+        await denials.record_denial("POST", "/stop", "k", EVE)
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1]
-        await door.flush()
+        await denials.flush()
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 1]
 
     run(scenario())
@@ -117,18 +117,18 @@ def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        door = refusals(plant)
+        denials = denial_log(plant)
         for n in range(MAX_KINDS_PER_PERIOD + 5):
-            await door.record_denial("POST", f"/{n}", "k", EVE)
-        await door.record_denial("POST", "/0", "k", EVE)
+            await denials.record_denial("POST", f"/{n}", "k", EVE)
+        await denials.record_denial("POST", "/0", "k", EVE)
         assert [target for target, *_ in recorded_denials(plant)] == [f"POST /{n}" for n in range(MAX_KINDS_PER_PERIOD)]
         assert sum(task.get_name() == "denial log" for task in asyncio.all_tasks()) == 1
-        await door.flush()
+        await denials.flush()
         assert recorded_denials(plant)[MAX_KINDS_PER_PERIOD:] == [
             ("POST /0", "eve@10.0.0.9", 1, "k"),
             ("* *", "*", 5, "*"),
         ]
-        await door.record_denial("POST", "/0", "k", EVE)
+        await denials.record_denial("POST", "/0", "k", EVE)
         assert recorded_denials(plant)[-1] == ("POST /0", "eve@10.0.0.9", 1, "k"), "a recorded kind begins a new period"
 
     run(scenario())
@@ -138,10 +138,10 @@ def test_a_second_flood_is_counted_like_the_first() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        door = refusals(plant)
+        denials = denial_log(plant)
         for _ in range(2):
             for _ in range(3):
-                await door.record_denial("POST", "/stop", "k", EVE)
+                await denials.record_denial("POST", "/stop", "k", EVE)
             await asyncio.sleep(SUMMARY_PERIOD_S + 1)
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 2]
 

@@ -434,9 +434,9 @@ def test_a_stop_overtakes_reads_that_were_sent_before_it(tmp_path: Path) -> None
         run, stop = (client.post(f"/api/v1/drives/fan-1/{what}", json=body) for what, body in COMMANDS)
         answers = await asyncio.gather(*questions, run, stop)
         assert {answer.status_code for answer in answers} == {200}
-        asked = [call[0] for call in harness.service.calls]
-        assert len(asked) == 22 and asked.index("drive.stop") < 10, asked
-        assert asked.index("drive.run") < asked.index(
+        calls = [call[0] for call in harness.service.calls]
+        assert len(calls) == 22 and calls.index("drive.stop") < 10, calls
+        assert calls.index("drive.run") < calls.index(
             "drive.stop"
         )  # a start never executes after the stop that followed it
 

@@ -182,7 +182,7 @@ def test_after_fifteen_idle_minutes_a_session_can_only_view_and_stop(tmp_path: P
         assert (await client.get("/api/v1/drives")).status_code == 200
         assert (await client.post("/api/v1/drives/fan-1/stop")).status_code == 200
         assert (await client.post("/api/v1/drives/fan-1/lease/renew")).status_code == 200
-        assert (await client.post("/api/v1/session/activity")).json()["idle"] is True, "only a password wakes it"
+        assert (await client.post("/api/v1/session/activity")).json()["idle"] is True, "only a password unlocks it"
         again = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
         client.headers["X-Drivebus-CSRF"] = again.json()["csrf"]
         assert (await client.post(**run_it)).status_code == 200
@@ -200,8 +200,8 @@ def test_a_password_unlocks_an_idle_session_which_stays_the_same_one(tmp_path: P
         harness.clock.now += SESSION_IDLE_TIMEOUT_S
         assert (await client.post("/api/v1/session/unlock", json={"password": "wrong password"})).status_code == 403
         assert (await client.post("/api/v1/stop")).status_code == 200
-        woken = await client.post("/api/v1/session/unlock", json={"password": PASSWORD})
-        after = woken.json()
+        unlocked = await client.post("/api/v1/session/unlock", json={"password": PASSWORD})
+        after = unlocked.json()
         assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
         assert harness.auth.session_credential(old) is None and after["csrf"] == before["csrf"], (
             "another tab can stop at once"
@@ -325,7 +325,7 @@ def test_a_user_changes_the_own_password(tmp_path: Path) -> None:
     async def scenario() -> None:
         client, elsewhere = await harness.log_in("viewer"), await harness.log_in("viewer")
         wrong = await client.post("/api/v1/password", json={"old": "wrong", "new": "another pass phrase"})
-        assert wrong.status_code == 403, "401 would say that the session is over"
+        assert wrong.status_code == 403, "401 would mean that the session is over"
         done = await client.post("/api/v1/password", json={"old": PASSWORD, "new": "another pass phrase"})
         assert done.status_code == 200 and done.json()["user"] == "viewer"
         assert (await client.get("/api/v1/drives")).status_code == 200

@@ -24,7 +24,7 @@ from drivebus.web.gateway import WebConfig
 from fixtures.service import fake_storage, plant_config
 from fixtures.web_app import PASSWORD
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 
 
 @contextmanager
@@ -62,7 +62,7 @@ def web(directory: Path, parent: bool = False) -> Iterator[tuple[subprocess.Pope
 
 async def answered(client: httpx.AsyncClient, method: str, path: str, status: int, **more: Any) -> httpx.Response:
     """Repeat a request until its answer has this status."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         while (answer := await client.request(method, path, **more)).status_code != status:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
     return answer
@@ -91,7 +91,7 @@ async def test_sessions_survive_a_restart_of_the_plant(tmp_path: Path) -> None:
                 clear_simulated_buses()
                 await answered(client, "GET", "/api/v1/drives", 503)
         process.send_signal(signal.SIGTERM)
-        assert await asyncio.to_thread(process.wait, PATIENCE_S) == 0
+        assert await asyncio.to_thread(process.wait, TIMEOUT_S) == 0
         assert process.stderr is not None
         reply_text = process.stderr.read()
         assert secret in reply_text and "Traceback" not in reply_text
@@ -119,7 +119,7 @@ async def test_the_web_process_ends_when_its_parent_is_killed(tmp_path: Path) ->
             assert (await client.get("/api/v1/health")).json() == {"ok": True}
             process.kill()
             with pytest.raises(httpx.TransportError):
-                async with asyncio.timeout(PATIENCE_S):
+                async with asyncio.timeout(TIMEOUT_S):
                     while True:
                         await client.get("/api/v1/health")
                         await asyncio.sleep(0.1)

@@ -76,14 +76,14 @@ def test_only_routes_that_a_login_needs_are_public() -> None:
 def test_a_route_without_declared_access_never_reaches_the_framework(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, web=WebConfig(port=8081))
 
-    @harness.app.post("/api/v1/forgotten")
-    async def forgotten() -> dict[str, str]:
-        harness.service.calls.append(("forgotten", {}, None))  # type: ignore[arg-type]
+    @harness.app.post("/api/v1/undeclared")
+    async def undeclared() -> dict[str, str]:
+        harness.service.calls.append(("undeclared", {}, None))  # type: ignore[arg-type]
         return {}
 
     async def scenario() -> None:
         client = await harness.log_in("administrator")
-        assert (await client.post("/api/v1/forgotten")).status_code == 404
+        assert (await client.post("/api/v1/undeclared")).status_code == 404
         assert harness.service.calls == []
 
     run(scenario())
@@ -293,7 +293,7 @@ def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
         assert answer.status_code == 403
         harness.clock.now += 900.0
         answer = await operator.post("/api/v1/tokens", json={"name": "t", "rights": ["operate"]})
-        assert answer.status_code == 403, "an idle session makes no key that wakes it"
+        assert answer.status_code == 403, "an idle session adds no token"
         admin = await harness.log_in("administrator")
         for change in ({"role": "viewer"}, {"disabled": True}):
             assert (await admin.patch("/api/v1/users/administrator", json=change)).status_code == 409

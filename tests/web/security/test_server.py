@@ -30,19 +30,19 @@ from fixtures.web_app import PASSWORD, WebAppHarness
 @contextlib.asynccontextmanager
 async def serving(harness: WebAppHarness, web: WebConfig) -> AsyncIterator[list[str]]:
     """Return the addresses that the server listened at, the newest last."""
-    text: list[str] = []
-    message = asyncio.Event()
+    addresses: list[str] = []
+    listening = asyncio.Event()
 
-    def say(at: str) -> None:
-        text.append(at)
-        message.set()
+    def on_address(address: str) -> None:
+        addresses.append(address)
+        listening.set()
 
     ending = asyncio.Event()
-    listening = HttpServer(harness.app, harness.auth, web, say, ending)
-    task = asyncio.create_task(listening.run())
-    await asyncio.wait({asyncio.create_task(message.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
+    server = HttpServer(harness.app, harness.auth, web, on_address, ending)
+    task = asyncio.create_task(server.run())
+    await asyncio.wait({asyncio.create_task(listening.wait()), task}, return_when=asyncio.FIRST_COMPLETED)
     try:
-        yield text
+        yield addresses
     finally:
         ending.set()
         await task

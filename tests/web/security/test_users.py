@@ -203,9 +203,9 @@ def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path
         assert await done(client, "DELETE", f"/tokens/{token['id']}") == {}
         assert harness.auth.database.tokens == ()
         params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
-        asked = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
+        changes = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
         assert audit_entries(harness, "login") == [
-            ("operator", *one, outcome) for one in asked for outcome in ("requested", "done")
+            ("operator", *one, outcome) for one in changes for outcome in ("requested", "done")
         ]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
         assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS

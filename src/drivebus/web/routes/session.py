@@ -138,7 +138,7 @@ def _flag(request: Request, name: str) -> bool:
 
 
 def _session_json(auth: AuthService, credential: Credential | None) -> Json:
-    """Return the user, rights and CSRF token; ``setup`` says that there is no administrator yet."""
+    """Return the user, rights and CSRF token; ``setup`` is true while there is no administrator."""
     found: Json = {"setup": auth.needs_setup, "user": None, "rights": [], "csrf": None}
     if credential is None:
         return found

@@ -112,7 +112,7 @@ async function probe() {
 
 async function open() {
   clearTimeout(timer);
-  // The session may be over, or the server may be another one: a socket alone does not tell why it is refused.
+  // The session may be over, or the server another one: a refused WebSocket has no reason.
   if (connection.peek() === "lost" && !(await probe())) return;
   if (!loggedIn.peek() || socket) return;
   openedAt = nowMs();

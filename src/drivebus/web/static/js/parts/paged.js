@@ -9,24 +9,24 @@ const START = { items: [], next: null, busy: true, error: null };
 /** Load a list page by page; another `query` starts over. Returns `{items, next, busy, error, more, reload}`. */
 export function usePaged(path, query) {
   const [state, setState] = useState(START);
-  const asked = useRef(null);
+  const request = useRef(null);
   const key = JSON.stringify([path, query]);
 
   const load = async (cursor, kept) => {
-    asked.current?.abort();
-    const mine = asked.current = new AbortController();
+    request.current?.abort();
+    const current = request.current = new AbortController();
     setState((old) => ({ ...old, items: kept, busy: true, error: null }));
     try {
-      const found = await api.get(path, { ...query, cursor }, { signal: mine.signal });
-      if (!mine.signal.aborted) setState({ items: [...kept, ...found.items], next: found.next, busy: false,
+      const found = await api.get(path, { ...query, cursor }, { signal: current.signal });
+      if (!current.signal.aborted) setState({ items: [...kept, ...found.items], next: found.next, busy: false,
         error: null });
     } catch (error) {
-      if (!mine.signal.aborted) setState((old) => ({ ...old, busy: false, error }));
+      if (!current.signal.aborted) setState((old) => ({ ...old, busy: false, error }));
     }
   };
   useEffect(() => {
     load(null, []);
-    return () => asked.current?.abort();
+    return () => request.current?.abort();
   }, [key]);
   const reload = () => load(null, []);
   useReloadOnReconnect(state.error, reload);
