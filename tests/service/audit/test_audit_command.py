@@ -1,4 +1,4 @@
-"""``drivebus audit``: its output and exit codes."""
+"""Command ``drivebus audit``: reports about the trail."""
 
 from __future__ import annotations
 
@@ -16,100 +16,103 @@ from fixtures.audit import LI, new_trail, written_trail
 EDIT = (b'"frequency_hz":5.0', b'"frequency_hz":9.0')
 
 
-def ask(*words: str, language: str = "en", env: dict[str, str] | None = None) -> Result:
+def invoke_audit(*words: str, language: str = "en", env: dict[str, str] | None = None) -> Result:
     return CliRunner().invoke(cli, ["audit", *words, "--lang", language], env=env)
 
 
-def edited(made: AuditTrail) -> None:
-    made.paths.current.write_bytes(made.paths.current.read_bytes().replace(*EDIT))
+def edit_record(trail: AuditTrail) -> None:
+    trail.paths.current.write_bytes(trail.paths.current.read_bytes().replace(*EDIT))
 
 
-def test_a_whole_trail_is_reported_as_whole(tmp_path: Path) -> None:
-    found = ask("verify", str(written_trail(tmp_path).paths.folder))
+def test_an_unchanged_trail_is_verified(tmp_path: Path) -> None:
+    found = invoke_audit("verify", str(written_trail(tmp_path).paths.folder))
     assert found.exit_code == 0
     assert "Complete and unchanged: 10 records" in found.output and "record 10" in found.output
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_an_edit_is_named_with_its_file_and_line(tmp_path: Path, language: str) -> None:
-    made = written_trail(tmp_path)
-    edited(made)
-    found = ask("verify", str(made.paths.folder), language=language)
+def test_an_edit_is_reported_with_its_file_and_line(tmp_path: Path, language: str) -> None:
+    trail = written_trail(tmp_path)
+    edit_record(trail)
+    found = invoke_audit("verify", str(trail.paths.folder), language=language)
     assert found.exit_code == 1
     assert ("audit.jsonl line 5" if language == "en" else "audit.jsonl 第 5 行") in found.output
-    message = json.loads(ask("verify", str(made.paths.folder), "--json").stdout)
-    assert (message["ok"], [(one["kind"], one["line"]) for one in message["problems"]]) == (False, [("changed", 5)])
+    report = json.loads(invoke_audit("verify", str(trail.paths.folder), "--json").stdout)
+    assert (report["ok"], [(problem["kind"], problem["line"]) for problem in report["problems"]]) == (
+        False,
+        [("changed", 5)],
+    )
 
 
-def test_without_the_key_the_report_says_that_checkpoints_prove_less(tmp_path: Path) -> None:
-    made = written_trail(tmp_path)
-    made.paths.key.rename(tmp_path / "elsewhere.key")
-    found = ask("verify", str(made.paths.folder))
+def test_a_missing_key_is_reported(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    trail.paths.key.rename(tmp_path / "elsewhere.key")
+    found = invoke_audit("verify", str(trail.paths.folder))
     assert (found.exit_code, "no key" in found.output) == (0, True)
-    again = ask("verify", str(made.paths.folder), "--key", str(tmp_path / "elsewhere.key"))
+    again = invoke_audit("verify", str(trail.paths.folder), "--key", str(tmp_path / "elsewhere.key"))
     assert (again.exit_code, "no key" in again.output) == (0, False)
 
 
-def test_checkpoints_may_lie_elsewhere(tmp_path: Path) -> None:
-    made = written_trail(tmp_path)
-    marks = tmp_path / "marks.jsonl"
-    made.paths.checkpoints.rename(marks)
-    assert ask("verify", str(made.paths.folder)).exit_code == 1
-    assert ask("verify", str(made.paths.folder), "--checkpoints", str(marks)).exit_code == 0
+def test_the_checkpoint_file_can_be_given(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    checkpoints = tmp_path / "checkpoints.jsonl"
+    trail.paths.checkpoints.rename(checkpoints)
+    assert invoke_audit("verify", str(trail.paths.folder)).exit_code == 1
+    assert invoke_audit("verify", str(trail.paths.folder), "--checkpoints", str(checkpoints)).exit_code == 0
 
 
 def test_the_plant_file_names_checkpoints_and_key(tmp_path: Path) -> None:
     """A cut is found by the checkpoints that ``[audit]`` puts elsewhere, without naming them again."""
-    made = written_trail(tmp_path)
+    trail = written_trail(tmp_path)
     file = tmp_path / "plant.toml"
-    head = f'format = 1\n[plant]\nid = "p"\ndirectory = "{made.paths.folder}"\n'
+    head = f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n'
     audit = '[audit]\ncheckpoints = "marks"\nkey = "k"\n'
     file.write_text(
         head + audit + '[bus.a]\nlink = "sim://c320@1"\n[drive.f]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
     )
-    made.paths.checkpoints.rename(tmp_path / "marks")
-    made.paths.key.rename(tmp_path / "k")
-    found = ask("verify", str(file))
+    trail.paths.checkpoints.rename(tmp_path / "marks")
+    trail.paths.key.rename(tmp_path / "k")
+    found = invoke_audit("verify", str(file))
     assert (found.exit_code, "no key" in found.output, "record 10" in found.output) == (0, False, True)
-    kept = made.paths.current.read_bytes().splitlines(keepends=True)
-    made.paths.current.write_bytes(b"".join(kept[:-2]))
-    assert ask("verify", str(file)).exit_code == 1
+    records = trail.paths.current.read_bytes().splitlines(keepends=True)
+    trail.paths.current.write_bytes(b"".join(records[:-2]))
+    assert invoke_audit("verify", str(file)).exit_code == 1
 
 
 def test_the_only_plant_of_a_user_needs_no_name(tmp_path: Path) -> None:
-    made = written_trail(tmp_path)
+    trail = written_trail(tmp_path)
     plants = tmp_path / "drivebus" / "plants"
     plants.mkdir(parents=True)
     env = {"XDG_STATE_HOME": str(tmp_path)}
-    assert ask("verify", env=env).exit_code == 2
-    made.paths.folder.rename(plants / "hall")
-    made.paths.key.rename(plants / "hall.audit.key")
-    assert ask("verify", env=env).exit_code == 0
+    assert invoke_audit("verify", env=env).exit_code == 2
+    trail.paths.folder.rename(plants / "hall")
+    trail.paths.key.rename(plants / "hall.audit.key")
+    assert invoke_audit("verify", env=env).exit_code == 0
     (plants / "mill").mkdir()
-    assert "hall, mill" in ask("verify", env=env).output
+    assert "hall, mill" in invoke_audit("verify", env=env).output
 
 
 def test_what_is_no_trail_or_can_not_be_read_is_the_users_to_mend(tmp_path: Path) -> None:
-    assert ask("verify", str(tmp_path / "nowhere")).exit_code == 2
+    assert invoke_audit("verify", str(tmp_path / "nowhere")).exit_code == 2
     (tmp_path / "audit.jsonl").mkdir()
-    assert ask("verify", str(tmp_path)).exit_code == 2
+    assert invoke_audit("verify", str(tmp_path)).exit_code == 2
 
 
 def test_the_list_shows_escapes_as_escapes(tmp_path: Path) -> None:
     async def go() -> AuditTrail:
-        made = new_trail(tmp_path)
-        await made.open()
-        await made.record(AuditEntry.by(LI, "login", target="x\x1b[31m\r\n\u202e\u0085y 风机", outcome="refused"))
-        await made.record(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
-        await made.close()
-        return made
+        trail = new_trail(tmp_path)
+        await trail.open()
+        await trail.record(AuditEntry.by(LI, "login", target="x\x1b[31m\r\n\u202e\u0085y 风机", outcome="refused"))
+        await trail.record(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
+        await trail.close()
+        return trail
 
     folder = str(asyncio.run(go()).paths.folder)
-    found = ask("list", folder)
+    found = invoke_audit("list", folder)
     assert found.exit_code == 0
     assert "x\\x1b[31m\\r\\n\\u202e\\x85y 风机" in found.output
     assert not any(bad in found.output for bad in ("\x1b", "\r", "\u202e", "\u0085"))
     assert len(found.output.splitlines()) == 1 + 3
-    only = json.loads(ask("list", folder, "--drive", "fan-1", "--json").stdout)["items"]
-    assert [(one["what"], one["n"]) for one in only] == [("drive.stop", 3)]
-    assert len(json.loads(ask("list", folder, "--limit", "1", "--json").stdout)["items"]) == 1
+    only = json.loads(invoke_audit("list", folder, "--drive", "fan-1", "--json").stdout)["items"]
+    assert [(record["what"], record["n"]) for record in only] == [("drive.stop", 3)]
+    assert len(json.loads(invoke_audit("list", folder, "--limit", "1", "--json").stdout)["items"]) == 1

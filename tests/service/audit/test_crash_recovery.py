@@ -1,4 +1,4 @@
-"""Killed and cut off at any point: what was acknowledged is there, and the chain is whole."""
+"""Crash recovery: after a kill or power cut at any point, acknowledged records exist and the chain is valid."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from drivebus.service.audit.records import entry_json
 from drivebus.service.audit.verify import verify
 from fixtures.audit import sample_entry
 
-FULL_AT = 3_000
+MAX_FILE_BYTES = 3_000
 
 
 class Killed(BaseException):
-    """Nothing catches it."""
+    """Death of the process: nothing catches it."""
 
 
-class Power:
-    """Calls to the disk until the power fails at the ``nth``; what was not synced is then cut or full of holes."""
+class FailingPower:
+    """Disk whose power fails at the ``nth`` call; bytes that were not synced are then cut or lost in part."""
 
     def __init__(self, nth: int, *, cut: bool) -> None:
         self.nth, self.cut, self.calls = nth, cut, 0
@@ -70,7 +70,7 @@ class Power:
         return self.calls == self.nth
 
     def lose(self, folder: Path) -> None:
-        """What the disk did not yet have."""
+        """Drop bytes that were not synced."""
         for path in (*folder.glob("audit*.jsonl"), *folder.glob("checkpoints.jsonl")):
             data, safe = path.read_bytes(), self._synced.get(path.stat().st_ino, 0)
             loose = bytearray(data[safe:])
@@ -81,8 +81,8 @@ class Power:
             path.write_bytes(data[:safe] + bytes(loose[: self._rng.randrange(len(loose) + 1)]))
 
 
-def write_some(places: AuditPaths, acknowledged: list[int], start: int) -> None:
-    chain = AuditChain(places, lambda: 1_795_219_200_000, FULL_AT)
+def write_records(paths: AuditPaths, acknowledged: list[int], start: int) -> None:
+    chain = AuditChain(paths, lambda: 1_795_219_200_000, MAX_FILE_BYTES)
     try:
         chain.open()
         for n in range(start, start + 12):
@@ -91,41 +91,38 @@ def write_some(places: AuditPaths, acknowledged: list[int], start: int) -> None:
                 chain.write_checkpoint()
         chain.write_checkpoint()
     except Killed:
-        for journal in (chain._records, chain._checkpoints):
-            if journal._fd >= 0:
-                os.close(journal._fd)
+        for log in (chain._records, chain._checkpoints):
+            if log._fd >= 0:
+                os.close(log._fd)
         raise
     chain.close()
 
 
 @pytest.mark.parametrize("cut", [False, True], ids=["killed", "power cut"])
-def test_whatever_call_is_the_last_nothing_acknowledged_is_lost_and_the_chain_is_whole(
+def test_no_acknowledged_record_is_lost_whatever_call_is_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut: bool
 ) -> None:
     clean = False
     nth = 0
     while not clean:
         nth += 1
-        places = AuditPaths.of(tmp_path / str(nth) / "plant")
+        paths = AuditPaths.of(tmp_path / str(nth) / "plant")
         acknowledged: list[int] = []
-        power = Power(nth, cut=cut)
+        power = FailingPower(nth, cut=cut)
         with power.failing(monkeypatch):
             try:
-                write_some(places, acknowledged, 0)
+                write_records(paths, acknowledged, 0)
                 clean = True
             except Killed:
                 pass
-        power.lose(places.folder)
-        write_some(places, acknowledged, 100)
-        report = verify(places)
+        power.lose(paths.folder)
+        write_records(paths, acknowledged, 100)
+        report = verify(paths)
         assert report.ok, (nth, report.problems)
-        there = {
-            found.n
-            for path in places.files()
-            for line in path.open("rb")
-            if (found := records.decode_record(line[:-1]))
+        recorded = {
+            found.n for path in paths.files() for line in path.open("rb") if (found := records.decode_record(line[:-1]))
         }
-        assert set(acknowledged) <= there, nth
+        assert set(acknowledged) <= recorded, nth
     assert nth > 40
 
 
@@ -134,24 +131,24 @@ import asyncio, os, sys
 from pathlib import Path
 from drivebus.service.audit import AuditEntry, AuditTrail
 
-async def write(folder):
+async def run(folder):
     trail = AuditTrail(Path(folder), max_file_bytes=20_000)
     await trail.open()
-    async def one(name):
+    async def write(name):
         while True:
-            target = f"{name} {os.getpid()} {os.urandom(4).hex()}"
-            number = await trail.record(AuditEntry("drive.run", target=target))
-            os.write(1, f"{number} {target}\\n".encode())
-    async def mark():
+            text = f"{name} {os.getpid()} {os.urandom(4).hex()}"
+            number = await trail.record(AuditEntry("drive.run", target=text))
+            os.write(1, f"{number} {text}\\n".encode())
+    async def checkpoint():
         while True:
             await asyncio.sleep(0.01)
             await trail.checkpoint()
-    await asyncio.gather(one("a"), one("b"), one("c"), mark())
+    await asyncio.gather(write("a"), write("b"), write("c"), checkpoint())
 
 for folder in sys.stdin:
     pid = os.fork()
     if pid == 0:
-        asyncio.run(write(folder.strip()))
+        asyncio.run(run(folder.strip()))
     os.write(1, f"pid {pid}\\n".encode())
     os.waitpid(pid, 0)
     os.write(1, b"end\\n")
@@ -159,7 +156,7 @@ for folder in sys.stdin:
 
 
 def test_kill_9_at_twenty_random_points_loses_no_acknowledged_record(tmp_path: Path) -> None:
-    places = AuditPaths.of(tmp_path / "plant")
+    paths = AuditPaths.of(tmp_path / "plant")
     rng = random.Random(10)
     acknowledged: dict[int, str] = {}
     child = subprocess.Popen(
@@ -168,7 +165,7 @@ def test_kill_9_at_twenty_random_points_loses_no_acknowledged_record(tmp_path: P
     assert child.stdin is not None and child.stdout is not None
     try:
         for _ in range(20):
-            child.stdin.write(f"{places.folder}\n")
+            child.stdin.write(f"{paths.folder}\n")
             pid, wanted = 0, rng.randint(1, 60)
             for line in child.stdout:
                 word, _, rest = line.strip().partition(" ")
@@ -185,16 +182,16 @@ def test_kill_9_at_twenty_random_points_loses_no_acknowledged_record(tmp_path: P
     finally:
         child.kill()
         child.communicate()
-    chain = AuditChain(places, lambda: 1)
+    chain = AuditChain(paths, lambda: 1)
     found = chain.open()
-    chain.append([entry_json(one, 1) for one in found])
+    chain.append([entry_json(entry, 1) for entry in found])
     chain.close()
-    assert verify(places).ok, verify(places).problems
-    there = {
-        one.n: one.body["target"]
-        for p in places.files()
-        for line in p.open("rb")
-        if (one := records.decode_record(line[:-1]))
+    assert verify(paths).ok, verify(paths).problems
+    recorded = {
+        record.n: record.body["target"]
+        for path in paths.files()
+        for line in path.open("rb")
+        if (record := records.decode_record(line[:-1]))
     }
     assert len(acknowledged) > 100
-    assert {n: there.get(n) for n in acknowledged} == acknowledged
+    assert {n: recorded.get(n) for n in acknowledged} == acknowledged

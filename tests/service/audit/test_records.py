@@ -1,4 +1,4 @@
-"""Every changed octet of a sealed line and every small change of a trail is found, with its place."""
+"""Records and checkpoints: a line with any changed byte is rejected; verification locates every change of a trail."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from fixtures.audit import problem_kinds, verify_report, written_trail
 
 LINE, HASH = records.encode_record(7, "f" * 64, 2, {"time_ms": 5, "what": "drive.run", "target": "风机\n"})
 KEY = b"k" * 64
-MARK, MAC = records.encode_checkpoint(3, (7, HASH), records.GENESIS_HASH, 9, KEY)
+CHECKPOINT, MAC = records.encode_checkpoint(3, (7, HASH), records.GENESIS_HASH, 9, KEY)
 
 
-def test_a_line_comes_back_as_it_was_written() -> None:
+def test_a_line_is_decoded_as_encoded() -> None:
     found = records.decode_record(LINE[:-1])
     assert found is not None
     assert (found.n, found.prev, found.hash, found.checkpoints) == (7, "f" * 64, HASH, 2)
     assert found.body == {"time_ms": 5, "what": "drive.run", "target": "风机\n"}
-    mark = records.decode_checkpoint(MARK[:-1], KEY)
+    checkpoint = records.decode_checkpoint(CHECKPOINT[:-1], KEY)
     assert (
-        mark
+        checkpoint
         == records.AuditCheckpoint(3, 7, HASH, records.GENESIS_HASH, MAC, 9)
-        == records.decode_checkpoint(MARK[:-1], None)
+        == records.decode_checkpoint(CHECKPOINT[:-1], None)
     )
 
 
-def test_no_octet_can_be_another_one_or_missing_or_doubled() -> None:
-    for line, opened in ((LINE, records.decode_record), (MARK, lambda data: records.decode_checkpoint(data, KEY))):
+def test_a_changed_missing_or_doubled_byte_is_rejected() -> None:
+    for line, opened in (
+        (LINE, records.decode_record),
+        (CHECKPOINT, lambda data: records.decode_checkpoint(data, KEY)),
+    ):
         good = line[:-1]
         for at in range(len(good)):
             changed = [bytes([good[at] ^ bit]) for bit in (1, 2, 4, 8, 16, 32, 64, 128)]
@@ -38,12 +41,12 @@ def test_no_octet_can_be_another_one_or_missing_or_doubled() -> None:
         assert opened(good + b" ") is None and opened(b" " + good) is None and opened(b"") is None
 
 
-def test_a_checkpoint_under_another_key_is_none() -> None:
-    assert records.decode_checkpoint(MARK[:-1], b"x" * 64) is None
+def test_a_checkpoint_under_another_key_is_rejected() -> None:
+    assert records.decode_checkpoint(CHECKPOINT[:-1], b"x" * 64) is None
     assert records.decode_checkpoint(LINE[:-1], None) is None
 
 
-def test_what_is_sealed_but_no_record_is_none() -> None:
+def test_a_line_with_a_valid_hash_but_no_record_is_rejected() -> None:
     for body in (
         '{"n":1}',
         "[]",
@@ -57,130 +60,132 @@ def test_what_is_sealed_but_no_record_is_none() -> None:
 # --- verify ----------------------------------------------------------------------------------------------------------
 
 
-def lay(made: AuditTrail, lines: list[bytes]) -> None:
-    made.paths.current.write_bytes(b"".join(lines))
+def write_records(trail: AuditTrail, lines: list[bytes]) -> None:
+    trail.paths.current.write_bytes(b"".join(lines))
 
 
-def lay_marks(made: AuditTrail, lines: list[bytes]) -> None:
-    made.paths.checkpoints.write_bytes(b"".join(lines))
+def write_checkpoints(trail: AuditTrail, lines: list[bytes]) -> None:
+    trail.paths.checkpoints.write_bytes(b"".join(lines))
 
 
 @pytest.fixture
-def made(tmp_path: Path) -> AuditTrail:
-    """Ten records in one file, checkpoints after the first, the fourth, the eighth, the tenth."""
+def trail(tmp_path: Path) -> AuditTrail:
+    """Trail of ten records in one file, with checkpoints after the first, fourth, eighth and tenth."""
     return written_trail(tmp_path)
 
 
 @pytest.fixture
-def lines(made: AuditTrail) -> list[bytes]:
-    return made.paths.current.read_bytes().splitlines(keepends=True)
+def lines(trail: AuditTrail) -> list[bytes]:
+    return trail.paths.current.read_bytes().splitlines(keepends=True)
 
 
 @pytest.fixture
-def marks(made: AuditTrail) -> list[bytes]:
-    found = made.paths.checkpoints.read_bytes().splitlines(keepends=True)
+def checkpoints(trail: AuditTrail) -> list[bytes]:
+    found = trail.paths.checkpoints.read_bytes().splitlines(keepends=True)
     assert [json.loads(line)["n"] for line in found] == [1, 4, 8, 10]
     return found
 
 
-def where(made: AuditTrail) -> list[tuple[str, int]]:
-    return [(problem.kind, problem.line) for problem in verify_report(made).problems]
+def problem_lines(trail: AuditTrail) -> list[tuple[str, int]]:
+    return [(problem.kind, problem.line) for problem in verify_report(trail).problems]
 
 
-def test_a_deletion_is_reported_at_the_line_that_moved_up(made: AuditTrail, lines: list[bytes]) -> None:
-    lay(made, lines[:5] + lines[6:])
-    assert where(made) == [("broken", 6)]
+def test_a_deletion_is_reported_at_the_line_that_moved_up(trail: AuditTrail, lines: list[bytes]) -> None:
+    write_records(trail, lines[:5] + lines[6:])
+    assert problem_lines(trail) == [("broken", 6)]
 
 
-def test_a_swap_is_reported_at_every_line_that_does_not_follow(made: AuditTrail, lines: list[bytes]) -> None:
-    lay(made, [*lines[:2], lines[3], lines[2], *lines[4:]])
-    assert where(made) == [("broken", 3), ("broken", 4), ("broken", 5)]
+def test_a_swap_is_reported_at_every_line_that_does_not_follow(trail: AuditTrail, lines: list[bytes]) -> None:
+    write_records(trail, [*lines[:2], lines[3], lines[2], *lines[4:]])
+    assert problem_lines(trail) == [("broken", 3), ("broken", 4), ("broken", 5)]
 
 
-def test_an_insertion_is_detected(made: AuditTrail, lines: list[bytes]) -> None:
-    lay(made, [*lines[:3], lines[2], *lines[3:]])
-    assert where(made) == [("broken", 4)]
-    lay(made, [*lines[:3], b"\n", *lines[3:]])
-    assert where(made) == [("changed", 4), ("broken", 5)]
+def test_an_insertion_is_detected(trail: AuditTrail, lines: list[bytes]) -> None:
+    write_records(trail, [*lines[:3], lines[2], *lines[3:]])
+    assert problem_lines(trail) == [("broken", 4)]
+    write_records(trail, [*lines[:3], b"\n", *lines[3:]])
+    assert problem_lines(trail) == [("changed", 4), ("broken", 5)]
 
 
-def test_a_replaced_record_with_a_right_hash_is_detected_by_the_next(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_replaced_record_with_a_right_hash_is_detected_by_the_next(trail: AuditTrail, lines: list[bytes]) -> None:
     old = json.loads(lines[5])
     line, _ = records.encode_record(6, old["prev"], old["checkpoints"], {"time_ms": 1, "what": "x", "target": ""})
-    lay(made, [*lines[:5], line, *lines[6:]])
-    assert where(made) == [("broken", 7)]
+    write_records(trail, [*lines[:5], line, *lines[6:]])
+    assert problem_lines(trail) == [("broken", 7)]
 
 
-def test_a_rewritten_chain_is_detected_by_its_checkpoint(made: AuditTrail, lines: list[bytes]) -> None:
+def test_a_rewritten_chain_is_detected_by_its_checkpoint(trail: AuditTrail, lines: list[bytes]) -> None:
     hash, again = json.loads(lines[4])["hash"], []
     for n in range(6, 11):
         line, hash = records.encode_record(n, hash, 2, {"time_ms": n, "what": "x", "target": ""})
         again.append(line)
-    lay(made, [*lines[:5], *again])
-    assert where(made) == [("rewritten", 8), ("rewritten", 10)]
+    write_records(trail, [*lines[:5], *again])
+    assert problem_lines(trail) == [("rewritten", 8), ("rewritten", 10)]
 
 
 def test_a_cut_is_detected_back_to_the_last_checkpoint(
-    made: AuditTrail, lines: list[bytes], marks: list[bytes]
+    trail: AuditTrail, lines: list[bytes], checkpoints: list[bytes]
 ) -> None:
-    lay(made, lines[:9])
-    assert where(made) == [("cut", 0)]
-    lay(made, lines[:9] + [lines[9][:-1]])
-    assert where(made) == [("unfinished", 10), ("cut", 0)]
-    made.paths.current.unlink()
-    assert where(made) == [("cut", 0)]
-    lay(made, lines[:9])
-    lay_marks(made, marks[:3])
-    assert verify_report(made).ok and verify_report(made).covered == 8, (
-        "what no checkpoint vouches for can be cut off unseen"
+    write_records(trail, lines[:9])
+    assert problem_lines(trail) == [("cut", 0)]
+    write_records(trail, lines[:9] + [lines[9][:-1]])
+    assert problem_lines(trail) == [("unfinished", 10), ("cut", 0)]
+    trail.paths.current.unlink()
+    assert problem_lines(trail) == [("cut", 0)]
+    write_records(trail, lines[:9])
+    write_checkpoints(trail, checkpoints[:3])
+    assert verify_report(trail).ok and verify_report(trail).covered == 8, (
+        "records after the last checkpoint can be cut off undetected"
     )
 
 
-def test_a_missing_moved_or_doubled_checkpoint_is_detected(made: AuditTrail, marks: list[bytes]) -> None:
-    lay_marks(made, marks[1:])
-    assert where(made) == [("checkpoint_broken", 1)]
-    lay_marks(made, [marks[0], marks[0], *marks[1:]])
-    assert where(made) == [("checkpoint_broken", 2)]
-    lay_marks(made, marks[:2])
-    assert where(made) == [("checkpoints_missing", 0)]
-    made.paths.checkpoints.unlink()
-    assert where(made) == [("checkpoints_missing", 0)]
+def test_a_missing_moved_or_doubled_checkpoint_is_detected(trail: AuditTrail, checkpoints: list[bytes]) -> None:
+    write_checkpoints(trail, checkpoints[1:])
+    assert problem_lines(trail) == [("checkpoint_broken", 1)]
+    write_checkpoints(trail, [checkpoints[0], checkpoints[0], *checkpoints[1:]])
+    assert problem_lines(trail) == [("checkpoint_broken", 2)]
+    write_checkpoints(trail, checkpoints[:2])
+    assert problem_lines(trail) == [("checkpoints_missing", 0)]
+    trail.paths.checkpoints.unlink()
+    assert problem_lines(trail) == [("checkpoints_missing", 0)]
 
 
-def test_a_changed_or_unfinished_checkpoint_is_detected(made: AuditTrail, marks: list[bytes]) -> None:
-    lay_marks(made, [*marks[:2], marks[2].replace(b'"n":8', b'"n":7'), marks[3]])
-    assert where(made) == [("checkpoint_changed", 3), ("checkpoint_broken", 4)]
-    lay_marks(made, [*marks[:3], marks[3][:-1]])
-    assert where(made) == [("checkpoint_changed", 4)]
+def test_a_changed_or_unfinished_checkpoint_is_detected(trail: AuditTrail, checkpoints: list[bytes]) -> None:
+    write_checkpoints(trail, [*checkpoints[:2], checkpoints[2].replace(b'"n":8', b'"n":7'), checkpoints[3]])
+    assert problem_lines(trail) == [("checkpoint_changed", 3), ("checkpoint_broken", 4)]
+    write_checkpoints(trail, [*checkpoints[:3], checkpoints[3][:-1]])
+    assert problem_lines(trail) == [("checkpoint_changed", 4)]
 
 
-def test_checkpoints_made_without_the_key_are_detected(made: AuditTrail, lines: list[bytes]) -> None:
+def test_checkpoints_made_without_the_key_are_detected(trail: AuditTrail, lines: list[bytes]) -> None:
     line, _ = records.encode_checkpoint(1, (10, json.loads(lines[9])["hash"]), records.GENESIS_HASH, 1, b"x" * 64)
-    lay_marks(made, [line])
-    assert set(problem_kinds(made)) == {"checkpoint_changed", "checkpoints_missing"}
+    write_checkpoints(trail, [line])
+    assert set(problem_kinds(trail)) == {"checkpoint_changed", "checkpoints_missing"}
 
 
 @pytest.mark.parametrize(("number", "n"), [(2, 4), (2, 3), (3, 8)])
-def test_checkpoints_go_on_in_number_and_in_record(made: AuditTrail, lines: list[bytes], number: int, n: int) -> None:
-    """Made under the right key, by a writer that was led astray."""
-    key, hashes = made.paths.read_key(), [json.loads(line)["hash"] for line in lines]
+def test_checkpoints_must_increase_in_number_and_record(
+    trail: AuditTrail, lines: list[bytes], number: int, n: int
+) -> None:
+    """Made under the right key by a defective writer."""
+    key, hashes = trail.paths.read_key(), [json.loads(line)["hash"] for line in lines]
     first, mac = records.encode_checkpoint(1, (4, hashes[3]), records.GENESIS_HASH, 1, key)
     second, _ = records.encode_checkpoint(number, (n, hashes[n - 1]), mac, 1, key)
-    lay_marks(made, [first, second])
-    assert where(made)[0] == ("checkpoint_broken", 2)
+    write_checkpoints(trail, [first, second])
+    assert problem_lines(trail)[0] == ("checkpoint_broken", 2)
 
 
 def test_a_lost_or_renamed_file_is_detected(tmp_path: Path) -> None:
-    made = written_trail(tmp_path, 40, max_file_bytes=2_000)
-    first, second = made.paths.files()[:2]
-    second.rename(made.paths.folder / "audit-000000000099.jsonl")
-    assert {"name", "broken"} <= set(problem_kinds(made))
-    (made.paths.folder / "audit-000000000099.jsonl").rename(second)
-    first.rename(made.paths.folder / "audit-000000000002.jsonl")
-    assert problem_kinds(made) == ["name"]
+    trail = written_trail(tmp_path, 40, max_file_bytes=2_000)
+    first, second = trail.paths.files()[:2]
+    second.rename(trail.paths.folder / "audit-000000000099.jsonl")
+    assert {"name", "broken"} <= set(problem_kinds(trail))
+    (trail.paths.folder / "audit-000000000099.jsonl").rename(second)
+    first.rename(trail.paths.folder / "audit-000000000002.jsonl")
+    assert problem_kinds(trail) == ["name"]
 
 
-def test_many_problems_are_all_counted_and_some_listed(made: AuditTrail, lines: list[bytes]) -> None:
-    lay(made, [*lines, *[b"x\n"] * 1000])
-    found = verify_report(made)
+def test_all_problems_are_counted_and_some_are_listed(trail: AuditTrail, lines: list[bytes]) -> None:
+    write_records(trail, [*lines, *[b"x\n"] * 1000])
+    found = verify_report(trail)
     assert (found.problem_count, len(found.problems)) == (1000, 200)

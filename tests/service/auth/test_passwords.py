@@ -1,4 +1,4 @@
-"""Which passwords are taken, how they are hashed, and how many may wait for that."""
+"""Password policy, hashing, and the limit of waiting hashes."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from fixtures.web_app import FAST_HASHER, PASSWORD
         "1234567890",
     ],
 )
-def test_a_password_that_is_easily_guessed_is_refused(password: str) -> None:
+def test_a_guessable_password_is_rejected(password: str) -> None:
     with pytest.raises(InvalidInput):
         check_password_policy(password, "ann smith")
 
 
-GUESSED = (
+GUESSABLE = (
     "password123456",
     "PASSWORD!!!2026",
     "p@ssw0rd2024",
@@ -62,15 +62,15 @@ GUESSED = (
 )
 
 
-@pytest.mark.parametrize("password", GUESSED)
-def test_common_words_rows_and_digits_are_no_password(password: str) -> None:
+@pytest.mark.parametrize("password", GUESSABLE)
+def test_common_words_keyboard_rows_and_digits_are_rejected(password: str) -> None:
     with pytest.raises(InvalidInput) as rejected:
-        check_password_policy(password, "somebody else")
+        check_password_policy(password, "another")
     assert rejected.value.key == "auth.password_common"
     assert rejected.value.params == {"different": 5, "own": 4}
 
 
-KEPT = (
+ACCEPTED = (
     PASSWORD,
     "seven pumps sing",
     "7#kQ9!2x&4",
@@ -86,32 +86,32 @@ KEPT = (
 )
 
 
-@pytest.mark.parametrize("password", KEPT)
-def test_what_has_something_of_its_own_is_a_password(password: str) -> None:
+@pytest.mark.parametrize("password", ACCEPTED)
+def test_a_password_with_enough_uncommon_characters_is_accepted(password: str) -> None:
     assert check_password_policy(password, "operator") == password
 
 
-def test_the_hashes_that_are_really_used_are_argon2id_with_64_mib() -> None:
+def test_a_hash_is_argon2id_with_64_mib_and_three_passes() -> None:
     hashed = run(PasswordHashing().hash(PASSWORD))
     assert hashed.startswith("$argon2id$v=19$m=65536,t=3,p=1$")
 
 
 @pytest.mark.parametrize("end", ["yzx", "90x", "opx", "klx", "nmx", "0px", "jmx"])
-def test_what_goes_on_after_the_end_of_a_row_is_no_run(end: str) -> None:
+def test_characters_beyond_the_end_of_a_keyboard_row_are_no_run(end: str) -> None:
     assert check_password_policy(f"{end}72k{end}96", "operator")
 
 
-def test_an_argon2_of_64_mib_and_three_passes_is_what_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """RFC 9106, second choice, on one lane."""
-    asked: list[dict[str, int]] = []
+def test_the_default_hasher_uses_64_mib_and_three_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """RFC 9106, second recommended option, on one lane."""
+    options: list[dict[str, int]] = []
 
-    def noted(**given: int) -> PasswordHasher:
-        asked.append(given)
+    def noted(**arguments: int) -> PasswordHasher:
+        options.append(arguments)
         return FAST_HASHER
 
     monkeypatch.setattr("drivebus.service.auth.passwords.PasswordHasher", noted)
     PasswordHashing()
-    assert asked == [{"time_cost": 3, "memory_cost": 64 * 1024, "parallelism": 1}]
+    assert options == [{"time_cost": 3, "memory_cost": 64 * 1024, "parallelism": 1}]
 
 
 def test_one_password_is_hashed_at_a_time() -> None:
@@ -136,7 +136,7 @@ def test_one_password_is_hashed_at_a_time() -> None:
 
 
 def test_the_number_of_waiting_passwords_is_limited() -> None:
-    """A flood of logins does not fill the memory; when it is over there is room again."""
+    """A flood of logins fills no memory, and later logins work."""
     passwords, known = PasswordHashing(FAST_HASHER), FAST_HASHER.hash(PASSWORD)
 
     async def flood() -> list[object]:
@@ -144,19 +144,19 @@ def test_the_number_of_waiting_passwords_is_limited() -> None:
         return await asyncio.gather(*tries, return_exceptions=True)
 
     for _ in range(2):
-        *taken, one_more = asyncio.run(flood())
-        assert taken == [True] * 8
-        assert isinstance(one_more, AuthUnavailable) and one_more.key == "auth.busy"
+        *accepted, rejected = asyncio.run(flood())
+        assert accepted == [True] * 8
+        assert isinstance(rejected, AuthUnavailable) and rejected.key == "auth.busy"
 
 
 def test_a_user_without_a_password_cannot_log_in() -> None:
-    """Not even with the password of the hash that is used for unknown users."""
+    """Also not with the password of the hash that is verified instead."""
     passwords = PasswordHashing(FAST_HASHER)
     passwords._unknown_user_hash = FAST_HASHER.hash(PASSWORD)
     assert run(passwords.verify(None, PASSWORD)) is False
     assert run(passwords.verify(FAST_HASHER.hash(PASSWORD), "wrong password")) is False
 
 
-def test_a_password_is_the_same_however_its_accents_are_typed() -> None:
+def test_a_password_matches_in_each_unicode_form() -> None:
     passwords = PasswordHashing(FAST_HASHER)
     assert run(passwords.verify(run(passwords.hash("caf\u00e9 du port 7")), "cafe\u0301 du port 7"))

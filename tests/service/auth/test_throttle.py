@@ -1,4 +1,4 @@
-"""Guessing passwords is slow for every user and address; no user is locked out for ever."""
+"""Throttle of logins: guessing is slow from any address, and no user is locked out."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HOUR_S = 3600.0
 
 
 def guesses(throttle: LoginThrottle, keys: list[tuple[str, ...]], hours: float, step_s: float) -> int:
-    """Return how many passwords are checked if each attempt follows as soon as possible."""
+    """Return how many passwords are checked when each attempt follows as soon as permitted."""
     now, done, at = 0.0, 0, 0
     while now < hours * HOUR_S:
         at += 1
@@ -47,8 +47,8 @@ def test_ten_failures_cost_nothing_and_the_next_waits() -> None:
     assert throttle.wait_s(("user:wang",), FREE_ATTEMPTS - 1.0) == 0.0
 
 
-def test_one_throttled_key_of_several_is_enough_to_wait() -> None:
-    """A user who is guessed at from many addresses, and an address that guesses at many users."""
+def test_a_login_waits_for_the_slowest_of_its_keys() -> None:
+    """One user tried from many addresses, and one address that tries many users."""
     throttle = LoginThrottle()
     for n in range(FREE_ATTEMPTS):
         throttle.record_attempt(("user:li", f"address:{n}"), 0.0)
@@ -71,21 +71,21 @@ def test_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
 
 
 @pytest.mark.parametrize("step_s", [0.36, 1.0, 7.0])
-def test_ten_thousand_tries_at_one_user_are_under_a_hundred_guesses_an_hour(step_s: float) -> None:
-    """From ten thousand addresses: only the user's own count holds them."""
+def test_one_user_is_guessed_at_most_a_hundred_times_an_hour(step_s: float) -> None:
+    """From ten thousand addresses: only the count of the user limits them."""
     throttle = LoginThrottle()
     keys = [("user:li", f"address:{n}") for n in range(10_000)]
     assert FREE_ATTEMPTS < guesses(throttle, keys, 1, step_s) <= 100
     assert guesses(LoginThrottle(), keys, 6, 3.0) <= 600
 
 
-def test_ten_thousand_users_from_one_address_are_under_a_hundred_guesses_an_hour() -> None:
+def test_one_address_guesses_at_most_a_hundred_times_an_hour() -> None:
     keys = [(f"user:{n}", "address:10.0.0.9") for n in range(10_000)]
     assert FREE_ATTEMPTS < guesses(LoginThrottle(), keys, 1, 0.36) <= 100
 
 
-def test_no_lock_out_lasts_for_ever() -> None:
-    """After a whole night of guesses the right user waits two minutes at most."""
+def test_a_user_waits_at_most_two_minutes() -> None:
+    """Also after a whole night of guesses."""
     throttle = LoginThrottle()
     guesses(throttle, [("user:li",)], 8, 1.0)
     assert throttle.wait_s(("user:li",), 8 * HOUR_S) <= MAX_LOGIN_DELAY_S
@@ -120,7 +120,7 @@ def test_the_number_of_throttled_keys_is_bounded() -> None:
         throttle.record_attempt((f"address:{chance.random()}",), float(n) / MAX_THROTTLED_KEYS)
     assert throttle.wait_s(("user:li",), 1.0) > 0.0
     throttle.record_attempt(("one more",), 1.0)
-    assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the oldest entry"
+    assert throttle.wait_s(("user:li",), 1.0) == 0.0, "the least recently used key is dropped"
 
 
 def test_a_recently_attacked_key_is_not_dropped_for_others() -> None:
@@ -145,23 +145,23 @@ HOSTS = [
 ]
 
 
-@pytest.mark.parametrize(("one", "other", "same"), HOSTS)
-def test_addresses_of_one_network_are_one_guesser(one: str, other: str, same: bool, tmp_path: Path) -> None:
-    """An IPv6 network has 2**64 addresses."""
-    access, clock = auth_service(tmp_path)
+@pytest.mark.parametrize(("first", "second", "same"), HOSTS)
+def test_addresses_of_one_ipv6_network_share_a_count(first: str, second: str, same: bool, tmp_path: Path) -> None:
+    """A host chooses freely among the 2**64 addresses of its network."""
+    auth, clock = auth_service(tmp_path)
     for n in range(FREE_ATTEMPTS):
         with pytest.raises(NotAuthenticated):
-            run(access.login(f"user{n}", "wrong password", one))
+            run(auth.login(f"user{n}", "wrong password", first))
     clock.now += 0.25
     with pytest.raises(TooManyAttempts) as rejected:
-        run(access.login("user", "wrong password", one))
+        run(auth.login("user", "wrong password", first))
     assert (rejected.value.key, rejected.value.params) == ("auth.too_many", {"retry_s": 1.8})
     clock.now += 1.25
     with pytest.raises(TooManyAttempts if same else NotAuthenticated):
-        run(access.login("operator", "wrong password", other))
+        run(auth.login("operator", "wrong password", second))
 
 
 def test_a_right_password_does_not_count(tmp_path: Path) -> None:
-    access, _ = auth_service(tmp_path)
+    auth, _ = auth_service(tmp_path)
     for _ in range(FREE_ATTEMPTS + 2):
-        login(access)
+        login(auth)

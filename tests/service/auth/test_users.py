@@ -1,4 +1,4 @@
-"""Users, tokens and codes as values, and the file that keeps them."""
+"""User database: users, tokens, codes, and their file."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ ADMIN = User("ann", Role.ADMINISTRATOR, "$hash", 1)
 TOKEN = Token("t1", "scada", "ann", (Right.VIEW,), "d" * 64, 1, 2)
 
 
-def test_the_last_administrator_can_neither_go_nor_lose_the_role_nor_be_disabled() -> None:
-    register = UserDatabase().with_user(ADMIN)
+def test_the_last_administrator_cannot_be_removed_demoted_or_disabled() -> None:
+    database = UserDatabase().with_user(ADMIN)
     for change in (
-        lambda: register.without_user("ann"),
-        lambda: register.with_changed_user(replace(ADMIN, role=Role.ENGINEER)),
-        lambda: register.with_changed_user(replace(ADMIN, disabled=True)),
-        lambda: register.with_changed_user(replace(ADMIN, password=None)),
+        lambda: database.without_user("ann"),
+        lambda: database.with_changed_user(replace(ADMIN, role=Role.ENGINEER)),
+        lambda: database.with_changed_user(replace(ADMIN, disabled=True)),
+        lambda: database.with_changed_user(replace(ADMIN, password=None)),
     ):
         with pytest.raises(Conflict) as rejected:
             change()
         assert rejected.value.key == "auth.last_administrator"
-    two = register.with_user(replace(ADMIN, name="bob"))
+    two = database.with_user(replace(ADMIN, name="bob"))
     assert two.without_user("ann").has_administrator
 
 
-def test_where_there_is_no_administrator_yet_others_may_be_changed() -> None:
-    """A file that was written by hand."""
+def test_without_an_administrator_other_users_may_be_changed() -> None:
+    """As in a file that was written by hand."""
     vera = User("vera", Role.VIEWER, "$", 1)
-    register = UserDatabase((vera,)).with_changed_user(replace(vera, role=Role.OPERATOR))
-    assert register.user("vera").role is Role.OPERATOR and register.without_user("vera").users == ()
+    database = UserDatabase((vera,)).with_changed_user(replace(vera, role=Role.OPERATOR))
+    assert database.user("vera").role is Role.OPERATOR and database.without_user("vera").users == ()
     with pytest.raises(ResourceNotFound) as rejected:
-        register.with_changed_user(replace(vera, name="unknown"))
+        database.with_changed_user(replace(vera, name="unknown"))
     assert rejected.value.key == "auth.no_such_user"
 
 
-MAY = {
+RIGHTS_BY_ROLE = {
     Role.VIEWER: {"view"},
     Role.OPERATOR: {"view", "stop", "operate"},
     Role.ENGINEER: {"view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit"},
@@ -68,11 +68,11 @@ MAY = {
 
 @pytest.mark.parametrize("role", list(Role))
 def test_a_role_has_the_rights_on_the_security_page(role: Role) -> None:
-    """Tokens and files hold these words: none changes its meaning or its spelling."""
+    """Tokens and files contain these identifiers, so they must not change."""
     user = User("ann", role, "$", 1)
-    assert {str(right) for right in user.rights} == MAY[role]
+    assert {str(right) for right in user.rights} == RIGHTS_BY_ROLE[role]
     assert replace(user, disabled=True).rights == frozenset()
-    assert [str(one) for one in Role] == ["viewer", "operator", "engineer", "administrator"]
+    assert [str(known) for known in Role] == ["viewer", "operator", "engineer", "administrator"]
     assert UserDatabase((user,)).rights_of("ANN") == user.rights and UserDatabase().rights_of("ann") == frozenset()
 
 
@@ -80,42 +80,42 @@ def test_a_right_is_shown_by_its_name_and_its_identifier() -> None:
     assert (Right.STOP.en, Right.STOP.zh) == ("stop", "停止（stop）")
 
 
-def test_names_that_look_alike_are_one_user() -> None:
-    register = UserDatabase().with_user(ADMIN)
-    assert register.find("ANN") == register.find("ａｎｎ") == ADMIN
+def test_names_that_look_alike_belong_to_one_user() -> None:
+    database = UserDatabase().with_user(ADMIN)
+    assert database.find("ANN") == database.find("ａｎｎ") == ADMIN
     with pytest.raises(Conflict) as rejected:
-        register.with_user(replace(ADMIN, role=Role.VIEWER))
+        database.with_user(replace(ADMIN, role=Role.VIEWER))
     assert rejected.value.key == "auth.name_taken"
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a\nb", "a\x1b[31m", "_a", ".a", "x" * 65, "Ann", "a\u202eb", "a/b", '"'])
-def test_a_name_with_control_characters_is_refused(name: str) -> None:
+def test_an_invalid_name_is_rejected(name: str) -> None:
     with pytest.raises(InvalidInput) as rejected:
         UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
     assert rejected.value.key == "auth.bad_name"
 
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])
-def test_a_name_in_any_script_is_taken(name: str) -> None:
+def test_a_name_in_any_script_is_accepted(name: str) -> None:
     user = User(name, Role.VIEWER, None, 1)
     assert UserDatabase().with_user(user).find(name) == user
 
 
-def test_a_token_can_not_do_more_than_its_user() -> None:
-    register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
+def test_a_token_cannot_have_more_rights_than_its_user() -> None:
+    database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     with pytest.raises(InvalidInput) as rejected:
-        register.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
+        database.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
     assert (rejected.value.key, rejected.value.params) == ("auth.beyond_role", {"rights": "operate, stop"})
     with pytest.raises(InvalidInput):
-        register.with_token(replace(TOKEN, rights=()))
+        database.with_token(replace(TOKEN, rights=()))
     with pytest.raises(ResourceNotFound):
-        register.with_token(replace(TOKEN, user="unknown"))
+        database.with_token(replace(TOKEN, user="unknown"))
 
 
-def test_with_a_user_go_the_users_tokens_and_codes() -> None:
-    register = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
-    register = register.with_token(replace(TOKEN, user="vera")).with_code(OneTimeCode("c", "vera", 9), 0)
-    after = register.with_token(TOKEN).without_user("vera")
+def test_a_removed_user_loses_tokens_and_codes() -> None:
+    database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
+    database = database.with_token(replace(TOKEN, user="vera")).with_code(OneTimeCode("c", "vera", 9), 0)
+    after = database.with_token(TOKEN).without_user("vera")
     assert (after.users, after.tokens, after.codes) == ((ADMIN,), (TOKEN,), ())
     with pytest.raises(ResourceNotFound) as rejected:
         after.without_token("t2")
@@ -123,54 +123,54 @@ def test_with_a_user_go_the_users_tokens_and_codes() -> None:
     assert after.without_token("t1").tokens == ()
 
 
-def test_a_token_or_a_code_that_goes_leaves_the_others() -> None:
+def test_a_removed_token_or_code_leaves_the_others() -> None:
     other, codes = replace(TOKEN, id="t2"), (OneTimeCode("c1", "ann", 9), OneTimeCode("c2", "ann", 9))
-    register = replace(UserDatabase().with_user(ADMIN).with_token(TOKEN).with_token(other), codes=codes)
-    assert register.without_token("t1").tokens == (other,)
-    assert register.without_code("c1").codes == codes[1:]
+    database = replace(UserDatabase().with_user(ADMIN).with_token(TOKEN).with_token(other), codes=codes)
+    assert database.without_token("t1").tokens == (other,)
+    assert database.without_code("c1").codes == codes[1:]
     with pytest.raises(ResourceNotFound):
-        register.with_code(OneTimeCode("c3", "unknown", 9), 0)
+        database.with_code(OneTimeCode("c3", "unknown", 9), 0)
 
 
-def test_codes_that_are_too_old_go_with_the_next_one() -> None:
-    register = (
+def test_a_new_code_removes_expired_ones() -> None:
+    database = (
         UserDatabase()
         .with_user(ADMIN)
         .with_code(OneTimeCode("old", "ann", 5), 0)
         .with_code(OneTimeCode("new", "ann", 50), 5)
     )
-    assert [code.digest for code in register.codes] == ["new"]
+    assert [code.digest for code in database.codes] == ["new"]
 
 
-def test_the_file_is_readable_by_its_owner_only_and_says_what_was_put(tmp_path: Path) -> None:
+def test_the_file_is_private_and_holds_the_database(tmp_path: Path) -> None:
     path = tmp_path / "state" / "users.json"
-    UserFile(path).change(lambda register: register.with_user(ADMIN).with_token(TOKEN))
+    UserFile(path).change(lambda database: database.with_user(ADMIN).with_token(TOKEN))
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.with_suffix(".lock").stat().st_mode) == 0o600
     assert UserFile(path).read() == UserDatabase((ADMIN,), (TOKEN,))
     assert json.loads(path.read_text())["users"][0]["role"] == "administrator"
 
 
-def test_a_change_that_fails_changes_nothing(tmp_path: Path) -> None:
+def test_a_rejected_change_writes_nothing(tmp_path: Path) -> None:
     file = UserFile(tmp_path / "users.json")
-    file.change(lambda register: register.with_user(ADMIN))
+    file.change(lambda database: database.with_user(ADMIN))
     before = file.path.read_bytes()
     with pytest.raises(Conflict):
-        file.change(lambda register: register.without_user("ann"))
+        file.change(lambda database: database.without_user("ann"))
     assert file.path.read_bytes() == before
 
 
 def test_a_change_by_another_program_is_read_at_the_next_access(tmp_path: Path) -> None:
-    one, other = UserFile(tmp_path / "users.json"), UserFile(tmp_path / "users.json")
-    one.change(lambda register: register.with_user(ADMIN))
+    file, other = UserFile(tmp_path / "users.json"), UserFile(tmp_path / "users.json")
+    file.change(lambda database: database.with_user(ADMIN))
     assert other.read().users == (ADMIN,)
     assert other.read() is other.read(), "read once while it does not change"
-    one.change(lambda register: register.with_token(TOKEN))
+    file.change(lambda database: database.with_token(TOKEN))
     assert other.read().tokens == (TOKEN,)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"users": [{"name": 1}]}', '{"users": [{"name": "a"}]}'])
-def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: Path, content: str) -> None:
+def test_a_file_with_other_content_is_rejected_and_never_overwritten(tmp_path: Path, content: str) -> None:
     path = tmp_path / "users.json"
     path.write_text(content)
     with pytest.raises(ConfigurationError) as raised:
@@ -178,27 +178,27 @@ def test_a_file_that_is_none_of_ours_is_refused_and_never_overwritten(tmp_path: 
     assert raised.value.params["file"] == str(path) and raised.value.params["problem"]
     assert raised.value.key == "auth.store_unusable"
     with pytest.raises(ConfigurationError):
-        UserFile(path).change(lambda register: register.with_user(ADMIN))
+        UserFile(path).change(lambda database: database.with_user(ADMIN))
     assert path.read_text() == content
 
 
 def test_a_broken_edit_of_the_user_file_prevents_no_stop_and_is_not_overwritten(tmp_path: Path) -> None:
     file = UserFile(tmp_path / "users.json")
-    file.change(lambda register: register.with_user(ADMIN))
+    file.change(lambda database: database.with_user(ADMIN))
     file.read()
     file.path.write_text("{ oops")
     assert file.read().users == (ADMIN,)
     with pytest.raises(ConfigurationError):
-        file.change(lambda register: register.with_token(TOKEN))
+        file.change(lambda database: database.with_token(TOKEN))
     assert file.path.read_text() == "{ oops"
-    mended = UserFile(tmp_path / "other.json").change(lambda register: register.with_user(replace(ADMIN, name="bob")))
+    repaired = UserFile(tmp_path / "other.json").change(lambda database: database.with_user(replace(ADMIN, name="bob")))
     (tmp_path / "other.json").replace(file.path)
-    assert file.read() == mended
+    assert file.read() == repaired
 
 
 def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> None:
     def add(n: int) -> None:
-        UserFile(tmp_path / "users.json").change(lambda register: register.with_user(replace(ADMIN, name=f"u{n}")))
+        UserFile(tmp_path / "users.json").change(lambda database: database.with_user(replace(ADMIN, name=f"u{n}")))
 
     threads = [threading.Thread(target=add, args=(n,)) for n in range(8)]
     for thread in threads:
@@ -209,11 +209,9 @@ def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("No space left on device")])
-def test_a_disk_that_is_full_leaves_the_old_file(
-    error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_the_old_file(error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = UserFile(tmp_path / "users.json")
-    file.change(lambda register: register.with_user(ADMIN))
+    file.change(lambda database: database.with_user(ADMIN))
 
     def full(_: int) -> None:
         raise error
@@ -221,31 +219,31 @@ def test_a_disk_that_is_full_leaves_the_old_file(
     with monkeypatch.context() as context:
         context.setattr("os.fsync", full)
         with pytest.raises(ConfigurationError) as raised:
-            file.change(lambda register: register.with_token(TOKEN))
+            file.change(lambda database: database.with_token(TOKEN))
     assert raised.value.params["problem"] == "No space left on device"
     assert UserFile(file.path).read() == UserDatabase((ADMIN,))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["users.json", "users.lock"]
 
 
 def test_leftovers_of_a_killed_program_are_harmless(tmp_path: Path) -> None:
-    """A foreign file is not written to, and no link is followed."""
+    """So are files of another user: none is written to, and no link is followed."""
     for left in (".users.json.new", "users.lock"):
         (tmp_path / left).touch(0o644)
     (tmp_path / ".users.json.new").unlink()
     (tmp_path / ".users.json.new").symlink_to(tmp_path / "elsewhere")
-    UserFile(tmp_path / "users.json").change(lambda register: register.with_user(ADMIN))
+    UserFile(tmp_path / "users.json").change(lambda database: database.with_user(ADMIN))
     assert UserFile(tmp_path / "users.json").read().users == (ADMIN,)
     assert not (tmp_path / "elsewhere").exists()
     (tmp_path / "users.lock").unlink()
     (tmp_path / "users.lock").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(ConfigurationError):
-        UserFile(tmp_path / "users.json").change(lambda register: register.without_user("ann"))
+        UserFile(tmp_path / "users.json").change(lambda database: database.without_user("ann"))
     assert not (tmp_path / "elsewhere").exists()
 
 
-def test_the_directory_of_the_file_is_the_plants_users_own(tmp_path: Path) -> None:
+def test_the_directory_of_the_file_is_private(tmp_path: Path) -> None:
     path = tmp_path / "a" / "state" / "users.json"
-    UserFile(path).change(lambda register: register.with_user(ADMIN))
+    UserFile(path).change(lambda database: database.with_user(ADMIN))
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     loop = tmp_path / "loop.json"
     loop.symlink_to(loop)

@@ -1,4 +1,4 @@
-"""``database``: the same test on every kind of database."""
+"""Fixture ``database``: runs a test on every kind of database."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _sqlite(tmp_path: Path) -> HistoryDatabase:
 
 
 def _postgres(server: postgreskit.PostgresServer, tmp_path: Path) -> HistoryDatabase:
-    """A schema of its own: made a hundred times as fast as a database."""
+    """Return a database with its own schema, which is created a hundred times as fast as a database."""
     url = f"{server.url('histories')}&search_path=history_{next(NUMBERS)}"
     return HistoryDatabase("postgres", HistoryConfig(url=url), tmp_path, lambda: None)
 

@@ -1,5 +1,6 @@
-"""The processes that test_killed kills: each line read is a life's beginning (ms), lived in a fork: one start of the
-interpreter for all. A life writes, says what is acknowledged, and goes on until it is killed or its output is closed.
+"""Process that test_killed kills. Each line that it reads is a start time (ms) and forks a writer.
+
+A writer reports what is acknowledged and goes on until it is killed.
 """
 
 from __future__ import annotations
@@ -18,18 +19,15 @@ from drivebus.values import Quality
 TAGS = [f"drive-{n}.speed" for n in range(5)]
 
 
-def say(what: dict[str, int]) -> None:
-    """One write: print's second, of the line's end, may be cut off by the kill (PYTHONUNBUFFERED)."""
-    os.write(sys.stdout.fileno(), f"{json.dumps(what)}\n".encode())
+def report(values: dict[str, int]) -> None:
+    """Print a line in one write: the kill may cut off a second one."""
+    os.write(sys.stdout.fileno(), f"{json.dumps(values)}\n".encode())
 
 
 async def main(folder: str, start_ms: int) -> None:
-    writer.MAX_OPEN_SAMPLES, writer.MAX_OPEN_SAMPLES_PER_TAG = (
-        300,
-        0,
-    )  # Blocks all the time: seals are killed as often as batches.
+    writer.MAX_OPEN_SAMPLES, writer.MAX_OPEN_SAMPLES_PER_TAG = 300, 0  # so that compactions are killed, too
     async with Historian(HistoryConfig(), Path(folder), flush_s=0.01) as historian:
-        say({"ready": os.getpid()})
+        report({"ready": os.getpid()})
         n = 0
         while True:
             samples = [Sample(tag, start_ms + 1000 * n, float(n), Quality.GOOD) for tag in TAGS]
@@ -38,7 +36,7 @@ async def main(folder: str, start_ms: int) -> None:
             n += 1
             if n % 7 == 0:
                 await historian.flush()
-                say({"flushed": n})
+                report({"flushed": n})
             else:
                 await asyncio.sleep(0.0002)
 
@@ -46,6 +44,6 @@ async def main(folder: str, start_ms: int) -> None:
 for line in sys.stdin:
     if child := os.fork():
         os.waitpid(child, 0)
-        say({})
+        report({})
     else:
         asyncio.run(main(sys.argv[1], int(line)))

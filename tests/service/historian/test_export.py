@@ -1,4 +1,4 @@
-"""Files for other programs: every value with its quality, nothing a spreadsheet would run, in parts that fit."""
+"""Export as CSV and Parquet: every value with its quality, no spreadsheet formulas, bounded parts."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from peers import need_module
 TAGS = ["fan-1.output_frequency", "fan-2.temperature"]
 
 
-def asked(**more: Any) -> ExportParams:
+def export_params(**more: Any) -> ExportParams:
     return ExportParams(**{"tags": TAGS, "from_ms": NOON_MS - 1000, "to_ms": NOON_MS + 2 * 3_600_000, **more})
 
 
 async def parts(historian: Historian, **more: Any) -> list[dict[str, Any]]:
-    found = [await historian.queries.export(asked(**more))]
+    found = [await historian.queries.export(export_params(**more))]
     while found[-1]["next"] is not None:
-        found.append(await historian.queries.export(asked(cursor=found[-1]["next"], **more)))
+        found.append(await historian.queries.export(export_params(cursor=found[-1]["next"], **more)))
     return found
 
 
@@ -35,8 +35,8 @@ async def rows(historian: Historian, **more: Any) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text, newline="")))
 
 
-async def filled(historian: Historian) -> None:
-    """An hour in blocks, then some that are only in the journal."""
+async def fill(historian: Historian) -> None:
+    """Store an hour in blocks, then a sample in the journal only."""
     historian.set_labels({TAGS[1]: ("=cmd|'/C calc'!A0", Text("", ""))})
     historian.append(samples([-1.5, None, 3.25]))
     historian.append(samples([20.0, 21.0], TAGS[1], NOON_MS + 500))
@@ -45,12 +45,12 @@ async def filled(historian: Historian) -> None:
     await historian.flush()
 
 
-async def test_csv_tells_time_value_unit_and_quality(database: HistoryDatabase) -> None:
+async def test_csv_has_time_value_unit_and_quality(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         found = await rows(historian)
-    message = [(row["time"], row["tag"], row["value"], row["quality"], row["number"]) for row in found]
-    assert message == [
+    values = [(row["time"], row["tag"], row["value"], row["quality"], row["number"]) for row in found]
+    assert values == [
         ("2026-01-01T12:00:00.000Z", TAGS[0], "-1.5", "good", "0"),
         ("2026-01-01T12:00:00.500Z", TAGS[1], "20.0", "good", "0"),
         ("2026-01-01T12:00:01.000Z", TAGS[0], "", "bad", "1"),
@@ -63,7 +63,7 @@ async def test_csv_tells_time_value_unit_and_quality(database: HistoryDatabase) 
 async def test_no_text_of_a_drive_becomes_a_formula(database: HistoryDatabase) -> None:
     """A negative number stays a number."""
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         found = await rows(historian)
     assert {row["unit"] for row in found} == {"", "'=cmd|'/C calc'!A0"}
     assert export.escape_formula("+1") == "'+1"
@@ -71,24 +71,24 @@ async def test_no_text_of_a_drive_becomes_a_formula(database: HistoryDatabase) -
     assert export.escape_formula("Hz") == "Hz"
 
 
-async def test_rollups_are_exported_with_how_many_values_they_stand_for(database: HistoryDatabase) -> None:
+async def test_rollups_are_exported_with_their_number_of_values(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         found = await rows(historian, resolution="1min", tags=TAGS[:1])
-    message = [
+    values = [
         (row["time"], row["minimum"], row["mean"], row["maximum"], row["quality"], row["values"]) for row in found
     ]
-    assert message == [
+    assert values == [
         ("2026-01-01T12:00:00.000Z", "-1.5", "0.875", "3.25", "uncertain", "2"),
         ("2026-01-01T13:00:00.000Z", "9.0", "9.0", "9.0", "good", "1"),
     ]
 
 
-async def test_parts_after_one_another_are_the_whole_file(
+async def test_the_parts_concatenated_are_the_whole_file(
     database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         whole = await rows(historian)
         monkeypatch.setattr(export, "CSV_ROWS_PER_PART", 2)
         found = await parts(historian)
@@ -99,12 +99,12 @@ async def test_parts_after_one_another_are_the_whole_file(
 
 async def test_a_range_without_history_is_a_header_alone(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         assert await rows(historian, from_ms=NOON_MS - 10_000, to_ms=NOON_MS - 1) == []
         assert len(await parts(historian, from_ms=0, to_ms=253_402_300_799_999)) == 1
 
 
-async def test_parquet_holds_the_same(database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_parquet_has_the_same_content(database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch) -> None:
     need_module("pyarrow")
     import pyarrow.parquet as pq
 
@@ -112,7 +112,7 @@ async def test_parquet_holds_the_same(database: HistoryDatabase, monkeypatch: py
 
     monkeypatch.setattr(parquet, "PARQUET_ROWS_PER_GROUP", 2)
     async with database.historian() as historian:
-        await filled(historian)
+        await fill(historian)
         found = await parts(historian, format="parquet")
         minutes = await parts(historian, format="parquet", resolution="1min")
     table = pq.read_table(io.BytesIO(b"".join(b64decode(part["base64"]) for part in found))).to_pydict()
@@ -126,16 +126,19 @@ async def test_parquet_holds_the_same(database: HistoryDatabase, monkeypatch: py
     assert (rolled["mean"], rolled["values"]) == ([0.875, 20.5, 9.0], [2, 2, 1])
 
 
-async def test_a_parquet_export_goes_on_only_where_it_was(database: HistoryDatabase) -> None:
+async def test_a_parquet_export_continues_only_at_its_last_part(database: HistoryDatabase) -> None:
     need_module("pyarrow")
     async with database.historian() as historian:
-        await filled(historian)
-        first = await historian.queries.export(asked(format="parquet"))
-        await historian.queries.export(asked(format="parquet", cursor=first["next"]))
+        await fill(historian)
+        first = await historian.queries.export(export_params(format="parquet"))
+        await historian.queries.export(export_params(format="parquet", cursor=first["next"]))
         for cursor in (first["next"], "OS4x"):
             with pytest.raises(InvalidParameters):
-                await historian.queries.export(asked(format="parquet", cursor=cursor))
-        begun = [await historian.queries.export(asked(format="parquet")) for _ in range(export.MAX_PARQUET_EXPORTS + 1)]
+                await historian.queries.export(export_params(format="parquet", cursor=cursor))
+        started = [
+            await historian.queries.export(export_params(format="parquet"))
+            for _ in range(export.MAX_PARQUET_EXPORTS + 1)
+        ]
         with pytest.raises(InvalidParameters):
-            await historian.queries.export(asked(format="parquet", cursor=begun[0]["next"]))
-        await historian.queries.export(asked(format="parquet", cursor=begun[-1]["next"]))
+            await historian.queries.export(export_params(format="parquet", cursor=started[0]["next"]))
+        await historian.queries.export(export_params(format="parquet", cursor=started[-1]["next"]))

@@ -1,5 +1,6 @@
-"""A database that fails, at any call, before or after it was done: what was acknowledged stays, nothing
-counts twice, what is lost is counted and marked, and no caller waits.
+"""Database that fails at any call, before or after it took effect: acknowledged data stay and nothing counts twice.
+
+Lost samples are counted and marked, and appending never waits.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import pytest
 from drivebus.errors import ServiceUnavailable
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
-from drivebus.service.historian import historian as room
+from drivebus.service.historian import historian as historian_module
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import WriteQueue
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, trend
@@ -23,8 +24,8 @@ from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, t
 HOUR = 3_600_000
 
 
-class Failing:
-    """A store whose ``n``-th call fails: before it is done, or after."""
+class FailingStore:
+    """Store whose ``n``-th call fails, before or after it took effect."""
 
     def __init__(self, store: HistoryStore, n: int, *, done: bool) -> None:
         self._store, self._left, self._done = store, n, done
@@ -37,64 +38,64 @@ class Failing:
         def called(*args: Any, **kwargs: Any) -> Any:
             self._left -= 1
             if self._left == 0 and not self._done:
-                raise StoreError("as the test wishes")
+                raise StoreError("planned failure before the call")
             found = method(*args, **kwargs)
             if self._left == 0:
-                raise StoreError("as the test wishes, but it was done")
+                raise StoreError("planned failure after the call")
             return found
 
         return called
 
     @property
-    def had_its_turn(self) -> bool:
+    def has_failed(self) -> bool:
         return self._left <= 0
 
 
 @pytest.mark.parametrize("done", [False, True], ids=["before", "after"])
-async def test_whatever_call_fails_nothing_is_lost_and_nothing_doubled(database: HistoryDatabase, done: bool) -> None:
-    """The sweep goes on until the story passes without the failure's turn; one tag for each n."""
+async def test_a_failure_of_any_call_loses_and_doubles_nothing(database: HistoryDatabase, done: bool) -> None:
+    """Calls are failed one after another, each with its own tag, until a run has none left."""
     n, failing = 0, True
     while failing:
         n += 1
         tag, stores = f"drive-{n}.speed", []
 
-        def made(setting: HistoryConfig, directory: Path, n: int = n, stores: list[Failing] = stores) -> Any:
-            writing, reading = room.open_stores(setting, directory)
-            stores.append(Failing(writing, n, done=done))
+        def made(setting: HistoryConfig, directory: Path, n: int = n, stores: list[FailingStore] = stores) -> Any:
+            writing, reading = historian_module.open_stores(setting, directory)
+            stores.append(FailingStore(writing, n, done=done))
             return stores[0], reading
 
         async with database.historian(open_stores=made) as historian:
             for turn in range(4):
                 historian.append(samples(range(10 * turn, 10 * turn + 10), tag, NOON_MS + turn * 10_000))
                 historian.put_event({"id": f"{n}-{turn}", "time_ms": NOON_MS, "kind": "command"})
-                for patience in range(3):
+                for attempt in range(3):
                     try:
                         await (compact_all(historian) if turn % 2 else historian.flush())
                         break
                     except (ServiceUnavailable, StoreError):
-                        assert patience < 2
+                        assert attempt < 2
             assert historian.ok
             assert historian.status()["lost_samples"] == 0
             found = await trend(historian, NOON_MS, NOON_MS + HOUR // 10, tag=tag)
             hours = await trend(historian, NOON_MS, NOON_MS + 48 * HOUR, points=40, tag=tag)
-            failing = stores[0].had_its_turn
+            failing = stores[0].has_failed
         assert found["mean"] == list(range(40)), n
         assert (hours["min"], hours["mean"], hours["max"]) == ([0.0], [19.5], [39.0]), n
     assert n > 15
     async with database.historian() as historian:
-        message = [item["id"] for item in (await historian.queries.events(TimeRangeParams(limit=1000)))["items"]]
-        assert sorted(message) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
+        ids = [item["id"] for item in (await historian.queries.events(TimeRangeParams(limit=1000)))["items"]]
+        assert sorted(ids) == sorted(f"{m}-{turn}" for m in range(1, n + 1) for turn in range(4))
 
 
-async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() -> None:
-    """An append never waits and never fails."""
-    intake = WriteQueue(max_samples=5)
-    intake.append(samples([1.0, 2.0, 3.0]))
-    intake.append(samples([4.0, 5.0, 6.0], start_ms=NOON_MS + 3000))
-    intake.append(samples([7.0], start_ms=NOON_MS + 6000))
-    assert (intake.queued, intake.lost_samples) == (5, 3)
-    taken = intake.take(100).samples
-    assert [(one.time_ms - NOON_MS, one.value, str(one.quality)) for one in taken] == [
+async def test_a_full_queue_drops_counts_and_marks_new_samples() -> None:
+    """Appending never waits and never raises."""
+    queue = WriteQueue(max_samples=5)
+    queue.append(samples([1.0, 2.0, 3.0]))
+    queue.append(samples([4.0, 5.0, 6.0], start_ms=NOON_MS + 3000))
+    queue.append(samples([7.0], start_ms=NOON_MS + 6000))
+    assert (queue.queued, queue.lost_samples) == (5, 3)
+    taken = queue.take(100).samples
+    assert [(sample.time_ms - NOON_MS, sample.value, str(sample.quality)) for sample in taken] == [
         (0, 1.0, "good"),
         (1000, 2.0, "good"),
         (2000, 3.0, "good"),
@@ -103,21 +104,21 @@ async def test_a_full_queue_loses_the_newest_counts_them_and_marks_the_hole() ->
     ]
 
 
-async def test_events_and_documents_are_bounded_too() -> None:
-    intake = WriteQueue(max_notes=2)
+async def test_queued_events_and_documents_are_bounded() -> None:
+    queue = WriteQueue(max_notes=2)
     for n in range(3):
-        intake.put_event(EventRow(0, n, "command", None, "{}"))
-    assert (len(intake.take(1).events), intake.lost_notes) == (2, 1)
+        queue.put_event(EventRow(0, n, "command", None, "{}"))
+    assert (len(queue.take(1).events), queue.lost_notes) == (2, 1)
 
 
 async def test_a_full_disk_is_logged_once_and_recovers_when_there_is_space(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A limit of pages is SQLite's own full disk."""
+    """A page limit makes SQLite report a full disk."""
     stores: list[Any] = []
 
     def made(setting: HistoryConfig, directory: Path) -> Any:
-        stores.extend(room.open_stores(setting, directory))
+        stores.extend(historian_module.open_stores(setting, directory))
         connect = stores[0].connection.connect
 
         def limited() -> None:
@@ -128,7 +129,7 @@ async def test_a_full_disk_is_logged_once_and_recovers_when_there_is_space(
         stores[0].connection.is_full, stores[0].connection.connect = False, limited
         return stores[0], stores[1]
 
-    async with room.Historian(HistoryConfig(), tmp_path, open_stores=made) as historian:
+    async with historian_module.Historian(HistoryConfig(), tmp_path, open_stores=made) as historian:
         historian.append(samples(range(1000)))
         await historian.flush()
         stores[0].connection.is_full = True
@@ -155,12 +156,12 @@ async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytes
     stores: list[Any] = []
 
     def made(setting: HistoryConfig, directory: Path) -> Any:
-        stores.extend(room.open_stores(setting, directory))
+        stores.extend(historian_module.open_stores(setting, directory))
         return stores[0], stores[1]
 
-    async with room.Historian(HistoryConfig(), tmp_path):
+    async with historian_module.Historian(HistoryConfig(), tmp_path):
         pass
-    historian = room.Historian(HistoryConfig(), tmp_path, open_stores=made)
+    historian = historian_module.Historian(HistoryConfig(), tmp_path, open_stores=made)
     stores[0].connection.connect = lambda: _read_only(stores[0].connection)
     async with historian:
         historian.append(samples([1.0, 2.0]))
@@ -172,18 +173,18 @@ async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytes
         assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0]
 
 
-def _read_only(door: Any) -> None:
-    door._connection = sqlite3.connect(f"{door.path.as_uri()}?mode=ro", uri=True, isolation_level=None)
+def _read_only(connection: Any) -> None:
+    connection._connection = sqlite3.connect(f"{connection.path.as_uri()}?mode=ro", uri=True, isolation_level=None)
 
 
 async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> None:
-    (tmp_path / "history.db").write_bytes(b"a foreign file" * 100)
-    async with room.Historian(HistoryConfig(), tmp_path) as historian:
+    (tmp_path / "history.db").write_bytes(b"no database" * 100)
+    async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
         historian.append(samples([1.0]))
         assert not historian.ok
         with pytest.raises(ServiceUnavailable):
             await historian.documents("statistics")
-    assert (tmp_path / "history.db").read_bytes() == b"a foreign file" * 100
+    assert (tmp_path / "history.db").read_bytes() == b"no database" * 100
 
 
 async def test_tables_of_a_later_version_are_left_alone(database: HistoryDatabase) -> None:
@@ -199,15 +200,15 @@ async def test_a_server_that_restarts_loses_nothing(request: pytest.FixtureReque
     """The connection ends under the writer and the reader; both come back."""
     server = request.getfixturevalue("postgres")
     server.create("restarting")
-    async with room.Historian(HistoryConfig(url=server.url("restarting")), tmp_path) as historian:
+    async with historian_module.Historian(HistoryConfig(url=server.url("restarting")), tmp_path) as historian:
         historian.append(samples([1.0, 2.0]))
         await historian.flush()
         await trend(historian, NOON_MS, NOON_MS + 5000)
         server.stop()
         historian.append(samples([3.0], start_ms=NOON_MS + 2000))
-        for asked in (historian.flush, lambda: trend(historian, NOON_MS, NOON_MS + 5000)):
+        for read_or_write in (historian.flush, lambda: trend(historian, NOON_MS, NOON_MS + 5000)):
             with pytest.raises(ServiceUnavailable):
-                await asked()
+                await read_or_write()
         server.start()
         await historian.flush()
         assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0, 3.0]
@@ -219,13 +220,16 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
     server = request.getfixturevalue("postgres")
     server.create("shared")
     setting = HistoryConfig(url=server.url("shared"))
-    async with room.Historian(setting, tmp_path) as first, room.Historian(setting, tmp_path) as second:
+    async with (
+        historian_module.Historian(setting, tmp_path) as first,
+        historian_module.Historian(setting, tmp_path) as second,
+    ):
         assert (first.ok, second.ok) == (True, False)
-        asked = "SELECT to_regclass('drivebus.block') IS NOT NULL"
-        assert await first._on_writer_thread(lambda: first.writer._store.connection.fetch(asked)) == [(True,)]  # type: ignore[attr-defined]
+        statement = "SELECT to_regclass('drivebus.block') IS NOT NULL"
+        assert await first._on_writer_thread(lambda: first.writer._store.connection.fetch(statement)) == [(True,)]  # type: ignore[attr-defined]
         assert "another service" in second.status()["problem"]
         apart = HistoryConfig(url=server.url("shared") + "&search_path=north")
-        async with room.Historian(apart, tmp_path) as third:
+        async with historian_module.Historian(apart, tmp_path) as third:
             third.append(samples([5.0]))
             await third.flush()
             assert (first.queries.tags(), len(third.queries.tags()["tags"])) == ({"tags": []}, 1)

@@ -1,4 +1,4 @@
-"""What is given to the historian comes back: at every resolution, after a restart, late, out of order, with gaps."""
+"""What is times to the historian comes back: at every resolution, after a restart, late, out of order, with gaps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def test_samples_are_the_same_in_the_journal_in_blocks_and_in_both(databas
     assert both["mean"] == list(range(60))
 
 
-async def test_a_restart_forgets_nothing_that_was_flushed_and_doubles_nothing(database: HistoryDatabase) -> None:
+async def test_a_restart_loses_and_doubles_nothing_that_was_flushed(database: HistoryDatabase) -> None:
     for turn in range(4):
         async with database.historian() as historian:
             historian.append(samples(range(10 * turn, 10 * turn + 10), start_ms=NOON_MS + turn * 10_000))
@@ -59,7 +59,7 @@ async def test_a_restart_forgets_nothing_that_was_flushed_and_doubles_nothing(da
         assert (await trend(historian, NOON_MS, NOON_MS + 100_000))["mean"] == list(range(40))
 
 
-async def test_rollups_hold_minimum_mean_maximum_and_quality_of_what_was_given(database: HistoryDatabase) -> None:
+async def test_rollups_have_minimum_mean_maximum_and_quality(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         historian.append(samples([float(n % 60) for n in range(3600)]))
         historian.append(samples([100.0, None, 200.0], start_ms=NOON_MS + HOUR))
@@ -74,7 +74,7 @@ async def test_rollups_hold_minimum_mean_maximum_and_quality_of_what_was_given(d
     assert minutes["q"] == [0] * 60 + [1, 2]
 
 
-async def test_a_late_sample_finds_its_minute_and_its_hour(database: HistoryDatabase) -> None:
+async def test_a_late_sample_changes_its_minute_and_its_hour(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         historian.append(samples([10.0] * 3600))
         await compact_all(historian)
@@ -90,20 +90,20 @@ async def test_a_late_sample_finds_its_minute_and_its_hour(database: HistoryData
 
 
 async def test_a_clock_that_is_set_back_loses_and_reorders_nothing(database: HistoryDatabase) -> None:
-    """Numbers follow the coming, times follow the clock; both jumps and both hours are kept."""
+    """Numbers follow the order of arrival, times the wall clock."""
     jumps = [0, 1000, -HOUR, -HOUR + 1000, 2000, 10 * 365 * 24 * HOUR, 3000, 3000]
     async with database.historian() as historian:
         historian.append([Sample("a.b", NOON_MS + jump, float(n), Quality.GOOD) for n, jump in enumerate(jumps)])
         await compact_all(historian)
         ids = historian.queries.tag_ids(["a.b"])
         far = 20 * 365 * 24 * HOUR
-        kept = await historian.queries._on_reader_thread(
+        stored = await historian.queries._on_reader_thread(
             lambda: historian.queries._reader.samples([ids["a.b"]], NOON_MS - far, NOON_MS + far)
         )
         shown = await trend(historian, NOON_MS - 2 * HOUR, NOON_MS + 10_000, tag="a.b")
-    assert kept[ids["a.b"]].number == list(range(8))
-    assert kept[ids["a.b"]].samples[0] == [NOON_MS + jump for jump in jumps]
-    assert kept[ids["a.b"]].samples[1] == [float(n) for n in range(8)]
+    assert stored[ids["a.b"]].number == list(range(8))
+    assert stored[ids["a.b"]].samples[0] == [NOON_MS + jump for jump in jumps]
+    assert stored[ids["a.b"]].samples[1] == [float(n) for n in range(8)]
     assert shown["t"] == sorted(shown["t"])
 
 
@@ -134,7 +134,7 @@ async def test_tags_keep_their_unit_and_text(database: HistoryDatabase) -> None:
         }
 
 
-async def test_markers_come_newest_first_and_page_by_page(database: HistoryDatabase) -> None:
+async def test_events_are_read_newest_first_in_pages(database: HistoryDatabase) -> None:
     def event(n: int, drive: str | None = None) -> dict[str, object]:
         return {"id": f"e-{n}", "time_ms": NOON_MS + n // 2, "kind": "command", "drive": drive}
 
@@ -149,9 +149,9 @@ async def test_markers_come_newest_first_and_page_by_page(database: HistoryDatab
             cursor = page["next"]
             if cursor is None:
                 break
-        of_one = await historian.queries.events(TimeRangeParams(drive="fan-1", from_ms=NOON_MS + 2))
+        of_drive = await historian.queries.events(TimeRangeParams(drive="fan-1", from_ms=NOON_MS + 2))
     assert found == [f"e-{n}" for n in range(9, -1, -1)]
-    assert [item["id"] for item in of_one["items"]] == ["e-8", "e-7", "e-5", "e-4"]
+    assert [item["id"] for item in of_drive["items"]] == ["e-8", "e-7", "e-5", "e-4"]
 
 
 async def test_documents_are_stored_replaced_and_deleted(database: HistoryDatabase) -> None:
@@ -186,16 +186,16 @@ async def test_a_trend_has_at_most_the_requested_points(database: HistoryDatabas
         for span_ms in (1, 999, 30_000, 250_000, 1_000_000, HOUR, 100 * HOUR):
             for points in (2, 7, 1000):
                 for from_ms in (NOON_MS, NOON_MS - 333):
-                    asked = TrendParams(
+                    params = TrendParams(
                         tags=["fan-1.output_frequency"], from_ms=from_ms, to_ms=from_ms + span_ms, points=points
                     )
-                    found = (await historian.queries.trend(asked))["series"]["fan-1.output_frequency"]
+                    found = (await historian.queries.trend(params))["series"]["fan-1.output_frequency"]
                     assert len(found["t"]) <= points
                     assert found["t"] == sorted(set(found["t"]))
 
 
 async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> None:
-    """As docs/how-to/back-up-the-history.md tells: the page's own command, then the copy opened."""
+    """Run the command of docs/how-to/back-up-the-history.md, then open the copy."""
     page = (Path(__file__).parents[3] / "docs" / "how-to" / "back-up-the-history.md").read_text(encoding="utf-8")
     (program,) = re.findall(r'python3 -c "(.*)"', page)
     live, copy = tmp_path / "live", tmp_path / "copy"
@@ -212,8 +212,8 @@ async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> 
         assert (await trend(restored, NOON_MS, NOON_MS + 200_000))["mean"] == list(range(100))
 
 
-async def test_after_an_orderly_end_the_file_alone_is_the_history(tmp_path: Path) -> None:
-    """Else a copy of it, made while the service is down, would lack the newest."""
+async def test_after_a_regular_end_one_file_is_the_whole_history(tmp_path: Path) -> None:
+    """Otherwise a copy made while the service is down would lack the newest samples."""
     async with Historian(HistoryConfig(), tmp_path) as historian:
         historian.append(samples([1.0, 2.0]))
         await historian.flush()
@@ -221,7 +221,7 @@ async def test_after_an_orderly_end_the_file_alone_is_the_history(tmp_path: Path
     assert file_names(tmp_path) == ["history.db"]
 
 
-async def test_a_loaded_past_may_be_larger_than_the_queue(
+async def test_an_import_may_be_larger_than_the_queue(
     database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("drivebus.service.historian.historian.IMPORT_BATCH_SAMPLES", 500)
@@ -233,8 +233,8 @@ async def test_a_loaded_past_may_be_larger_than_the_queue(
     assert (found["min"][0], found["max"][-1]) == (0, 1999)
 
 
-def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
-    """A plant in virtual time has no threads: the same historian, on the loop's own thread."""
+def test_the_historian_works_in_virtual_time(tmp_path: Path) -> None:
+    """Virtual time has no threads: the historian runs on the loop's thread."""
 
     async def scenario() -> list[float]:
         async with Historian(HistoryConfig(), tmp_path) as historian:
@@ -246,10 +246,10 @@ def test_in_virtual_time_everything_is_done_at_once(tmp_path: Path) -> None:
 
 
 async def test_a_thousand_jumps_of_the_clock_lose_and_reorder_nothing(database: HistoryDatabase) -> None:
-    """A second, an hour, ten years, both ways, at random moments; blocks are made in between."""
+    """By a second, an hour or ten years in both directions at random moments, with compactions in between."""
     chance = random.Random(15)
     jumps = [sign * size for sign in (-1, 1) for size in (1000, HOUR, 10 * 365 * 24 * HOUR)]
-    now_ms, given = NOON_MS + 30 * 365 * 24 * HOUR, []
+    now_ms, times = NOON_MS + 30 * 365 * 24 * HOUR, []
     async with database.historian() as historian:
         for n in range(4000):
             now_ms += 1000
@@ -257,14 +257,14 @@ async def test_a_thousand_jumps_of_the_clock_lose_and_reorder_nothing(database: 
                 back = max(now_ms - NOON_MS, 0)
                 now_ms += chance.choice([jump for jump in jumps if jump > -back])
                 now_ms -= (now_ms > 2**42) * 20 * 365 * 24 * HOUR
-            given.append(now_ms)
+            times.append(now_ms)
             historian.append([Sample("a.b", now_ms, float(n), Quality.GOOD)])
             if n % 500 == 499:
                 await (compact_all(historian) if chance.random() < 0.5 else historian.flush())
     async with database.historian() as historian:
-        kept = await samples_of(historian, "a.b", 0, 2**60)
-        assert kept.number == list(range(4000))
-        assert kept.samples[0] == given
-        assert kept.samples[1] == [float(n) for n in range(4000)]
-        far = await trend(historian, min(given), max(given), tag="a.b")
+        stored = await samples_of(historian, "a.b", 0, 2**60)
+        assert stored.number == list(range(4000))
+        assert stored.samples[0] == times
+        assert stored.samples[1] == [float(n) for n in range(4000)]
+        far = await trend(historian, min(times), max(times), tag="a.b")
     assert (min(value for value in far["min"] if value is not None), far["t"]) == (0.0, sorted(far["t"]))

@@ -1,6 +1,6 @@
-"""A writer killed at random moments: what was flushed is there once, and the file is whole. Some 10 s.
+"""Writer killed at random moments: flushed samples exist once and the file is valid (about 10 s).
 
-DRIVEBUS_KILLS=1000 makes the long run.
+``DRIVEBUS_KILLS=1000`` makes the long run.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from fixtures.historian import NOON_MS, samples_of, trend
 
 KILLS = int(os.environ.get("DRIVEBUS_KILLS", "20"))
 CRASHER = Path(__file__).with_name("crasher.py")
-LIFE_MS = 10_000_000
-"""Between the beginnings of two lives, so that the samples of each are distinguishable."""
+WRITER_INTERVAL_MS = 10_000_000
+"""Distance of the start times of two writers, so that their samples are distinguishable."""
 
 
-class Nursery:
-    """Lives, one after another."""
+class Writers:
+    """Writer processes, one after another."""
 
     def __init__(self, folder: Path) -> None:
         command = [sys.executable, str(CRASHER), str(folder)]
@@ -38,9 +38,9 @@ class Nursery:
         assert self._process.stdout
         self._to, self._from = self._process.stdin, self._process.stdout
 
-    def killed(self, life: int, after_s: float) -> int:
-        """How many samples a tag were acknowledged when it was killed."""
-        print(NOON_MS + life * LIFE_MS, file=self._to, flush=True)
+    def run_and_kill(self, number: int, after_s: float) -> int:
+        """Run a writer, kill it, and return the number of acknowledged samples per tag."""
+        print(NOON_MS + number * WRITER_INTERVAL_MS, file=self._to, flush=True)
         pid = json.loads(self._from.readline())["ready"]
         time.sleep(after_s)
         os.kill(pid, signal.SIGKILL)
@@ -58,8 +58,8 @@ async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]
     found: list[str] = []
     page: dict[str, Any] = {"next": None}
     while page["next"] is not None or not found:
-        asked = TimeRangeParams(from_ms=from_ms, to_ms=to_ms, cursor=page["next"], limit=1000)
-        page = await historian.queries.events(asked)
+        params = TimeRangeParams(from_ms=from_ms, to_ms=to_ms, cursor=page["next"], limit=1000)
+        page = await historian.queries.events(params)
         found += [item["id"] for item in page["items"]]
         if not found:
             break
@@ -67,26 +67,26 @@ async def events_of(historian: Historian, from_ms: int, to_ms: int) -> list[str]
 
 
 async def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> None:
-    """The file is whole, and every life's acknowledged samples and events are there exactly once."""
+    """The file is valid, and the acknowledged samples and events of every writer exist exactly once."""
     chance = random.Random(20)
-    nursery = Nursery(tmp_path)
-    acknowledged = [nursery.killed(life, chance.uniform(0.0, 0.25)) for life in range(KILLS)]
-    nursery.close()
+    writers = Writers(tmp_path)
+    acknowledged = [writers.run_and_kill(number, chance.uniform(0.0, 0.25)) for number in range(KILLS)]
+    writers.close()
     database = sqlite3.connect(tmp_path / "history.db")
     assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     database.close()
     assert sum(acknowledged) > KILLS
     async with Historian(HistoryConfig(), tmp_path) as historian:
-        for life, count in enumerate(acknowledged):
-            start = NOON_MS + life * LIFE_MS
+        for number, count in enumerate(acknowledged):
+            start = NOON_MS + number * WRITER_INTERVAL_MS
             for tag in ("drive-0.speed", "drive-4.speed"):
-                values = (await samples_of(historian, tag, start, start + LIFE_MS - 1)).samples[1]
+                values = (await samples_of(historian, tag, start, start + WRITER_INTERVAL_MS - 1)).samples[1]
                 assert values == [float(n) for n in range(len(values))]
                 assert len(values) >= count
-            message = await events_of(historian, start, start + LIFE_MS - 1)
-            assert len(message) == len(set(message))
-            assert {f"{start}-{n}" for n in range(count)} <= set(message)
+            events = await events_of(historian, start, start + WRITER_INTERVAL_MS - 1)
+            assert len(events) == len(set(events))
+            assert {f"{start}-{n}" for n in range(count)} <= set(events)
         everything = await samples_of(historian, "drive-0.speed", 0, 2**60)
-        hours = await trend(historian, NOON_MS, NOON_MS + KILLS * LIFE_MS + 60 * DAY_MS, tag="drive-0.speed")
+        hours = await trend(historian, NOON_MS, NOON_MS + KILLS * WRITER_INTERVAL_MS + 60 * DAY_MS, tag="drive-0.speed")
     assert everything.number == list(range(len(everything.number)))
     assert max(hours["max"]) == max(everything.samples[1])

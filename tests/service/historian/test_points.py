@@ -1,4 +1,4 @@
-"""Rolling up against a naive count, and blocks there and back."""
+"""Rollups compared with a naive model, and encoding of blocks."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from fixtures.historian import NOON_MS
 TIMES = st.integers(-3_600_000, 4 * 3_600_000)
 VALUES = st.one_of(st.just(math.nan), st.floats(-1e9, 1e9, allow_subnormal=False))
 SAMPLES = st.lists(st.tuples(TIMES, VALUES, st.sampled_from([GOOD, UNCERTAIN, BAD])), max_size=60)
-Given = list[tuple[int, float, int]]
+Rows = list[tuple[int, float, int]]
 
 
-def columns(given: Given) -> tuple[list[int], list[float], bytes]:
-    return [NOON_MS + row[0] for row in given], [row[1] for row in given], bytes([row[2] for row in given])
+def columns(rows: Rows) -> tuple[list[int], list[float], bytes]:
+    return [NOON_MS + row[0] for row in rows], [row[1] for row in rows], bytes([row[2] for row in rows])
 
 
-def naive(given: Given, width_ms: int) -> dict[int, tuple[list[float], set[int]]]:
-    """Beginning of each stretch → its values that count, and the qualities that were in it."""
+def expected_rollup(rows: Rows, width_ms: int) -> dict[int, tuple[list[float], set[int]]]:
+    """Return for each bucket its start → values that count, and the qualities in it."""
     found: dict[int, tuple[list[float], set[int]]] = defaultdict(lambda: ([], set()))
-    for time, value, quality in given:
+    for time, value, quality in rows:
         values, qualities = found[(NOON_MS + time) // width_ms * width_ms]
         qualities.add(quality)
         if quality != BAD and not math.isnan(value):
@@ -48,8 +48,8 @@ def naive(given: Given, width_ms: int) -> dict[int, tuple[list[float], set[int]]
     return found
 
 
-def check(rolled: Points, given: Given, width_ms: int) -> None:
-    expected = naive(given, width_ms)
+def check(rolled: Points, rows: Rows, width_ms: int) -> None:
+    expected = expected_rollup(rows, width_ms)
     assert list(rolled.time) == sorted(expected)
     for time, count, low, mean, high, quality in zip(*rolled.columns(), strict=True):
         values, qualities = expected[time]
@@ -64,39 +64,40 @@ def check(rolled: Points, given: Given, width_ms: int) -> None:
 
 
 @given(SAMPLES, st.sampled_from([1000, 60_000, 3_600_000]))
-def test_a_rollup_is_what_counting_by_hand_gives(given: Given, width_ms: int) -> None:
-    check(points.roll_up(points.points_of_samples(*columns(given)), width_ms), given, width_ms)
+def test_a_rollup_equals_the_naive_model(rows: Rows, width_ms: int) -> None:
+    check(points.roll_up(points.points_of_samples(*columns(rows)), width_ms), rows, width_ms)
 
 
 @given(SAMPLES, SAMPLES)
-def test_rolling_up_in_steps_and_in_parts_gives_the_same(one: Given, other: Given) -> None:
-    """Seconds, then minutes, of two seals, then put together: as all samples at once. Late ones too."""
+def test_rolling_up_in_steps_and_in_parts_gives_the_same_result(first: Rows, second: Rows) -> None:
+    """Two compactions by second, then by minute, concatenated, equal all samples at once, late ones included."""
     parts = [
-        points.roll_up(points.roll_up(points.points_of_samples(*columns(part)), 1000), 60_000) for part in (one, other)
+        points.roll_up(points.roll_up(points.points_of_samples(*columns(part)), 1000), 60_000)
+        for part in (first, second)
     ]
-    check(points.roll_up(points.concat(parts), 60_000), one + other, 60_000)
+    check(points.roll_up(points.concat(parts), 60_000), first + second, 60_000)
 
 
 @given(SAMPLES)
 @settings(max_examples=50)
-def test_sealed_blocks_hold_every_sample_and_every_rollup(given: Given) -> None:
-    made = compact_samples(7, 100, columns(given), lambda level, tag, start: None)
+def test_compacted_blocks_contain_every_sample_and_rollup(rows: Rows) -> None:
+    made = compact_samples(7, 100, columns(rows), lambda level, tag, start: None)
     raw = [block for block in made.blocks if block.level is ResolutionLevel.RAW]
     numbers = [block.number for block in raw]
     assert numbers == sorted(numbers)
-    kept = [blocks.decode_samples(block.start_ms, block.data) for block in raw]
-    assert [time for one in kept for time in one[0]] == columns(given)[0]
-    assert repr([value for one in kept for value in one[1]]) == repr(columns(given)[1])
-    assert b"".join(one[2] for one in kept) == columns(given)[2]
+    decoded = [blocks.decode_samples(block.start_ms, block.data) for block in raw]
+    assert [time for column in decoded for time in column[0]] == columns(rows)[0]
+    assert repr([value for column in decoded for value in column[1]]) == repr(columns(rows)[1])
+    assert b"".join(column[2] for column in decoded) == columns(rows)[2]
     for fine in (ResolutionLevel.SECOND, ResolutionLevel.MINUTE, ResolutionLevel.HOUR):
-        grain = RESOLUTIONS[fine]
-        rows = [block for block in made.blocks if block.level is fine]
-        assert all(block.number == (0 if grain.merged else 100) for block in rows)
-        found = [blocks.decode_points(block.start_ms, grain.width_ms, block.data) for block in rows]
-        check(points.concat(found), given, grain.width_ms)
+        resolution = RESOLUTIONS[fine]
+        level_blocks = [block for block in made.blocks if block.level is fine]
+        assert all(block.number == (0 if resolution.merged else 100) for block in level_blocks)
+        found = [blocks.decode_points(block.start_ms, resolution.width_ms, block.data) for block in level_blocks]
+        check(points.concat(found), rows, resolution.width_ms)
 
 
-def test_a_steady_signal_of_one_a_second_takes_a_few_bytes_a_sample() -> None:
+def test_a_steady_signal_takes_a_few_bytes_a_sample() -> None:
     time = [NOON_MS + 1000 * n for n in range(3600)]
     value = [25.0 + (n % 7) / 100 for n in range(3600)]
     data = blocks.encode_samples(NOON_MS, time, value, bytes(3600))
@@ -106,13 +107,13 @@ def test_a_steady_signal_of_one_a_second_takes_a_few_bytes_a_sample() -> None:
 
 @given(SAMPLES)
 @settings(max_examples=30)
-def test_a_batch_is_the_same_after_the_journal(given: Given) -> None:
-    groups = [(3, 10, columns(given)), (4, 0, columns(given[:3]))]
+def test_a_batch_is_decoded_as_encoded(rows: Rows) -> None:
+    groups = [(3, 10, columns(rows)), (4, 0, columns(rows[:3]))]
     assert repr(blocks.decode_batch(blocks.encode_batch(groups))) == repr(groups)
 
 
 def test_damaged_bytes_are_reported() -> None:
-    """A flipped byte is Damaged or changes nothing, a missing one is Damaged: deflate's own check sum tells."""
+    """The checksum of deflate detects a changed byte, unless it changes nothing, and every missing one."""
     time, value = [NOON_MS + n for n in range(50)], [float(n) for n in range(50)]
     good = blocks.encode_samples(NOON_MS, time, value, bytes(50))
     damaged = 0
@@ -134,8 +135,8 @@ def test_damaged_bytes_are_reported() -> None:
 
 
 @given(SAMPLES, st.integers(2, 40), st.integers(1, 5 * 3_600_000))
-def test_a_trend_keeps_the_extremes_within_its_points(given: Given, most: int, span_ms: int) -> None:
-    inside = [row for row in given if 0 <= row[0] <= span_ms]
+def test_a_trend_keeps_the_extremes_within_its_points(rows: Rows, most: int, span_ms: int) -> None:
+    inside = [row for row in rows if 0 <= row[0] <= span_ms]
     found = downsample(
         points.points_of_samples(*columns(inside)), ResolutionLevel.RAW, NOON_MS, NOON_MS + span_ms, most
     )
@@ -143,12 +144,12 @@ def test_a_trend_keeps_the_extremes_within_its_points(given: Given, most: int, s
     assert list(found.time) == sorted(set(found.time)) or len(inside) <= most
     values = [row[1] for row in inside if row[2] != BAD and not math.isnan(row[1])]
     shown = series_json(found)
-    assert min((one for one in shown["min"] if one is not None), default=None) == min(values, default=None)
-    assert max((one for one in shown["max"] if one is not None), default=None) == max(values, default=None)
+    assert min((value for value in shown["min"] if value is not None), default=None) == min(values, default=None)
+    assert max((value for value in shown["max"] if value is not None), default=None) == max(values, default=None)
     assert sum(found.count) == len(values)
 
 
-def test_a_line_is_not_drawn_across_what_was_not_recorded() -> None:
+def test_a_long_distance_between_samples_becomes_a_gap() -> None:
     time = [NOON_MS + 1000 * n for n in [0, 1, 2, 3, 40, 41, 44]]
     found = series_json(with_gaps(points.points_of_samples(time, [1.0] * 7, bytes(7)), 1))
     assert [moment - NOON_MS for moment in found["t"]] == [0, 1000, 2000, 3000, 4000, 40_000, 41_000, 44_000]
@@ -156,14 +157,14 @@ def test_a_line_is_not_drawn_across_what_was_not_recorded() -> None:
     assert found["q"][4] == BAD
 
 
-def test_what_was_read_more_slowly_for_a_while_stays_joined() -> None:
-    """Ten readings at 10 s, then many at 1 s: the slow ones are no row of gaps, the minute without any is one."""
+def test_a_stretch_of_slower_polls_has_no_gaps() -> None:
+    """Ten samples every 10 s, then many every 1 s: only the minute without samples is a gap."""
     time = [NOON_MS + 10_000 * n for n in range(10)] + [NOON_MS + 150_000 + 1000 * n for n in range(30)]
     found = with_gaps(points.points_of_samples(time, [1.0] * 40, bytes(40)), 1000)
     assert [at - NOON_MS for at, count in zip(found.time, found.count, strict=True) if count == 0] == [91_000]
 
 
-def test_a_slow_signal_is_no_row_of_gaps() -> None:
+def test_a_slow_signal_has_no_gaps() -> None:
     time = [NOON_MS + 10_000 * n for n in range(5)]
     assert len(with_gaps(points.points_of_samples(time, [1.0] * 5, bytes(5)), 1000)) == 5
 
@@ -184,7 +185,7 @@ HOUR, DAY = 3_600_000, 86_400_000
         (9_000 * DAY, ResolutionLevel.HOUR),
     ],
 )
-def test_the_level_gives_enough_points(span_ms: int, expected: ResolutionLevel) -> None:
+def test_the_coarsest_level_with_enough_points_is_chosen(span_ms: int, expected: ResolutionLevel) -> None:
     assert coarsest_sufficient(NOON_MS, NOON_MS + span_ms, 1000) is expected
 
 
@@ -208,7 +209,7 @@ def test_the_level_gives_enough_points(span_ms: int, expected: ResolutionLevel) 
         ({ResolutionLevel.HOUR: 0}, ResolutionLevel.HOUR),
     ],
 )
-def test_a_coarser_level_is_taken_where_it_reaches_back_farther(
+def test_a_coarser_level_is_chosen_where_it_covers_more_time(
     begins: dict[ResolutionLevel, int], expected: ResolutionLevel
 ) -> None:
     def read(level: ResolutionLevel) -> dict[str, Points]:
@@ -219,8 +220,8 @@ def test_a_coarser_level_is_taken_where_it_reaches_back_farther(
     assert (chosen, found) == (expected, read(expected))
 
 
-def test_a_plant_that_began_a_minute_ago_is_not_shown_by_the_hour() -> None:
-    """The hour's bucket begins at the full hour, long before the first sample in it."""
+def test_a_new_plant_is_shown_at_the_finest_level() -> None:
+    """The bucket of an hour begins long before its first sample."""
 
     def read(level: ResolutionLevel) -> dict[str, Points]:
         begins = {

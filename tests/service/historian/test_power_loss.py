@@ -1,8 +1,8 @@
-"""The power fails: whatever was not synced may be there, or not, or half. What was flushed is there.
+"""Power loss: flushed samples survive, whatever part of the unsynced writes reaches the disk.
 
-A library between the writer and the system notes every write and every sync. From that note come the files as a disk
-may hold them after a cut at any moment: all that was synced, and of the rest a random part, each 512 bytes for itself.
-DRIVEBUS_CUTS=1000 makes the long run.
+A preloaded library records every write and sync. From its log come the files as a disk may hold them after a cut at any
+moment: all synced bytes, and of the others a random part in sectors of 512 bytes. ``DRIVEBUS_CUTS=1000`` makes the long
+run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 SECTOR = 512
 BATCHES = 60
 
-STORY = f"""
+PROGRAM = f"""
 import asyncio, os, sys
 from pathlib import Path
 from drivebus.service.historian import Historian, writer
@@ -39,13 +39,13 @@ from drivebus.values import Quality
 
 async def main():
     writer.MAX_OPEN_SAMPLES, writer.MAX_OPEN_SAMPLES_PER_TAG = 200, 0
-    acknowledged = os.open(sys.argv[1] + "/history.acknowledged", os.O_WRONLY | os.O_CREAT)
+    acknowledgements = os.open(sys.argv[1] + "/history.acknowledged", os.O_WRONLY | os.O_CREAT)
     async with Historian(HistoryConfig(), Path(sys.argv[1]), flush_s=1e6) as historian:
         for n in range({BATCHES}):
             for t in range(10 * n, 10 * n + 10):
                 historian.append([Sample(f"a.b{{tag}}", {NOON_MS} + t, float(t), Quality.GOOD) for tag in range(4)])
             await historian.flush()
-            os.write(acknowledged, b"x")
+            os.write(acknowledgements, b"x")
             await historian._on_writer_thread(historian.writer.run_cycle)
 
 asyncio.run(main())
@@ -54,7 +54,7 @@ asyncio.run(main())
 
 @dataclass
 class Disk:
-    """One file: what is certainly on the disk, and what was written since."""
+    """One file: its synced bytes, and the writes since."""
 
     synced: bytearray = field(default_factory=bytearray)
     since: list[tuple[str, int, bytes | int]] = field(default_factory=list)
@@ -65,7 +65,7 @@ class Disk:
         self.since = []
 
     def cut(self, chance: random.Random) -> bytes:
-        """As it may be after the power failed now."""
+        """Return the content after a power cut now."""
         found, share = bytearray(self.synced), chance.choice([0.0, 0.1, 0.5, 0.9, 1.0])
         for kind, offset, what in self.since:
             if isinstance(what, int):
@@ -88,7 +88,7 @@ def _apply(content: bytearray, kind: str, offset: int, what: bytes | int) -> Non
 
 
 def records(log: bytes) -> Iterator[tuple[str, int, int, bytes | int]]:
-    """Kind, file, offset, and the bytes (W, N) or the size (T, S)."""
+    """Yield kind, file, offset, and the bytes (W, N) or the size (T, S)."""
     at = 0
     while at < len(log):
         mixed, offset, size = struct.unpack_from("<QQQ", log, at)
@@ -99,49 +99,49 @@ def records(log: bytes) -> Iterator[tuple[str, int, int, bytes | int]]:
 
 
 def images(log: bytes, chance: random.Random, count: int) -> Iterator[tuple[dict[str, bytes], int]]:
-    """The files after cuts at random moments, and how many batches were acknowledged by then."""
+    """Yield the files after cuts at random moments, and the number of batches acknowledged by then."""
     known = list(records(log))
     moments = sorted(chance.choices(range(1, len(known) + 1), k=count))
     names: dict[int, str] = {}
     disks: dict[int, Disk] = {}
-    message = done = 0
+    acknowledged = done = 0
     for moment in moments:
         for kind, file, offset, what in known[done:moment]:
             if kind == "N":
                 assert isinstance(what, bytes)
                 names[file], disks[file] = Path(what.decode()).name, Disk()
             elif names[file] == "history.acknowledged":
-                message += 1
+                acknowledged += 1
             elif kind == "S":
                 disks[file].sync()
             else:
                 disks[file].since.append((kind, offset, what))
         done = moment
-        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.acknowledged"}, message
+        yield {name: disks[n].cut(chance) for n, name in names.items() if name != "history.acknowledged"}, acknowledged
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What a writer did to its files."""
+    """Log of the system calls of a writer."""
     folder = tmp_path_factory.mktemp("power")
     library = folder / "synclog.so"
     gcc = need_program("gcc", "gcc")
     subprocess.run([gcc, "-O1", "-shared", "-fPIC", "-o", library, HERE / "synclog.c", "-ldl"], check=True)
     (folder / "plant").mkdir()
-    message = {
+    preload = {
         "LD_PRELOAD": str(library),
         "SYNCLOG": str(folder / "log"),
         "SYNCLOG_MATCH": str(folder / "plant/history."),
     }
-    command = [sys.executable, "-c", STORY, folder / "plant"]
-    subprocess.run(command, env={**os.environ, **message}, check=True)
+    command = [sys.executable, "-c", PROGRAM, folder / "plant"]
+    subprocess.run(command, env={**os.environ, **preload}, check=True)
     return (folder / "log").read_bytes()
 
 
-async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: bytes, tmp_path: Path) -> None:
+async def test_flushed_samples_survive_a_power_cut_at_any_moment(log: bytes, tmp_path: Path) -> None:
     chance = random.Random(11)
     unsynced = 0
-    for n, (files, message) in enumerate(images(log, chance, CUTS)):
+    for n, (files, acknowledged) in enumerate(images(log, chance, CUTS)):
         folder = tmp_path / str(n)
         folder.mkdir()
         for name, content in files.items():
@@ -152,17 +152,17 @@ async def test_whatever_the_disk_forgot_nothing_that_was_flushed_is_gone(log: by
                 found = await samples_of(historian, tag["tag"], 0, 2**60)
                 assert found.number == list(range(len(found.number)))
                 assert found.samples[1] == [float(number) for number in found.number]
-                assert len(found.number) >= 10 * message
-            assert message == 0 or len(historian.queries.tags()["tags"]) == 4
+                assert len(found.number) >= 10 * acknowledged
+            assert acknowledged == 0 or len(historian.queries.tags()["tags"]) == 4
         database = sqlite3.connect(folder / "history.db")
         assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         database.close()
-        unsynced += message < BATCHES
+        unsynced += acknowledged < BATCHES
     assert unsynced > CUTS // 2
 
 
-def test_the_note_knows_every_file_and_every_sync(log: bytes) -> None:
-    """Else the test above could not fail."""
+def test_the_log_has_every_file_and_every_sync(log: bytes) -> None:
+    """Otherwise the test above could not fail."""
     known = list(records(log))
     names = {Path(what.decode()).name for kind, _, _, what in known if kind == "N" and isinstance(what, bytes)}
     assert {"history.db", "history.db-wal", "history.acknowledged"} <= names

@@ -1,4 +1,4 @@
-"""How long history stays: by age at each level, by size, and never by a clock that jumped."""
+"""Retention of the history: by age at each level and by size, independent of jumps of the wall clock."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from fixtures.historian import NOON_MS, FakeWallClock, HistoryDatabase, compact_
 TEN_YEARS = 3650 * DAY_MS
 
 
-def keep(database: HistoryDatabase, **days: float) -> HistoryConfig:
-    """The database's configuration with another retention."""
+def with_retention(database: HistoryDatabase, **days: float) -> HistoryConfig:
+    """Return the configuration of the database with another retention."""
     return replace(database.setting, retention=RetentionConfig(**days))
 
 
 class Clocks:
-    """Wall and monotonic clock of a historian, set by hand."""
+    """Wall and monotonic clock of a historian, set by a test."""
 
     def __init__(self, historian: Historian, wall: FakeWallClock) -> None:
         self._writer, self._wall, self.now_s = historian.writer, wall, 0.0
@@ -29,10 +29,10 @@ class Clocks:
         historian.writer._clock_s = historian.writer._retention_s = 0.0
         self._historian = historian
 
-    async def passes(self, wall_ms: int, really_ms: int) -> None:
-        """The wall clock moves on by so much, while that much time really passes; then old rows are forgotten."""
+    async def advance(self, wall_ms: int, monotonic_ms: int) -> None:
+        """Advance both clocks, then apply the retention."""
         self._wall.now_ms += wall_ms
-        self.now_s += really_ms / 1000 + writer.RETENTION_INTERVAL_S
+        self.now_s += monotonic_ms / 1000 + writer.RETENTION_INTERVAL_S
         for _ in range(20):
             await self._historian._on_writer_thread(self._historian.writer.run_cycle)
 
@@ -40,20 +40,20 @@ class Clocks:
 async def count(historian: Historian, level: ResolutionLevel) -> int:
     found = await historian.queries._on_reader_thread(
         lambda: historian.queries._reader.store.read_blocks(
-            level, [one.id for one in historian.writer.tags.values()], 0, 2**60
+            level, [tag.id for tag in historian.writer.tags.values()], 0, 2**60
         )
     )
     return len(found[1])
 
 
-async def kept(historian: Historian) -> list[bool]:
+async def stored_levels(historian: Historian) -> list[bool]:
     return [await count(historian, level) > 0 for level in ResolutionLevel]
 
 
-async def test_each_level_stays_as_long_as_it_is_set(
+async def test_each_level_is_kept_for_its_configured_time(
     database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    setting = keep(database, raw_days=2, rollup_1s_days=7, rollup_1min_days=30, rollup_1h_days=90)
+    setting = with_retention(database, raw_days=2, rollup_1s_days=7, rollup_1min_days=30, rollup_1h_days=90)
     wall = FakeWallClock()
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
@@ -63,12 +63,12 @@ async def test_each_level_stays_as_long_as_it_is_set(
         await compact_all(historian)
         day = 86_400_000
         monkeypatch.setattr(compaction, "MAX_EVENTS", 1)
-        story = []
+        levels = []
         for days in (1, 1.5, 5, 23, 61):
-            await clocks.passes(round(days * day), round(days * day))
-            story.append(await kept(historian))
+            await clocks.advance(round(days * day), round(days * day))
+            levels.append(await stored_levels(historian))
         events = (await historian.queries.events(TimeRangeParams()))["items"]
-    assert story == [
+    assert levels == [
         [True, True, True, True],
         [False, True, True, True],
         [False, False, True, True],
@@ -78,17 +78,17 @@ async def test_each_level_stays_as_long_as_it_is_set(
     assert [event["id"] for event in events] == [2]
 
 
-async def test_what_is_gone_at_a_fine_level_is_shown_from_a_coarse_one(database: HistoryDatabase) -> None:
-    setting = keep(database, raw_days=2, rollup_1s_days=7)
+async def test_a_time_range_deleted_at_a_fine_level_is_shown_from_a_coarse_one(database: HistoryDatabase) -> None:
+    setting = with_retention(database, raw_days=2, rollup_1s_days=7)
     wall = FakeWallClock()
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         historian.append(samples([5.0, 7.0]))
         await compact_all(historian)
         assert (await trend(historian, NOON_MS, NOON_MS + 9000))["resolution"] == "raw"
-        await clocks.passes(3 * DAY_MS, 3 * DAY_MS)
+        await clocks.advance(3 * DAY_MS, 3 * DAY_MS)
         found = await trend(historian, NOON_MS, NOON_MS + 9000)
-        await clocks.passes(6 * DAY_MS, 6 * DAY_MS)
+        await clocks.advance(6 * DAY_MS, 6 * DAY_MS)
         later = await trend(historian, NOON_MS, NOON_MS + 9000)
     assert (found["resolution"], found["mean"]) == ("1s", [5.0, 7.0])
     assert (later["resolution"], later["min"], later["max"]) == ("1min", [5.0], [7.0])
@@ -96,18 +96,18 @@ async def test_what_is_gone_at_a_fine_level_is_shown_from_a_coarse_one(database:
 
 @pytest.mark.parametrize("jump", [-TEN_YEARS, -HOUR_MS, HOUR_MS, TEN_YEARS])
 async def test_a_clock_that_jumps_deletes_nothing(database: HistoryDatabase, jump: int) -> None:
-    """Neither while the service runs nor over a restart; and what came under the wrong clock stays as long."""
+    """Neither at run time nor over a restart; samples under a wrong clock are kept as long."""
     wall = FakeWallClock()
     async with database.historian(wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         historian.append(samples(range(10)))
         await compact_all(historian)
-        await clocks.passes(jump, 0)
+        await clocks.advance(jump, 0)
         historian.append(samples(range(10), start_ms=wall.now_ms))
         await compact_all(historian)
         assert await count(historian, ResolutionLevel.RAW) == (2 if abs(jump) > DAY_MS or jump else 1)
     async with database.historian(wall_ms=wall) as historian:
-        await Clocks(historian, wall).passes(-jump, 0)
+        await Clocks(historian, wall).advance(-jump, 0)
         assert await count(historian, ResolutionLevel.RAW) == 2
 
 
@@ -118,33 +118,35 @@ def test_a_pause_counts_as_a_day_at_most_and_never_backwards() -> None:
     assert compaction.clock_at_start((5000, NOON_MS), NOON_MS - TEN_YEARS) == 5000
 
 
-async def test_age_goes_on_over_a_restart(database: HistoryDatabase) -> None:
-    setting = keep(database, raw_days=2)
+async def test_the_age_clock_continues_over_a_restart(database: HistoryDatabase) -> None:
+    setting = with_retention(database, raw_days=2)
     wall = FakeWallClock()
     for day in range(4):
         async with database.historian(setting, wall_ms=wall) as historian:
             if day == 0:
                 historian.append(samples(range(10)))
                 await compact_all(historian)
-            await Clocks(historian, wall).passes(DAY_MS // 2, DAY_MS // 2)
+            await Clocks(historian, wall).advance(DAY_MS // 2, DAY_MS // 2)
             assert (await count(historian, ResolutionLevel.RAW) == 0) is (day >= 2)
         wall.now_ms += DAY_MS // 3
 
 
-async def test_too_much_goes_from_the_finest_level_first_and_never_the_newest(database: HistoryDatabase) -> None:
+async def test_the_size_limit_deletes_the_finest_level_first_and_never_the_newest_rows(
+    database: HistoryDatabase,
+) -> None:
     wall = FakeWallClock()
-    setting = replace(keep(database, raw_days=1000, rollup_1s_days=1000), max_size_mb=1e-6)
+    setting = replace(with_retention(database, raw_days=1000, rollup_1s_days=1000), max_size_mb=1e-6)
     async with database.historian(setting, wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         historian.append(samples([0.3 * n for n in range(3000)]))
         await compact_all(historian)
-        await clocks.passes(0, 0)
-        assert await kept(historian) == [True, True, True, True]
+        await clocks.advance(0, 0)
+        assert await stored_levels(historian) == [True, True, True, True]
         order = []
         for _ in range(4):
             clocks.now_s += 3 * HOUR_MS / 1000
             await historian._on_writer_thread(historian.writer._delete_some)
-            order.append(await kept(historian))
+            order.append(await stored_levels(historian))
     assert order == [
         [False, True, True, True],
         [False, False, True, True],
@@ -153,7 +155,7 @@ async def test_too_much_goes_from_the_finest_level_first_and_never_the_newest(da
     ]
 
 
-async def test_enough_room_deletes_nothing(database: HistoryDatabase) -> None:
+async def test_below_the_size_limit_nothing_is_deleted(database: HistoryDatabase) -> None:
     wall = FakeWallClock()
     async with database.historian(wall_ms=wall) as historian:
         historian.append(samples(range(10)))
@@ -162,12 +164,12 @@ async def test_enough_room_deletes_nothing(database: HistoryDatabase) -> None:
         assert not await historian._on_writer_thread(
             lambda: compaction.delete_oversize(historian.writer._store, database.setting, later)
         )
-        assert await kept(historian) == [True] * 4
+        assert await stored_levels(historian) == [True] * 4
 
 
-async def test_the_file_gives_back_what_was_deleted(database: HistoryDatabase) -> None:
+async def test_deleted_rows_free_space_in_the_file(database: HistoryDatabase) -> None:
     wall = FakeWallClock()
-    async with database.historian(keep(database, raw_days=1), wall_ms=wall) as historian:
+    async with database.historian(with_retention(database, raw_days=1), wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)
         for hour in range(30):
             values = [float(hash((hour, n)) % 10_007) for n in range(3600)]
@@ -175,7 +177,7 @@ async def test_the_file_gives_back_what_was_deleted(database: HistoryDatabase) -
             await historian._on_writer_thread(historian.writer.run_cycle)
         await compact_all(historian)
         before = await historian._on_writer_thread(historian.writer._store.size_bytes)
-        await clocks.passes(2 * DAY_MS, 2 * DAY_MS)
+        await clocks.advance(2 * DAY_MS, 2 * DAY_MS)
         after = await historian._on_writer_thread(historian.writer._store.size_bytes)
-        assert await kept(historian) == [False, True, True, True]
+        assert await stored_levels(historian) == [False, True, True, True]
     assert after < 0.75 * before

@@ -1,4 +1,4 @@
-"""A whole plant that trips: the alarm, its case, and what people do with them."""
+"""Incidents and alarms of a running service."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, fake_stora
 
 
 @asynccontextmanager
-async def plant(folder: Path) -> AsyncIterator[ServiceKit]:
+async def service_with_logs(folder: Path) -> AsyncIterator[ServiceKit]:
     log = AlarmLog(folder / "alarms.jsonl")
     trail, history = FakeAuditTrail(), FakeHistory()
     storage = fake_storage(trail, history, alarm_log=log, incidents=IncidentStore(folder / "incidents"))
@@ -47,39 +47,41 @@ async def trip(kit: ServiceKit) -> dict[str, Any]:
 
 
 async def faults(kit: ServiceKit) -> list[dict[str, Any]]:
-    return [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "fault"]
+    return [item for item in (await kit.call("alarms.list"))["active"] if item["kind"] == "fault"]
 
 
-def test_a_trip_raises_an_alarm_with_a_case_that_shows_the_minute_before(tmp_path: Path) -> None:
+def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with plant(tmp_path) as kit:
+        async with service_with_logs(tmp_path) as kit:
             alarm = await trip(kit)
             assert (alarm["drive"], alarm["priority"], alarm["value"]) == ("fan-1", "critical", 5)
-            message = [
-                one["outcome"] for one in kit.history.events if one["kind"] == "alarm" and "fault" in one["text"]["en"]
+            outcomes = [
+                item["outcome"]
+                for item in kit.history.events
+                if item["kind"] == "alarm" and "fault" in item["text"]["en"]
             ]
-            assert message == ["raised"], "once, though it got its case afterwards"
+            assert outcomes == ["raised"], "the incident attached later is no further event"
             (listed,) = (await kit.call("incidents.list"))["items"]
             assert listed["id"] == alarm["incident"] == "000001-fan-1"
-            case = await kit.call("incidents.get", incident=alarm["incident"])
-            assert case["view"]["fault"]["code"] == 5 and case["view"]["state"] == "fault"
-            states = [one["state"] for one in case["states"]]
+            incident = await kit.call("incidents.get", incident=alarm["incident"])
+            assert incident["view"]["fault"]["code"] == 5 and incident["view"]["state"] == "fault"
+            states = [item["state"] for item in incident["states"]]
             assert states[-1] == "fault" and "running" in states
-            frequencies = case["signals"]["output_frequency"]
+            frequencies = incident["signals"]["output_frequency"]
             assert max(value or 0.0 for value in frequencies["v"]) == 20.0
             assert len(frequencies["t"]) > 20 and frequencies["t"][-1] <= 0.0
-            assert 20 < len(case["frames"]) <= 200
-            assert [one["text"]["en"] for one in case["events"] if one["kind"] == "command"]
-            assert {"F0.1", "F9.3", "F9.4"} <= case["parameters"].keys()
-            (tmp_path / "x.dbcap").write_text(case["capture"]["text"])
+            assert 20 < len(incident["frames"]) <= 200
+            assert [item["text"]["en"] for item in incident["events"] if item["kind"] == "command"]
+            assert {"F0.1", "F9.3", "F9.4"} <= incident["parameters"].keys()
+            (tmp_path / "x.dbcap").write_text(incident["capture"]["text"])
             assert len(read_capture(tmp_path / "x.dbcap").records) > 20
 
     run(scenario())
 
 
-def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(tmp_path: Path) -> None:
+def test_acknowledged_and_shelved_alarms_are_in_the_log_after_a_restart(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with plant(tmp_path) as kit:
+        async with service_with_logs(tmp_path) as kit:
             alarm = await trip(kit)
             found = await kit.call("alarm.shelve", remote_actor(), alarm=alarm["id"], minutes=5, reason="known trouble")
             assert found["shelved_until_ms"] > alarm["raised_ms"]
@@ -88,13 +90,15 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
             with pytest.raises(NotFound):
                 await kit.call("alarm.acknowledge", remote_actor(), alarm="a99")
             assert kit.trail.outcomes("alarm.acknowledge") == ["requested", "done", "requested", "alarms.unknown"]
-        async with plant(tmp_path) as kit:
+        async with service_with_logs(tmp_path) as kit:
             (again,) = await faults(kit)
             assert (again["id"], again["acknowledged_by"], again["incident"]) == (alarm["id"], "ann", alarm["incident"])
             await asyncio.sleep(5)
             assert await faults(kit) == []
-            kept = [one for one in (await kit.call("alarms.history", drive="fan-1"))["items"] if one["kind"] == "fault"]
-            assert [(one["id"], one["cleared_ms"] is None) for one in kept] == [(alarm["id"], False)]
+            logged = [
+                item for item in (await kit.call("alarms.history", drive="fan-1"))["items"] if item["kind"] == "fault"
+            ]
+            assert [(item["id"], item["cleared_ms"] is None) for item in logged] == [(alarm["id"], False)]
             assert (await kit.call("alarms.history", drive="fan-2"))["items"] == []
             with pytest.raises(NotFound):
                 await kit.call("incidents.get", incident="000009-fan-1")
@@ -102,13 +106,13 @@ def test_people_acknowledge_and_shelve_and_the_history_keeps_it_over_a_restart(t
     run(scenario())
 
 
-def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
+def test_a_failing_incident_store_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with plant(tmp_path) as kit:
+        async with service_with_logs(tmp_path) as kit:
             (tmp_path / "incidents").write_text("a file where the folder should be")
             alarm = await trip(kit)
             await asyncio.sleep(6)
-            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "storage_failure"]
+            (store,) = [item for item in (await kit.call("alarms.list"))["active"] if item["kind"] == "storage_failure"]
             assert (store["subject"], store["cleared_ms"], alarm["incident"]) == ("incidents", None, None)
             (tmp_path / "incidents").unlink()
             await kit.call("alarm.shelve", alarm=alarm["id"], minutes=1, reason="to be looked at")
@@ -116,8 +120,8 @@ def test_a_store_that_fails_in_the_background_is_an_alarm_until_it_works_again(t
             assert (await kit.call("incidents.list"))["items"] == [], "a shelf is no trip"
             kit.station("fan-2").trip(Trip.OVERLOAD)
             await asyncio.sleep(12)
-            assert [one["drive"] for one in (await kit.call("incidents.list"))["items"]] == ["fan-2"]
-            (store,) = [one for one in (await kit.call("alarms.list"))["active"] if one["kind"] == "storage_failure"]
+            assert [item["drive"] for item in (await kit.call("incidents.list"))["items"]] == ["fan-2"]
+            (store,) = [item for item in (await kit.call("alarms.list"))["active"] if item["kind"] == "storage_failure"]
             assert store["cleared_ms"] is not None
 
     run(scenario())

@@ -1,4 +1,4 @@
-"""A trip freezes what was known: the last minute, the last frames, the parameters that matter; whole or not at all."""
+"""Incident recorder: the minute before a trip, the newest frames and parameters; saved whole or not at all."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from drivebus.testing.virtual_time import run
 from drivebus.values import Quality
 from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, view
 
-EVER = (0, 10**14)
-LINE = SerialSettings.parse(19200, "8E1")
+ALL_TIME = (0, 10**14)
+SERIAL = SerialSettings.parse(19200, "8E1")
 SENT = TraceEvent(99.0, TraceKind.SENT, b"\x01\x06\x20\x00", 1)
 RECEIVED = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
 
 
 def tripped(drive: str = "fan-1") -> Alarm:
-    book = AlarmEngine([], [FAN], FakeAlarmLog().put)
-    return book.raise_alarm(SystemAlarm.INTERLOCK_TRIP, drive, 100_000)[0].alarm
+    engine = AlarmEngine([], [FAN], FakeAlarmLog().put)
+    return engine.raise_alarm(SystemAlarm.INTERLOCK_TRIP, drive, 100_000)[0].alarm
 
 
-def seen(*events: TraceEvent) -> BusSnapshot:
+def bus_snapshot(*events: TraceEvent) -> BusSnapshot:
     return BusSnapshot(
-        "line-1", "sim://c320@1", LINE, [({"n": n, "hex": e.data.hex()}, e) for n, e in enumerate(events)]
+        "line-1", "sim://c320@1", SERIAL, [({"n": n, "hex": e.data.hex()}, e) for n, e in enumerate(events)]
     )
 
 
@@ -54,15 +54,15 @@ def sample(value: float | None, quality: Quality = Quality.GOOD) -> Sample:
     return Sample("fan-1.output_current", 0, value, quality)
 
 
-async def frozen(recorder: IncidentRecorder, alarm: Alarm | None = None, now: float = 100.0) -> str | None:
+async def save_incident(recorder: IncidentRecorder, alarm: Alarm | None = None, now: float = 100.0) -> str | None:
     return await recorder.capture(
-        alarm or tripped(), view(fault=OVERCURRENT), seen(RECEIVED, SENT), now, 1_795_219_200_000
+        alarm or tripped(), view(fault=OVERCURRENT), bus_snapshot(RECEIVED, SENT), now, 1_795_219_200_000
     )
 
 
-def test_a_case_holds_the_last_minute_and_the_last_frames(tmp_path: Path) -> None:
+def test_an_incident_contains_the_last_minute_and_the_newest_frames(tmp_path: Path) -> None:
     async def go() -> dict[str, Any]:
-        recorder = IncidentRecorder(IncidentStore(tmp_path / "cases"))
+        recorder = IncidentRecorder(IncidentStore(tmp_path / "incidents"))
         recorder.record_view(view(state="stopped"), 20.0)
         recorder.record_view(view(), 30.0)
         recorder.record_view(view(), 31.0)
@@ -72,43 +72,47 @@ def test_a_case_holds_the_last_minute_and_the_last_frames(tmp_path: Path) -> Non
         recorder.record_samples("fan-1", [sample(None, Quality.BAD)], 99.7)
         recorder.record_event({"drive": "fan-1", "kind": "command", "text": {"en": "run", "zh": "启动"}})
         recorder.record_event({"drive": None, "kind": "stop"})
-        id = await frozen(recorder)
+        id = await save_incident(recorder)
         await recorder.close()
         assert id == "000001-fan-1"
-        return IncidentStore(tmp_path / "cases").get(id)
+        return IncidentStore(tmp_path / "incidents").get(id)
 
-    case = run(go())
-    assert case["signals"] == {"output_current": {"t": [-60.0, -1.0, -0.3], "v": [2.0, 9.5, None], "q": [0, 0, 2]}}
-    assert [(one["t"], one["state"]) for one in case["states"]] == [(-70.0, "running"), (-0.1, "fault")]
-    assert [one["kind"] for one in case["events"]] == ["command"]
-    assert [(one["n"], one["t"]) for one in case["frames"]] == [(0, -0.5), (1, -1.0)]
-    assert (case["why"], case["raised"]["id"], case["view"]["fault"]) == ("interlock_trip", "a1", OVERCURRENT)
-    assert case["parameters"] is None
+    incident = run(go())
+    assert incident["signals"] == {"output_current": {"t": [-60.0, -1.0, -0.3], "v": [2.0, 9.5, None], "q": [0, 0, 2]}}
+    assert [(item["t"], item["state"]) for item in incident["states"]] == [(-70.0, "running"), (-0.1, "fault")]
+    assert [item["kind"] for item in incident["events"]] == ["command"]
+    assert [(item["n"], item["t"]) for item in incident["frames"]] == [(0, -0.5), (1, -1.0)]
+    assert (incident["why"], incident["raised"]["id"], incident["view"]["fault"]) == (
+        "interlock_trip",
+        "a1",
+        OVERCURRENT,
+    )
+    assert incident["parameters"] is None
 
 
-def test_the_line_of_a_case_is_a_capture_that_every_tool_opens(tmp_path: Path) -> None:
+def test_the_frames_of_an_incident_are_a_capture_file(tmp_path: Path) -> None:
     async def go() -> str:
         recorder = IncidentRecorder(IncidentStore(tmp_path))
-        return str(await frozen(recorder))
+        return str(await save_incident(recorder))
 
-    case = IncidentStore(tmp_path).get(run(go()))
-    path = tmp_path / case["capture"]["name"]
-    path.write_text(case["capture"]["text"])
+    incident = IncidentStore(tmp_path).get(run(go()))
+    path = tmp_path / incident["capture"]["name"]
+    path.write_text(incident["capture"]["text"])
     capture = read_capture(path)
-    assert (capture.header.settings, capture.header.port) == (LINE, "sim://c320@1")
+    assert (capture.header.settings, capture.header.port) == (SERIAL, "sim://c320@1")
     assert capture.header.started == "2026-11-20T23:59:59.000+00:00"
-    assert [(one.time_s, one.direction, one.data) for one in capture.records] == [  # type: ignore[union-attr]
+    assert [(record.time_s, record.direction, record.data) for record in capture.records] == [  # type: ignore[union-attr]
         (0.0, "tx", SENT.data),
         (0.5, "rx", RECEIVED.data),
     ]
 
 
-def test_the_parameters_that_matter_are_read_afterwards_and_a_drive_that_does_not_answer_spoils_nothing(
+def test_parameters_are_read_afterwards_and_may_be_missing(
     tmp_path: Path,
 ) -> None:
     async def go(read: Any) -> dict[str, Any]:
         recorder = IncidentRecorder(IncidentStore(tmp_path), read)
-        id = await frozen(recorder)
+        id = await save_incident(recorder)
         await asyncio.sleep(1)
         await recorder.close()
         return IncidentStore(tmp_path).get(str(id))
@@ -123,31 +127,34 @@ def test_the_parameters_that_matter_are_read_afterwards_and_a_drive_that_does_no
     assert run(go(silent))["parameters"] is None
 
 
-def test_every_family_has_parameters_that_matter_and_all_are_its_own() -> None:
+def test_every_family_has_incident_parameters() -> None:
     for model in ("c320", "dzb100", "vc660", "df800"):
         profile = profiles.load(model)
         names = incident_parameters(profile)
         assert len(names) == len(set(names)) > 0
-        assert {one.notation for one in profile.preconditions if one.unreadable is None} <= set(names)
+        assert {
+            precondition.notation for precondition in profile.preconditions if precondition.unreadable is None
+        } <= set(names)
     assert {"F9.3", "F9.4", "F0.1"} <= set(incident_parameters(profiles.load("c320")))
 
 
-def test_a_drive_that_chatters_has_one_case(tmp_path: Path) -> None:
+def test_a_repeated_trip_belongs_to_the_same_incident(tmp_path: Path) -> None:
     async def go() -> list[str | None]:
         recorder = IncidentRecorder(IncidentStore(tmp_path))
         return [
-            await frozen(recorder, now=at) for at in (100.0, 100.0 + INCIDENT_REPEAT_S - 0.1, 100.0 + INCIDENT_REPEAT_S)
+            await save_incident(recorder, now=at)
+            for at in (100.0, 100.0 + INCIDENT_REPEAT_S - 0.1, 100.0 + INCIDENT_REPEAT_S)
         ]
 
     assert run(go()) == ["000001-fan-1", "000001-fan-1", "000002-fan-1"]
 
 
-def test_a_trip_without_drive_or_samples_has_an_incident_too(tmp_path: Path) -> None:
+def test_a_trip_without_drive_or_samples_has_an_incident(tmp_path: Path) -> None:
     async def go() -> str | None:
         return await IncidentRecorder(IncidentStore(tmp_path)).capture(tripped(""), None, None, 5.0, 5)
 
-    case = IncidentStore(tmp_path).get(str(run(go())))
-    assert (case["id"], case["bus"], case["frames"], case["signals"]) == ("000001-plant", None, [], {})
+    incident = IncidentStore(tmp_path).get(str(run(go())))
+    assert (incident["id"], incident["bus"], incident["frames"], incident["signals"]) == ("000001-plant", None, [], {})
 
 
 @pytest.mark.parametrize("nth", range(1, 40))
@@ -166,54 +173,54 @@ def test_a_disk_that_fails_at_any_call_leaves_a_whole_incident_or_none(
 
         return call
 
-    store = IncidentStore(tmp_path / "cases")
+    store = IncidentStore(tmp_path / "incidents")
     with monkeypatch.context() as context:
         for name in ("write", "fsync", "open", "mkdir", "rename", "replace"):
             context.setattr(os, name, failing(getattr(os, name)))
         with suppress(OSError):
-            store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [(1.0, True, b"\x01")])
-    listed = store.query(*EVER)["items"]
-    assert [one["id"] for one in listed] in ([], ["000001-fan-1"])
-    for one in listed:
-        store.get(one["id"])
-    assert store.write("fan-1", {"time_ms": 2, "drive": "fan-1"}, {}, CaptureHeader(LINE), []).endswith("-fan-1")
-    assert [one for one in (tmp_path / "cases").iterdir() if one.name.startswith(".")] == []
+            store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [(1.0, True, b"\x01")])
+    listed = store.query(*ALL_TIME)["items"]
+    assert [item["id"] for item in listed] in ([], ["000001-fan-1"])
+    for item in listed:
+        store.get(item["id"])
+    assert store.write("fan-1", {"time_ms": 2, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), []).endswith("-fan-1")
+    assert [item for item in (tmp_path / "incidents").iterdir() if item.name.startswith(".")] == []
 
 
-def test_a_failed_disk_is_reported_and_stops_nothing(tmp_path: Path) -> None:
+def test_a_failed_disk_is_reported_and_the_next_incident_is_saved(tmp_path: Path) -> None:
     async def go() -> None:
-        (tmp_path / "cases").write_text("a file where the folder should be")
-        recorder = IncidentRecorder(IncidentStore(tmp_path / "cases"))
-        assert await frozen(recorder) is None
+        (tmp_path / "incidents").write_text("a file where the folder should be")
+        recorder = IncidentRecorder(IncidentStore(tmp_path / "incidents"))
+        assert await save_incident(recorder) is None
         assert recorder.error is not None
-        (tmp_path / "cases").unlink()
-        assert await frozen(recorder, now=200.0) == "000001-fan-1"
+        (tmp_path / "incidents").unlink()
+        assert await save_incident(recorder, now=200.0) == "000001-fan-1"
         assert recorder.error is None
 
     run(go())
 
 
-def test_what_a_killed_writer_left_half_is_never_listed(tmp_path: Path) -> None:
+def test_an_incident_of_a_killed_writer_is_never_listed(tmp_path: Path) -> None:
     store = IncidentStore(tmp_path)
     (tmp_path / ".000001-fan-1").mkdir()
     (tmp_path / ".000001-fan-1" / "summary.json").write_text('{"id": "000001-fan-1"}')
-    assert store.query(*EVER)["items"] == []
+    assert store.query(*ALL_TIME)["items"] == []
     with pytest.raises(NotFound):
         store.get("000001-fan-1")
 
 
-def test_the_oldest_go_when_there_are_too_many_or_too_much(tmp_path: Path) -> None:
+def test_the_oldest_incidents_are_deleted_beyond_the_limits(tmp_path: Path) -> None:
     store = IncidentStore(tmp_path, max_incidents=3)
     for n in range(5):
-        store.write("fan-1", {"time_ms": n, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
-    assert [one["id"][:6] for one in store.query(*EVER)["items"]] == ["000005", "000004", "000003"]
+        store.write("fan-1", {"time_ms": n, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+    assert [item["id"][:6] for item in store.query(*ALL_TIME)["items"]] == ["000005", "000004", "000003"]
     small = IncidentStore(tmp_path, max_bytes=10)
-    small.write("fan-1", {"time_ms": 9, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
-    assert [one["id"][:6] for one in store.query(*EVER)["items"]] == ["000006"]
+    small.write("fan-1", {"time_ms": 9, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+    assert [item["id"][:6] for item in store.query(*ALL_TIME)["items"]] == ["000006"]
 
 
-def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clean-up must not delete the incomplete file of a writer that is alive."""
+def test_concurrent_trips_have_one_incident_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clean-up must not delete an incident that another thread is writing."""
     store, together, real = IncidentStore(tmp_path), Barrier(2, timeout=0.2), os.fsync
 
     def slow(fd: int) -> None:
@@ -225,27 +232,27 @@ def test_drives_that_trip_together_all_have_their_case(tmp_path: Path, monkeypat
     with ThreadPoolExecutor(2) as threads:
         summaries = [(drive, {"time_ms": 1, "drive": drive}) for drive in ("fan-1", "pump-1")]
         done = [
-            threads.submit(store.write, drive, summary, {}, CaptureHeader(LINE), []) for drive, summary in summaries
+            threads.submit(store.write, drive, summary, {}, CaptureHeader(SERIAL), []) for drive, summary in summaries
         ]
-        assert sorted(one.result()[:6] for one in done) == ["000001", "000002"]
-    assert len(store.query(*EVER)["items"]) == 2
+        assert sorted(future.result()[:6] for future in done) == ["000001", "000002"]
+    assert len(store.query(*ALL_TIME)["items"]) == 2
 
 
-def test_cases_come_in_pages_by_span_and_drive(tmp_path: Path) -> None:
+def test_incidents_are_read_in_pages_by_time_range_and_drive(tmp_path: Path) -> None:
     store = IncidentStore(tmp_path)
     for n, drive in enumerate(("fan-1", "fan-1", "pump-1", "fan-1")):
-        store.write(drive, {"time_ms": n, "drive": drive}, {}, CaptureHeader(LINE), [])
-    first = store.query(*EVER, "fan-1", limit=2)
-    second = store.query(*EVER, "fan-1", first["next"], 2)
-    assert [one["time_ms"] for one in first["items"] + second["items"]] == [3, 1, 0]
+        store.write(drive, {"time_ms": n, "drive": drive}, {}, CaptureHeader(SERIAL), [])
+    first = store.query(*ALL_TIME, "fan-1", limit=2)
+    second = store.query(*ALL_TIME, "fan-1", first["next"], 2)
+    assert [item["time_ms"] for item in first["items"] + second["items"]] == [3, 1, 0]
     assert second["next"] is None
-    assert [one["time_ms"] for one in store.query(1, 3)["items"]] == [2, 1]
+    assert [item["time_ms"] for item in store.query(1, 3)["items"]] == [2, 1]
 
 
 @pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])
 def test_no_incident_id_reaches_outside_the_folder(tmp_path: Path, id: str) -> None:
-    store = IncidentStore(tmp_path / "cases")
-    store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(LINE), [])
+    store = IncidentStore(tmp_path / "incidents")
+    store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
     (tmp_path / "secret").mkdir()
     (tmp_path / "secret" / "incident.json").write_text("{}")
     with pytest.raises(NotFound):
@@ -278,8 +285,8 @@ def test_faults_interlocks_and_unconfirmed_stops_are_trips() -> None:
     assert {"fault", "interlock_trip", "stop_unconfirmed"} == TRIP_ALARM_KINDS
 
 
-def test_a_case_is_json_all_through(tmp_path: Path) -> None:
+def test_an_incident_is_json_throughout(tmp_path: Path) -> None:
     async def go() -> str:
-        return str(await frozen(IncidentRecorder(IncidentStore(tmp_path))))
+        return str(await save_incident(IncidentRecorder(IncidentStore(tmp_path))))
 
     assert json.loads(json.dumps(IncidentStore(tmp_path).get(run(go()))))["view"]["title"]["zh"] == "风机"
