@@ -7,9 +7,9 @@ from drivebus.bus import Poll, estimate_bus_load
 from drivebus.drives import create_dialect
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Text
+from generator.drives import MODELS_WITH_PAGE
 from generator.terms import localized, table
 
-FAMILIES = ("c320", "dzb100", "vc660", "df800")
 COUNTS = (1, 10, 31)
 PERIOD_S = 1.0
 HEADS = {
@@ -25,7 +25,7 @@ def bus_load_table(language: str) -> str:
     """Return status read, load of 1, 10 and 31 drives, and stop bound of each family at factory settings."""
     loads = [localized(HEADS["load"], language).replace("{n}", str(count)) for count in COUNTS]
     heads = [localized(HEADS[name], language) for name in ("model", "serial", "status")]
-    return table([*heads, *loads, localized(HEADS["stop"], language)], [_row(model) for model in FAMILIES])
+    return table([*heads, *loads, localized(HEADS["stop"], language)], [_row(model) for model in MODELS_WITH_PAGE])
 
 
 def _row(model: str) -> list[str]:

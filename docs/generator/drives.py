@@ -10,7 +10,8 @@ from drivebus.protocols.family import protocol_family
 from generator import terms
 from generator.terms import CAPABILITIES, GRADES, localized, term
 
-ORDER = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
+MODELS_WITH_PAGE = ("c320", "dzb100", "vc660", "df800")
+ORDER = (*MODELS_WITH_PAGE, "c300", "e300", "e500", "e550")
 PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 

@@ -10,7 +10,7 @@ from generator.frame_layouts import layout
 from generator.terms import colon, localized, phrase, table, term
 
 SOURCES = (
-    ("sister manual", "同类机型手册"),
+    ("sister manual", "相关型号手册"),
     ("manual", "手册"),
     ("CRC computed", "CRC 为计算值"),
     ("LRC computed", "LRC 为计算值"),

@@ -23,7 +23,6 @@ from generator import (
     verification,
 )
 
-FAMILIES = ("c320", "dzb100", "vc660", "df800")
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
     "serial": profile_tables.serial_settings,
     "keypad": profile_tables.keypad,
@@ -50,7 +49,12 @@ def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
         page = root / "docs" / "explanation" / f"timing{suffix}.md"
         yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
         page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
-        yield page, _fill_marks(page, {name: profile_tables.keypad(profiles.load(name), language) for name in FAMILIES})
+        yield (
+            page,
+            _fill_marks(
+                page, {name: profile_tables.keypad(profiles.load(name), language) for name in drives.MODELS_WITH_PAGE}
+            ),
+        )
         reference = root / "docs" / "reference"
         page = reference / f"command-line{suffix}.md"
         yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
@@ -64,7 +68,7 @@ def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
         yield page, _fill_marks(page, {"names": python_reference.page(language)})
         page = reference / f"metrics{suffix}.md"
         yield page, _fill_marks(page, metrics_reference.parts(language))
-        for model in FAMILIES:
+        for model in drives.MODELS_WITH_PAGE:
             page = root / "docs" / "protocols" / f"{model}{suffix}.md"
             yield page, _fill_marks(page, _parts(root, model, language))
 

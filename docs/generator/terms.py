@@ -111,7 +111,7 @@ TERMS = {
 KINDS = {
     "manual": Text("manual", "手册"),
     "computed": Text("computed", "计算"),
-    "sister": Text("sister model", "同类机型"),
+    "sister": Text("related model", "相关型号"),
     "assumed": Text("assumed", "假定"),
     "user": Text("user", "用户"),
     "measured": Text("measured", "实测"),
@@ -127,7 +127,7 @@ CAPABILITIES = {
     "quick_stop": Text("quick stop", "快速停机"),
     "jog": Text("jog", "点动"),
     "write_ram": Text("write without EEPROM", "不写 EEPROM 的写入"),
-    "identify": Text("identify", "读机型"),
+    "identify": Text("identify", "读型号"),
     "broadcast_stop": Text("broadcast stop", "广播停机"),
     "status": Text("report its state", "报告运行状态"),
 }
