@@ -55,9 +55,9 @@ class Codec(Protocol):
     """
 
     family: str
-    """"c320", "dzb100", "modbus"."""
+    """Name of the ``ProtocolFamily``."""
     encoding: str
-    """"ascii", "hex", "rtu"."""
+    """One of the family's encodings, such as "ascii" or "rtu"."""
 
     @property
     def broadcast_address(self) -> int | None:

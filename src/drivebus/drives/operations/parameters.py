@@ -133,16 +133,16 @@ def _message_params(wanted: _ParameterWrite) -> dict[str, object]:
 
 
 def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> DriveOperation[Outcome]:
-    notation, wear = wanted.parameter.notation, op.drive.eeprom_budget
+    notation, budget = wanted.parameter.notation, op.drive.eeprom_budget
     params = _message_params(wanted)
     held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
     if save:
-        if held == wanted.raw and not wear.count(notation).ram_written:
+        if held == wanted.raw and not budget.count(notation).ram_written:
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **params)
         conditions = yield from op.check_deadline()
-        yield from wear.consume(notation, conditions.day)
+        yield from budget.consume(notation, conditions.day)
     else:
-        yield from wear.mark_ram_only(notation)
+        yield from budget.mark_ram_only(notation)
     conditions = yield from op.check_deadline()
     command = op.drive.create_command(CommandKind.WRITE, conditions)
     answer = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
@@ -157,7 +157,7 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
         )
     if save and outcome.succeeded:
         with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe
-            yield from wear.mark_saved(notation)
+            yield from budget.mark_saved(notation)
     return outcome
 
 
