@@ -122,6 +122,6 @@ def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
 
 
 def test_what_a_file_asks_for_is_never_slowed_down_behind_its_back() -> None:
-    asked = PLANT.replace('model = "dzb100"', 'model = "dzb100"\nmin_poll_interval_s = 2.0')
-    drives = {one.drive: one.min_poll_interval_s for bus in bus_loads(config.loads(asked)) for one in bus.drives}
+    paced = PLANT.replace('model = "dzb100"', 'model = "dzb100"\nmin_poll_interval_s = 2.0')
+    drives = {one.drive: one.min_poll_interval_s for bus in bus_loads(config.loads(paced)) for one in bus.drives}
     assert drives == {"fan": 0.0, "conveyor": 2.0}

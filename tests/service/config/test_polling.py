@@ -27,17 +27,17 @@ def plant(model: str, count: int, more: str = "", line: str = "") -> PlantConfig
 
 def watched(bus: Bus, setting: DriveConfig) -> tuple[Drive, list[Poll]]:
     """Return a drive of a running plant and the polls of its monitor."""
-    asked: list[Poll] = []
+    recorded: list[Poll] = []
     drive = Drive(bus, config.profile_of(setting), setting.address, encoding=setting.encoding, options=setting.options)
     real = bus.start_polling
 
     def watch(address: int, polls: Any, sink: Any) -> Any:
-        asked.extend(polls)
+        recorded.extend(polls)
         return real(address, polls, sink)
 
     bus.start_polling = watch  # type: ignore[method-assign]
     drive.monitor(tuple(setting.signals) or None, period_s=setting.min_poll_interval_s)
-    return drive, asked
+    return drive, recorded
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
@@ -49,10 +49,10 @@ def test_the_estimated_polls_are_those_that_are_sent(model: str, more: str) -> N
 
     async def tale() -> None:
         async with Bus(open_port(f"sim://{model}@1")) as bus:
-            _, asked = watched(bus, setting)
+            _, polls = watched(bus, setting)
             wanted = config.polls_of(setting, config.dialect_of(setting))
-            assert [(one.request, one.period_s) for one in asked] == [(one.request, one.period_s) for one in wanted]
-            assert len(asked) >= 1
+            assert [(one.request, one.period_s) for one in polls] == [(one.request, one.period_s) for one in wanted]
+            assert len(polls) >= 1
 
     virtual_time.run(tale())
 
@@ -86,7 +86,7 @@ def test_a_bus_keeps_the_estimated_refresh(model: str, count: int) -> None:
     """Every drive on one bus, without configured periods."""
     setting = plant(model, count)
     bus = config.bus_loads(setting)[0]
-    promised, asked = min(bus.drives[0].refresh.values()), min(bus.drives[0].periods.values())
-    gaps = virtual_time.run(longest_gaps(setting, 40 * asked))
+    promised_s, period_s = min(bus.drives[0].refresh.values()), min(bus.drives[0].periods.values())
+    gaps = virtual_time.run(longest_gaps(setting, 40 * period_s))
     assert gaps.keys() == {one.id for one in setting.drives}
-    assert asked <= max(gaps.values()) <= promised
+    assert period_s <= max(gaps.values()) <= promised_s

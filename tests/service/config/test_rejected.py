@@ -57,12 +57,12 @@ def test_two_protocol_families_on_one_bus_are_rejected() -> None:
 
 
 def test_the_web_gateway_on_every_address_needs_a_certificate() -> None:
-    kinds = [one.kind for one in refusal(REFUSED / "web-for-everybody.toml").params["complaints"]]
+    kinds = [one.kind for one in refusal(REFUSED / "web-without-certificate.toml").params["complaints"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
-        text = (REFUSED / "web-for-everybody.toml").read_text().replace("0.0.0.0", host)
+        text = (REFUSED / "web-without-certificate.toml").read_text().replace("0.0.0.0", host)
         assert config.loads(text).gateway("web").settings.host == host
-    closed = (REFUSED / "web-for-everybody.toml").read_text() + "enabled = false\n"
+    closed = (REFUSED / "web-without-certificate.toml").read_text() + "enabled = false\n"
     assert config.loads(closed).gateway("web").enabled is False
 
 

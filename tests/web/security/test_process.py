@@ -60,7 +60,7 @@ def web(directory: Path, parent: bool = False) -> Iterator[tuple[subprocess.Pope
         process.communicate()
 
 
-async def answered(client: httpx.AsyncClient, method: str, path: str, status: int, **more: Any) -> httpx.Response:
+async def response_of(client: httpx.AsyncClient, method: str, path: str, status: int, **more: Any) -> httpx.Response:
     """Repeat a request until its answer has this status."""
     async with asyncio.timeout(TIMEOUT_S):
         while (answer := await client.request(method, path, **more)).status_code != status:  # noqa: ASYNC110
@@ -84,12 +84,12 @@ async def test_sessions_survive_a_restart_of_the_plant(tmp_path: Path) -> None:
                 async with Service(plant_config(), fake_storage()) as service:
                     server = SocketServer(service, tmp_path / "plant.sock")
                     await server.open()
-                    there = await answered(client, "GET", "/api/v1/drives", 200)
+                    there = await response_of(client, "GET", "/api/v1/drives", 200)
                     assert [drive["id"] for drive in there.json()["drives"]][:2] == ["fan-1", "fan-2"]
                     assert (await client.post("/api/v1/stop")).status_code in (200, 504)
                     await server.close()
                 clear_simulated_buses()
-                await answered(client, "GET", "/api/v1/drives", 503)
+                await response_of(client, "GET", "/api/v1/drives", 503)
         process.send_signal(signal.SIGTERM)
         assert await asyncio.to_thread(process.wait, TIMEOUT_S) == 0
         assert process.stderr is not None
