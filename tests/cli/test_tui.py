@@ -62,22 +62,39 @@ class FakeRowSource:
         odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
         return [
             DriveRow(
-                "a",
-                "fan 1",
-                "A",
-                "c320",
-                1,
-                "running",
-                "forward",
+                key="a",
+                name="fan 1",
+                bus="A",
+                model="c320",
+                address=1,
+                state="running",
+                direction="forward",
                 readings=good,
                 presence="online",
                 oldest_value_at=99.0,
             ),
-            DriveRow("b", "fan 2", "A", "c320", 2, readings=odd, presence="offline", oldest_value_at=50.0),
+            DriveRow(
+                key="b",
+                name="fan 2",
+                bus="A",
+                model="c320",
+                address=2,
+                readings=odd,
+                presence="offline",
+                oldest_value_at=50.0,
+            ),
         ]
 
     def buses(self) -> list[BusRow]:
-        return [BusRow("A", "9600 8E1", True, 0.5, 12.0, {"NoReply": 2, "late": 0})]
+        return [
+            BusRow(
+                name="A",
+                settings="9600 8E1",
+                load=0.5,
+                transactions_per_s=12.0,
+                errors={"NoReply": 2, "late": 0},
+            )
+        ]
 
     def messages(self) -> list[str]:
         return ["something happened"]
@@ -101,7 +118,7 @@ def test_a_value_that_is_not_reported_is_a_dash_and_never_a_zero() -> None:
 
 
 def test_a_commanded_frequency_has_a_star_if_the_drive_reports_none() -> None:
-    row = DriveRow("a", "fan 1", "A", "c320", 1, commanded_hz=30.0)
+    row = DriveRow(key="a", name="fan 1", bus="A", model="c320", address=1, commanded_hz=30.0)
     assert row.cell("set_frequency") == "30.00*"
 
 
@@ -146,7 +163,9 @@ def test_every_state_fits_its_column_in_both_languages(language: str) -> None:
     output.parse_global_options(["--lang", language])
     columns = drive_columns(80)
     for state in DriveState:
-        row = DriveRow("a", "x", "A", "m", 1, str(state), "reverse", presence="online")
+        row = DriveRow(
+            key="a", name="x", bus="A", model="m", address=1, state=str(state), direction="reverse", presence="online"
+        )
         assert width(row.state_text()) < columns["state"]
         assert width(row.direction_text()) < columns["direction"]
     for name, cells in columns.items():
@@ -361,7 +380,7 @@ def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
 
 
 def test_a_long_bus_name_keeps_its_end_and_a_gap_before_the_settings() -> None:
-    row = BusRow("tcp:192.168.100.50:4001", "9600 8N1")
+    row = BusRow(name="tcp:192.168.100.50:4001", settings="9600 8N1")
     shown = bus_cells(row, bus_columns(80))[0].plain
     assert shown.endswith(":4001")
     assert width(shown) < bus_columns(80)["bus"]

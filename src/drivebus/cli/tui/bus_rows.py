@@ -71,18 +71,18 @@ def drive_row(key: str, name: str, bus: str, model: str, address: int, status: D
     times = [reading.source_time for reading in status.readings.values() if reading.source_time is not None]
     fault = status.fault
     return DriveRow(
-        key,
-        name,
-        bus,
-        model,
-        address,
-        str(status.state),
-        str(status.direction) if status.direction else None,
-        fault.label if fault else "",
-        output.to_json_value(fault.text) if fault else "",
-        status.readings,
-        presence,
-        min(times) if times else status.at,
+        key=key,
+        name=name,
+        bus=bus,
+        model=model,
+        address=address,
+        state=str(status.state),
+        direction=str(status.direction) if status.direction else None,
+        fault_label=fault.label if fault else "",
+        fault_text=output.to_json_value(fault.text) if fault else "",
+        readings=status.readings,
+        presence=presence,
+        oldest_value_at=min(times) if times else status.at,
     )
 
 
@@ -98,10 +98,10 @@ class PolledBus:
         statistics = self.bus.statistics()
         counters = {kind: count for kind, count in statistics.counters.items() if kind in ERROR_COUNTERS}
         return BusRow(
-            self.name,
-            str(self.bus.settings),
-            self.bus.is_open,
-            statistics.load_percent / 100.0,
-            statistics.transactions_per_s,
-            {**statistics.errors, **counters},
+            name=self.name,
+            settings=str(self.bus.settings),
+            up=self.bus.is_open,
+            load=statistics.load_percent / 100.0,
+            transactions_per_s=statistics.transactions_per_s,
+            errors={**statistics.errors, **counters},
         )

@@ -165,12 +165,11 @@ class CaptureRowSource:
         name = capture.header.port.rpartition(":")[2].removeprefix("//") or "capture"
         return [
             BusRow(
-                name,
-                str(capture.header.settings),
-                True,
-                activity.load(self._position_s),
-                activity.rate(self._position_s),
-                dict(activity.errors),
+                name=name,
+                settings=str(capture.header.settings),
+                load=activity.load(self._position_s),
+                transactions_per_s=activity.rate(self._position_s),
+                errors=dict(activity.errors),
             )
         ]
 

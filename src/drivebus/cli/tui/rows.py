@@ -21,7 +21,7 @@ ERROR_COUNTERS = frozenset(
 _COLUMN_DECIMALS = {"set_frequency": 2, "output_frequency": 2, "output_current": 1}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveRow:
     """Values of one drive at one moment."""
 
@@ -84,7 +84,7 @@ class DriveRow:
         }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusRow:
     """State and statistics of one bus at one moment."""
 

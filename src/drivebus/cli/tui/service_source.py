@@ -93,19 +93,19 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
     times = [reading.source_time for reading in readings.values() if reading.source_time is not None]
     fault = status.fault
     return DriveRow(
-        view["id"],
-        view["id"],
-        view["bus"],
-        view["model"],
-        view["address"],
-        str(status.state),
-        str(status.direction) if status.direction else None,
-        fault.label if fault else "",
-        output.to_json_value(fault.text) if fault else "",
-        readings,
-        view["presence"],
-        min(times, default=None),
-        view["commanded_hz"],
+        key=view["id"],
+        name=view["id"],
+        bus=view["bus"],
+        model=view["model"],
+        address=view["address"],
+        state=str(status.state),
+        direction=str(status.direction) if status.direction else None,
+        fault_label=fault.label if fault else "",
+        fault_text=output.to_json_value(fault.text) if fault else "",
+        readings=readings,
+        presence=view["presence"],
+        oldest_value_at=min(times, default=None),
+        commanded_hz=view["commanded_hz"],
     )
 
 
@@ -114,5 +114,10 @@ def remote_bus_row(view: Json) -> BusRow:
     counters = {kind: count for kind, count in view["counters"].items() if kind in ERROR_COUNTERS}
     errors = {**view["errors"], **counters}
     return BusRow(
-        view["id"], view["serial"], view["is_open"], view["load_percent"] / 100.0, view["transactions_per_s"], errors
+        name=view["id"],
+        settings=view["serial"],
+        up=view["is_open"],
+        load=view["load_percent"] / 100.0,
+        transactions_per_s=view["transactions_per_s"],
+        errors=errors,
     )
