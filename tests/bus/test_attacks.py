@@ -1,4 +1,4 @@
-"""Attempts to make a motor move, or to lose a stop, against the rules of the bus."""
+"""Attempts to move a motor without a permit, or to lose a stop."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def wire_of(*stations: FakeStation) -> Any:
 
 
 async def opened(*stations: FakeStation) -> tuple[Bus, ScriptedPort]:
-    """A bus whose stations have all replied once."""
+    """Return an open bus whose stations have all replied once."""
     port = ScriptedPort(wire_of(*stations), SETTINGS)
     bus = Bus(port)
     await bus.open()
@@ -56,13 +56,13 @@ async def opened(*stations: FakeStation) -> tuple[Bus, ScriptedPort]:
 
 
 def commands(station: FakeStation) -> list[int]:
-    """What was written to the command register."""
+    """Return the words written to the command register."""
     writes = [request for _, request in station.received_requests if isinstance(request, modbus.WriteRegister)]
     return [request.value for request in writes if request.register == COMMAND]
 
 
 def test_no_callback_runs_between_a_permit_check_and_its_frame() -> None:
-    """A sink may block, or inhibit starts: before that the frame whose permit was checked at this moment has left."""
+    """A sink may block or inhibit starts, but only after the frame whose permit was just checked has been sent."""
 
     async def main() -> None:
         station = FakeStation()
@@ -85,7 +85,7 @@ def test_no_callback_runs_between_a_permit_check_and_its_frame() -> None:
 
 
 def test_a_stop_whose_caller_is_cancelled_is_still_sent() -> None:
-    """No check drops a stop, and ``wait_for(stop, …)`` must not take it back."""
+    """No check drops a stop, and a timeout of ``wait_for(stop, …)`` must not cancel it."""
 
     async def main() -> None:
         station = FakeStation(delay_s=0.015)
@@ -155,37 +155,37 @@ def test_a_start_inhibit_outlives_registering_the_station_again(all_of_them: boo
 
 
 def mute_for_writes(station: FakeStation) -> Any:
-    """It receives everything and replies to reads and loop-backs only."""
+    """Return a wire whose station executes every request and replies to reads and loop-backs only."""
     inner = wire_of(station)
     return lambda frame, ended_at: [reply for reply in inner(frame, ended_at) if frame[1] != 6]
 
 
 def test_a_start_is_never_repeated_even_if_its_permit_calls_it_idempotent() -> None:
-    """Whatever class a permit names, a frame that moves goes once."""
+    """A motion frame is sent once, whatever retry policy its permit has."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, mute_for_writes(station))
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.submit(write_request(core, 1, COMMAND, START, retry_policy=RetryPolicy.IDEMPOTENT), "start")
-    assert play.result("start").attempts == 1
-    play.run_until(play.now + 5.0)
+    script = BusScript(core, mute_for_writes(station))
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.submit(write_request(core, 1, COMMAND, START, retry_policy=RetryPolicy.IDEMPOTENT), "start")
+    assert script.result("start").attempts == 1
+    script.run_until(script.now + 5.0)
     assert commands(station) == [START]
 
 
 @pytest.mark.parametrize(("late_s", "leaves"), [(0.0, True), (0.001, False)])
 def test_a_permit_expires_at_its_time_whatever_the_request_contains(late_s: float, leaves: bool) -> None:
-    """The request itself has no expiry."""
+    """The expiry of the permit applies although the request has none."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, wire_of(station))
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.run_until(play.now + 1.0)
-    play.submit(replace(start_request(core, until=play.now - late_s), expires_at=None), "start")
-    assert (play.result("start").error is None) is leaves
+    script = BusScript(core, wire_of(station))
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.run_until(script.now + 1.0)
+    script.submit(replace(start_request(core, until=script.now - late_s), expires_at=None), "start")
+    assert (script.result("start").error is None) is leaves
     assert (station.start_count == 1) is leaves
 
 
@@ -193,13 +193,13 @@ def test_a_permit_that_expires_while_its_frame_waits_is_invalid() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, wire_of(station))
-    play.submit(read_request(), "read")
-    play.result("read")
+    script = BusScript(core, wire_of(station))
+    script.submit(read_request(), "read")
+    script.result("read")
     station.alive = False
-    play.submit(read_request(), "busy")
-    play.submit(replace(start_request(core, until=play.now + 0.03), expires_at=None), "start")
-    error = play.result("start").error
+    script.submit(read_request(), "busy")
+    script.submit(replace(start_request(core, until=script.now + 0.03), expires_at=None), "start")
+    error = script.result("start").error
     assert isinstance(error, NotPermitted) and error.key == "bus.permit_expired"
     assert station.start_count == 0
 
@@ -208,18 +208,18 @@ def test_a_stop_never_expires_even_with_an_expiry_set() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, wire_of(station), start=10.0)
-    play.submit(replace(stop_request(), expires_at=1.0), "stop")
-    assert play.result("stop").sent
+    script = BusScript(core, wire_of(station), start=10.0)
+    script.submit(replace(stop_request(), expires_at=1.0), "stop")
+    assert script.result("stop").sent
     assert commands(station) == [STOP]
 
 
 def test_a_suspect_station_gets_its_sync_probe_during_a_parameter_backup_of_another() -> None:
-    """Four parameters in a row, then other waiting requests: else its values would be stale for as long."""
+    """After four parameters in a row other requests have their turn; otherwise its values would be stale meanwhile."""
 
     async def main() -> None:
-        one, two = FakeStation(1), FakeStation(2)
-        bus, _ = await opened(one, two)
+        first, second = FakeStation(1), FakeStation(2)
+        bus, _ = await opened(first, second)
         good: list[float] = []
         bus.start_polling(
             2, [Poll(read(2), 0.5)], lambda answer: good.append(bus.now()) if answer.error is None else None
@@ -231,19 +231,19 @@ def test_a_suspect_station_gets_its_sync_probe_during_a_parameter_backup_of_anot
 
         async def blink() -> None:
             await asyncio.sleep(5.0)
-            two.alive = False
+            second.alive = False
             await asyncio.sleep(0.6)
-            two.alive = True
+            second.alive = True
 
         await asyncio.gather(blink(), *(backup() for _ in range(3)))
-        assert [at for at in good if at > 9.0], "it was never polled again"
+        assert [at for at in good if at > 9.0], "it is polled again"
         await bus.close()
 
     run(main())
 
 
-class Halting(ScriptedPort):
-    """Fails in a way that no port should, twice, when it is opened again."""
+class FailingReopenPort(ScriptedPort):
+    """Port that fails twice with an unexpected error when it is opened again."""
 
     failures = 0
 
@@ -256,10 +256,10 @@ class Halting(ScriptedPort):
 
 def test_a_port_that_fails_with_an_unknown_error_is_opened_again() -> None:
     async def main() -> None:
-        complaints: list[Any] = []
-        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        reports: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: reports.append(context))
         station = FakeStation()
-        port = Halting(wire_of(station), SETTINGS)
+        port = FailingReopenPort(wire_of(station), SETTINGS)
         bus = Bus(port)
         await bus.open()
         bus.add_station(station_config())
@@ -267,14 +267,14 @@ def test_a_port_that_fails_with_an_unknown_error_is_opened_again() -> None:
         port.plugged = True
         await asyncio.sleep(2.0)
         assert bus.is_open and port.failures == 2
-        assert len(complaints) == 2, "and the handler of the loop gets it"
+        assert len(reports) == 2, "reported to the exception handler of the loop"
         await bus.close()
 
     run(main())
 
 
-class Stumbling(ScriptedPort):
-    """Its write fails once, in a way that no port should."""
+class FailingWritePort(ScriptedPort):
+    """Port whose write fails once with an unexpected error."""
 
     stumbled = False
 
@@ -291,16 +291,16 @@ class Stumbling(ScriptedPort):
 
 def test_a_write_that_fails_with_an_unknown_error_loses_the_port_and_not_the_bus() -> None:
     async def main() -> None:
-        complaints: list[Any] = []
-        asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+        reports: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: reports.append(context))
         station = FakeStation()
-        port = Stumbling(wire_of(station), SETTINGS)
+        port = FailingWritePort(wire_of(station), SETTINGS)
         bus = Bus(port)
         await bus.open()
         bus.add_station(station_config())
         await bus.transact(read_request())
         assert isinstance((await bus.transact(read_request())).error, PortLost)
-        assert len(complaints) == 1
+        assert len(reports) == 1
         await bus.transact(stop_request())
         await asyncio.sleep(1.0)
         assert bus.is_open
@@ -312,135 +312,135 @@ def test_a_write_that_fails_with_an_unknown_error_loses_the_port_and_not_the_bus
 
 
 def test_after_a_replug_every_station_must_answer_a_sync_probe_before_its_data_count() -> None:
-    """A serial server may still hold the reply to what was requested before."""
+    """A serial server may still have the reply to an earlier request."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, wire_of(station))
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
-    play.reopen()
+    script = BusScript(core, wire_of(station))
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
+    script.reopen()
     assert core.stations[1].state.is_suspect
-    lost_at, before = play.now, len(play.sent)
-    play.submit(read_request(), "again")
-    assert play.result("again").error is None
-    assert [frame[1] for frame in play.frames[before:]] == [8, 3]
-    assert play.sent[before][0] >= lost_at + core.stations[1].config.timing.max_reply_lateness_s
+    lost_at, before = script.now, len(script.sent)
+    script.submit(read_request(), "again")
+    assert script.result("again").error is None
+    assert [frame[1] for frame in script.frames[before:]] == [8, 3]
+    assert script.sent[before][0] >= lost_at + core.stations[1].config.timing.max_reply_lateness_s
 
 
 def test_a_command_in_the_gap_after_a_reply_does_not_shorten_the_gap() -> None:
-    """A reply counts after the whole gap: a byte that comes within it invalidates it."""
+    """A reply is accepted after the complete gap; a byte within the gap invalidates it."""
     station = FakeStation(registers={0x3000: 7})
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    play = BusScript(core, wire_of(station))
-    play.submit(read_request(), "first")
-    play.result("first")
-    play.submit(read_request(count=1), "read")
-    play.run_until(play.now + 0.01)
+    script = BusScript(core, wire_of(station))
+    script.submit(read_request(), "first")
+    script.result("first")
+    script.submit(read_request(count=1), "read")
+    script.run_until(script.now + 0.01)
     reply = modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (7,)))
-    sent_at = play.sent[-1][0]
+    sent_at = script.sent[-1][0]
     whole_at = sent_at + CHARACTER_S * 8 + station.delay_s + CHARACTER_S * len(reply)
     gap_s = core.stations[1].gap_s
-    play.receive(b"\x55", at=whole_at + gap_s - 0.0002)
-    play.run_until(whole_at + gap_s - 0.0004)
-    play.submit(read_request(), "command")
-    assert (play.result("read").error, play.result("read").attempts) == (None, 2), "asked again, not believed"
+    script.receive(b"\x55", at=whole_at + gap_s - 0.0002)
+    script.run_until(whole_at + gap_s - 0.0004)
+    script.submit(read_request(), "command")
+    assert (script.result("read").error, script.result("read").attempts) == (None, 2), "retried, not accepted"
 
 
 def test_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
-    """DF800 sends error replies of five bytes, and an adapter may hand an eight-byte echo over in two batches."""
+    """DF800 sends error replies of five bytes, and an adapter may deliver an eight-byte echo in two batches."""
     codec = modbus.ModbusRtuCodec(error_form="short")
-    refusal = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
-    register, value = refusal[3], refusal[4] << 8
-    assert len(refusal) == 5
+    error_reply = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
+    register, value = error_reply[3], error_reply[4] << 8
+    assert len(error_reply) == 5
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config(codec=codec))
-    play = BusScript(core, wire_of(FakeStation()))
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.wire = lambda frame, ended_at: [(ended_at + 0.010, frame[:5]), (ended_at + 0.026, frame[5:])]
+    script = BusScript(core, wire_of(FakeStation()))
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.wire = lambda frame, ended_at: [(ended_at + 0.010, frame[:5]), (ended_at + 0.026, frame[5:])]
     ask = write_request(core, 1, register, value, retry_policy=RetryPolicy.EEPROM)
-    play.submit(ask, "write")
-    answer = play.result("write")
-    assert answer.sent[:5] == refusal, "the case that this is about"
+    script.submit(ask, "write")
+    answer = script.result("write")
+    assert answer.sent[:5] == error_reply, "the reply begins like an error reply"
     assert answer.error is None and isinstance(answer.reply, modbus.WriteAck)
 
 
-def playing(*stations: FakeStation, **options: Any) -> BusScript:
-    """A script whose stations have all replied once."""
+def make_online_script(*stations: FakeStation, **options: Any) -> BusScript:
+    """Return a script whose stations have all replied once."""
     core = BusCore(SETTINGS, **({"echo": "off"} | options))
-    play = BusScript(core, wire_of(*stations))
+    script = BusScript(core, wire_of(*stations))
     for station in stations:
         core.add_station(station_config(station.address))
-        play.submit(read_request(station.address), station.address)
-        play.result(station.address)
-    return play
+        script.submit(read_request(station.address), station.address)
+        script.result(station.address)
+    return script
 
 
-def spoiled(count: int) -> bytes:
-    """A reply to a read of one register whose check fails, and so many bytes too many."""
+def damaged_reply(count: int) -> bytes:
+    """Return a reply to a read of one register with a wrong checksum and ``count`` bytes too many."""
     whole = modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (7,)))
     return whole[:-1] + bytes([whole[-1] ^ 1]) + bytes(count)
 
 
 @pytest.mark.parametrize(("more", "suspect"), [(0, False), (1, True)])
 def test_only_exactly_the_bytes_of_a_reply_are_a_damaged_reply(more: int, suspect: bool) -> None:
-    """Anything longer may be noise, and the reply may still come."""
-    play = playing(FakeStation())
-    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(more))] if frame[1] == 3 else []
-    play.submit(read_request(count=1), "read")
-    play.run_until(play.now + 0.03)
-    assert play.core.stations[1].state.is_suspect is suspect
+    """Longer bytes may be noise, and the reply may still come."""
+    script = make_online_script(FakeStation())
+    script.wire = lambda frame, ended_at: [(ended_at + 0.01, damaged_reply(more))] if frame[1] == 3 else []
+    script.submit(read_request(count=1), "read")
+    script.run_until(script.now + 0.03)
+    assert script.core.stations[1].state.is_suspect is suspect
 
 
 def test_garbage_may_be_the_late_reply_of_another_suspect_station() -> None:
-    """While another station is overdue a damaged reply proves nothing of this one."""
-    one, two = FakeStation(1), FakeStation(2)
-    play = playing(one, two)
-    two.alive = False
-    play.submit(read_request(2), "lost")
-    play.run_until(play.now + 0.1)
-    assert play.core.stations[2].state.is_suspect
-    play.wire = lambda frame, ended_at: [(ended_at + 0.01, spoiled(0))] if frame[:2] == b"\x01\x03" else []
-    play.submit(read_request(1, count=1), "read")
-    play.run_until(play.now + 0.04)
-    assert play.core.stations[1].state.is_suspect
+    """While the reply of another station is overdue, damaged bytes may be that reply."""
+    first, second = FakeStation(1), FakeStation(2)
+    script = make_online_script(first, second)
+    second.alive = False
+    script.submit(read_request(2), "lost")
+    script.run_until(script.now + 0.1)
+    assert script.core.stations[2].state.is_suspect
+    script.wire = lambda frame, ended_at: [(ended_at + 0.01, damaged_reply(0))] if frame[:2] == b"\x01\x03" else []
+    script.submit(read_request(1, count=1), "read")
+    script.run_until(script.now + 0.04)
+    assert script.core.stations[1].state.is_suspect
 
 
 def test_a_damaged_reply_to_a_sync_probe_is_no_reply_and_the_quarantine_begins_again() -> None:
     station = FakeStation()
-    play = playing(station)
+    script = make_online_script(station)
     station.alive = False
-    play.submit(read_request(), "lost")
-    play.run_until(play.now + 0.2)
+    script.submit(read_request(), "lost")
+    script.run_until(script.now + 0.2)
     good = modbus.ModbusRtuCodec().encode_reply(modbus.DiagnosticsReply(1, 0xA500))
-    play.wire = lambda frame, ended_at: [(ended_at + 0.01, frame[:-1] + bytes([frame[-1] ^ 1]))]
-    while play.frames[-1][1] != 8:
-        play.run_until(play.now + 0.01)
-    fenced_at = play.sent[-1][0]
-    play.run_until(fenced_at + 8 * CHARACTER_S + 0.02 + len(good) * CHARACTER_S)
-    state = play.core.stations[1]
+    script.wire = lambda frame, ended_at: [(ended_at + 0.01, frame[:-1] + bytes([frame[-1] ^ 1]))]
+    while script.frames[-1][1] != 8:
+        script.run_until(script.now + 0.01)
+    fenced_at = script.sent[-1][0]
+    script.run_until(fenced_at + 8 * CHARACTER_S + 0.02 + len(good) * CHARACTER_S)
+    state = script.core.stations[1]
     assert state.state.is_suspect and state.quarantined_until >= fenced_at + state.config.timing.max_reply_lateness_s
 
 
 def test_after_a_replug_a_mirrored_reply_is_not_accepted_although_the_old_adapter_had_no_echo() -> None:
     station = FakeStation()
-    play = playing(station)
-    assert play.core.echo.ruled_out
-    play.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
-    play.reopen()
-    play.submit(write_request(play.core, retry_policy=RetryPolicy.EEPROM), "write")
-    assert play.result("write").error is not None
-    play.submit(read_request(), "read")
-    play.result("read")
-    play.submit(write_request(play.core, retry_policy=RetryPolicy.EEPROM), "again")
-    assert play.result("again").error is None
+    script = make_online_script(station)
+    assert script.core.echo.ruled_out
+    script.lose_port(PortLost("ports.lost", port="x", reason="unplugged"))
+    script.reopen()
+    script.submit(write_request(script.core, retry_policy=RetryPolicy.EEPROM), "write")
+    assert script.result("write").error is not None
+    script.submit(read_request(), "read")
+    script.result("read")
+    script.submit(write_request(script.core, retry_policy=RetryPolicy.EEPROM), "again")
+    assert script.result("again").error is None
 
 
 def test_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> None:
-    """On a paced port the echo comes early and is dropped: what is left says nothing of the adapter."""
+    """On a port with line timing the echo is early and dropped, so the rest does not rule an echo out."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off", has_line_timing=True)
     core.add_station(station_config())
@@ -450,9 +450,9 @@ def test_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> Non
         yield from ((ended_at - CHARACTER_S * (len(frame) - 1 - i), frame[i : i + 1]) for i in range(len(frame)))
         yield from inner(frame, ended_at)
 
-    play = BusScript(core, echoing)
-    play.submit(read_request(), "read")
-    assert play.result("read").error is None
+    script = BusScript(core, echoing)
+    script.submit(read_request(), "read")
+    assert script.result("read").error is None
     assert not core.echo.ruled_out
 
 

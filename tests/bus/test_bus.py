@@ -1,4 +1,4 @@
-"""The asyncio shell in virtual time: the port's life, cancelled waits, sinks; and the real timer."""
+"""``Bus`` in virtual time: life of the port, cancelled waits, sinks; and the real timer."""
 
 from __future__ import annotations
 
@@ -52,29 +52,29 @@ def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
 def test_polls_are_delivered_until_they_are_cancelled() -> None:
     async def main() -> None:
         bus, _ = bus_with(FakeStation())
-        seen: list[BusResult] = []
+        results: list[BusResult] = []
         async with bus:
-            watch = bus.start_polling(1, [Poll(read(), 0.5, phase_s=0.0, tag="status")], seen.append)
+            watch = bus.start_polling(1, [Poll(read(), 0.5, phase_s=0.0, tag="status")], results.append)
             await asyncio.sleep(2.1)
             watch.cancel()
             watch.cancel()
             await asyncio.sleep(5)
-        assert len(seen) == 5 and {answer.bus_request.tag for answer in seen} == {"status"}
-        assert [round(answer.sent_at or 0, 3) for answer in seen[1:]] == [0.5, 1.0, 1.5, 2.0]
+        assert len(results) == 5 and {answer.bus_request.tag for answer in results} == {"status"}
+        assert [round(answer.sent_at or 0, 3) for answer in results[1:]] == [0.5, 1.0, 1.5, 2.0]
 
     run(main())
 
 
 def test_a_callback_that_fails_does_not_stop_the_bus() -> None:
     async def main() -> None:
-        complaints: list[dict[str, Any]] = []
-        asyncio.get_running_loop().set_exception_handler(lambda loop, context: complaints.append(context))
+        reports: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: reports.append(context))
         bus, _ = bus_with(FakeStation())
         async with bus:
             bus.start_polling(1, [Poll(read(), 0.5)], lambda answer: 1 / 0)
             await asyncio.sleep(1.2)
             assert (await bus.transact(read_request())).error is None
-        assert len(complaints) >= 2
+        assert len(reports) >= 2
 
     run(main())
 
@@ -113,14 +113,14 @@ def test_a_cancelled_command_is_never_sent() -> None:
 
 
 def test_unplugging_fails_pending_requests_and_replays_none() -> None:
-    """PortLost for all, polls again within 2 s of the device, no command repeated."""
+    """All requests fail with PortLost, polls resume within 2 s of the return, no command is repeated."""
 
     async def main() -> None:
         station = FakeStation()
         bus, port = bus_with(station)
-        seen: list[BusResult] = []
+        results: list[BusResult] = []
         async with bus:
-            bus.start_polling(1, [Poll(read(), 0.2)], seen.append)
+            bus.start_polling(1, [Poll(read(), 0.2)], results.append)
             await asyncio.sleep(1)
             waiting = [asyncio.create_task(bus.transact(start_request(bus.core))) for _ in range(3)]
             await asyncio.sleep(0.02)
@@ -129,23 +129,23 @@ def test_unplugging_fails_pending_requests_and_replays_none() -> None:
             assert all(isinstance(answer.error, PortLost) for answer in answers)
             assert bus.presence(1) is Presence.OFFLINE and not bus.is_open
             assert isinstance((await bus.transact(read_request())).error, PortLost)
-            count, started = len(seen), station.start_count
+            count, started = len(results), station.start_count
             await asyncio.sleep(30)
             port.plugged = True
             back = bus.now()
-            while not seen[count:] or seen[-1].error is not None:  # noqa: ASYNC110
+            while not results[count:] or results[-1].error is not None:  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
             assert bus.now() - back < 2.0
             await asyncio.sleep(5)
             assert station.start_count == started <= 1
             assert bus.presence(1) is Presence.ONLINE
-            assert bus.stop_epoch(1) == 1, "permits of before are void"
+            assert bus.stop_epoch(1) == 1, "earlier permits are void"
 
     run(main())
 
 
 def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
-    """The device comes back, dies at the first write, and comes back for good."""
+    """The device comes back, is lost at the first write, and comes back again."""
 
     async def main() -> None:
         station = FakeStation()
@@ -161,16 +161,16 @@ def test_a_port_lost_again_at_its_first_frame_is_opened_again() -> None:
             write(data)
 
         port.write = dying  # type: ignore[method-assign]
-        seen: list[BusResult] = []
+        results: list[BusResult] = []
         async with bus:
-            bus.start_polling(1, [Poll(read(), 0.1)], seen.append)
+            bus.start_polling(1, [Poll(read(), 0.1)], results.append)
             await asyncio.sleep(1)
             deaths[0] = 3
             port.unplug()
             port.plugged = True
             await asyncio.sleep(6)
             assert bus.is_open and deaths[0] == 0
-            assert seen[-1].error is None and (seen[-1].sent_at or 0) > 6
+            assert results[-1].error is None and (results[-1].sent_at or 0) > 6
 
     run(main())
 
@@ -223,21 +223,21 @@ async def test_the_precise_timer_never_fires_early() -> None:
     timer = timers.acquire(loop)
     try:
         assert timer.precise
-        rang: list[float] = []
+        fired: list[float] = []
         done = asyncio.Event()
         due = [timer.now() + 0.0013 * (1 + number) for number in range(30)]
 
-        def ring() -> None:
-            rang.append(timer.now())
-            if len(rang) == len(due):
+        def on_timer() -> None:
+            fired.append(timer.now())
+            if len(fired) == len(due):
                 done.set()
             else:
-                alarm.set(due[len(rang)])
+                bus_timer.set(due[len(fired)])
 
-        alarm = timer.create_timer(ring)
-        alarm.set(due[0])
+        bus_timer = timer.create_timer(on_timer)
+        bus_timer.set(due[0])
         await asyncio.wait_for(done.wait(), 5)
-        assert all(at >= when for at, when in zip(rang, due, strict=True))
+        assert all(at >= when for at, when in zip(fired, due, strict=True))
     finally:
         timers.release(loop)
 
@@ -246,22 +246,22 @@ async def test_one_backend_serves_many_timers_and_a_moved_timer_fires_once() -> 
     loop = asyncio.get_running_loop()
     first, second = timers.acquire(loop), timers.acquire(loop)
     assert first is second
-    rang: list[int] = []
-    alarms = [first.create_timer(lambda number=number: rang.append(number)) for number in range(20)]  # type: ignore[misc]
+    fired: list[int] = []
+    timers_set = [first.create_timer(lambda number=number: fired.append(number)) for number in range(20)]  # type: ignore[misc]
     begun = first.now()
-    for number, alarm in enumerate(alarms):
-        alarm.set(begun + 10)
-        alarm.set(begun + 0.04 - number * 0.001)
-    alarms[3].set(None)
+    for number, bus_timer in enumerate(timers_set):
+        bus_timer.set(begun + 10)
+        bus_timer.set(begun + 0.04 - number * 0.001)
+    timers_set[3].set(None)
     await asyncio.sleep(0.1)
     timers.release(loop)
     timers.release(loop)
-    assert rang == [number for number in range(19, -1, -1) if number != 3]
+    assert fired == [number for number in range(19, -1, -1) if number != 3]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="ptys and timerfd")
 async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
-    """Real time, a socket pair as the bus: the station measures the silence before each of our frames."""
+    """In real time on a socket pair the station measures the silence before each frame."""
     import socket
 
     ours, theirs = socket.socketpair()
@@ -270,7 +270,7 @@ async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
     loop = asyncio.get_running_loop()
     station = FakeStation()
     gaps: list[float] = []
-    called_at = [0.0]
+    reply_end = [0.0]
 
     class SocketPort(ScriptedPort):
         async def open(self, receiver: Any) -> None:
@@ -284,12 +284,12 @@ async def test_on_a_real_loop_no_gap_is_ever_short() -> None:
 
     def serve() -> None:
         frame = theirs.recv(256)
-        if called_at[0]:
-            gaps.append(time.monotonic() - called_at[0])
+        if reply_end[0]:
+            gaps.append(time.monotonic() - reply_end[0])
         reply = station.reply_to(frame, 0.0)
         assert reply is not None
         theirs.send(reply)
-        called_at[0] = time.monotonic()
+        reply_end[0] = time.monotonic()
 
     loop.add_reader(theirs, serve)
     bus = Bus(SocketPort(lambda f, t: (), has_line_timing=False))

@@ -17,7 +17,7 @@ from fixtures.bus import SETTINGS, TIMING, effect, station_config
 
 
 class Anything:
-    """A family whose stations take five bytes beginning with 30H for a request."""
+    """Codec of a family in which any five bytes from 30H on are a request."""
 
     family = "anything"
     encoding = "raw"
@@ -66,8 +66,8 @@ def test_a_second_family_is_rejected_by_default() -> None:
 
 def test_families_whose_frames_can_not_be_confused_may_be_mixed_on_purpose() -> None:
     bus = BusCore(SETTINGS, allow_mixed=True)
-    for one in (station_config(1), c320(), dzb100()):
-        bus.add_station(one)
+    for config in (station_config(1), c320(), dzb100()):
+        bus.add_station(config)
     assert sorted(bus.stations) == [1, 5, 6]
 
 

@@ -35,7 +35,7 @@ def reply(number: int) -> bytes:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("skew_s", [0.01, 0.1])
 def test_a_second_reply_is_accepted_once_at_most(seed: int, skew_s: float) -> None:
-    """One reply in ten comes twice on a port without line timing: no reply is credited to another request."""
+    """One reply in ten comes twice on a port without line timing; none is accepted for another request."""
     chance, station, copies = random.Random(seed), FakeStation(delay_s=0.004), 0
 
     def doubled(reply_frame: bytes, begins_at: float) -> Iterable[tuple[float, bytes]]:
@@ -61,14 +61,14 @@ def test_a_second_reply_is_accepted_once_at_most(seed: int, skew_s: float) -> No
     copies = 0
     script.start_polling(1, [Poll(read(), 0.0)])
     script.run_until(60)
-    good = [answer for answer in script.results["polls"] if answer.error is None]
-    wrong = [answer for answer in good if answer.reply.values[0] != made[round(answer.sent_at or 0, 9)]]
-    assert copies > 80 and len(good) > 800
+    accepted = [answer for answer in script.results["polls"] if answer.error is None]
+    wrong = [answer for answer in accepted if answer.reply.values[0] != made[round(answer.sent_at or 0, 9)]]
+    assert copies > 80 and len(accepted) > 800
     assert len(wrong) <= copies
 
 
 def twice_answered(delay_s: float = 0.005) -> BusScript:
-    """A station that has replied twice to each of two requests, two seconds later."""
+    """Return a script two seconds after its station has replied twice to each of two requests."""
     script = make_script(FakeStation(delay_s=delay_s), has_line_timing=False, timing=StationTiming(reply_delay_s=1.0))
     for number in (1, 2):
         script.submit(read_request(), number)
@@ -81,11 +81,11 @@ def twice_answered(delay_s: float = 0.005) -> BusScript:
 def test_a_reply_that_a_second_reply_pushed_out_is_not_accepted_for_the_next_request() -> None:
     """After two duplicate replies the reply to the last request gets its time before the next request."""
     script = twice_answered()
-    script.submit(read_request(), "robbed")
+    script.submit(read_request(), "delayed")
     script.submit(read_request(), "next")
     script.receive(reply(2), at=script.now + 9 * CHARACTER_S)
     script.run()
-    assert script.results["robbed"][0].reply.values[0] == 2, "nothing tells the two apart"
+    assert script.results["delayed"][0].reply.values[0] == 2, "the two replies cannot be distinguished"
     assert script.results["next"][0].reply.values[0] == 4
     assert script.core.stations[1].counters.events["duplicate"] == 3
 
@@ -93,7 +93,7 @@ def test_a_reply_that_a_second_reply_pushed_out_is_not_accepted_for_the_next_req
 def test_a_stop_does_not_wait_for_a_reply_that_was_pushed_out() -> None:
     script = twice_answered()
     begun = script.now
-    script.submit(read_request(), "robbed")
+    script.submit(read_request(), "delayed")
     script.submit(stop_request(), "stop")
     script.receive(reply(2), at=begun + 9 * CHARACTER_S)
     script.run_until(begun + 0.1)
@@ -105,7 +105,7 @@ def test_a_reply_that_was_pushed_out_is_waited_for_a_quarter_of_a_second_at_most
     """A frame that waits for a second fails because the bus does not fall silent."""
     script = twice_answered(delay_s=0.9)
     begun = script.now
-    script.submit(read_request(), "robbed")
+    script.submit(read_request(), "delayed")
     script.submit(read_request(), "next")
     script.receive(reply(2), at=begun + 9 * CHARACTER_S)
     script.run_until(begun + 0.5)
@@ -116,7 +116,7 @@ def test_old_second_replies_delay_nothing() -> None:
     script = twice_answered()
     script.run_until(script.now + DUPLICATE_WINDOW_S)
     begun = script.now
-    script.submit(read_request(), "robbed")
+    script.submit(read_request(), "delayed")
     script.submit(read_request(), "next")
     script.receive(reply(2), at=begun + 9 * CHARACTER_S)
     script.run_until(begun + 0.1)
@@ -125,7 +125,7 @@ def test_old_second_replies_delay_nothing() -> None:
 
 @pytest.mark.parametrize("hinted", [True, False])
 def test_a_late_reply_after_garbage_of_reply_size_is_a_second_reply(hinted: bool) -> None:
-    """Two drives whose replies collide, one of them received again behind the other; once alone it proves nothing."""
+    """The replies of two drives collide and one is received after the damage; a single such case proves nothing."""
     script = make_script(FakeStation(), has_line_timing=False)
     script.submit(read_request(), 1)
     script.run_until(1)
@@ -155,7 +155,7 @@ def test_a_late_reply_after_less_than_a_reply_is_just_late(received: int) -> Non
 
 
 def test_a_station_that_replies_once_is_addressed_again_after_the_gap() -> None:
-    """However long its other replies took."""
+    """It is not delayed, however long its other replies took."""
     station = FakeStation(delay_s=0.018)
     script = make_script(station, has_line_timing=False)
     script.submit(read_request(), "slow")

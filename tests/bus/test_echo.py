@@ -1,4 +1,4 @@
-"""Two-wire adapters give our own frames back; a wrong setting never forges an acknowledgement."""
+"""Two-wire adapters echo the sent frames; a wrong setting never forges an acknowledgement."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from fixtures.bus import (
 
 
 def echoing(inner: Wire, late_s: float = 0.0, pieces: bool = True) -> Wire:
-    """An adapter that gives back every byte as it leaves, or in one batch a little later."""
+    """Return a wire with an adapter that echoes each byte at once, or all in one batch a little later."""
 
     def adapter(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
         begins = ended_at - len(frame) * CHARACTER_S
@@ -52,7 +52,7 @@ def test_an_echo_is_detected_and_removed(paced: bool, pieces: bool) -> None:
     assert script.core.echo.echo_count == 5
     script.submit(write_request(script.core), "write")
     answer = script.result("write")
-    assert answer.error is None and answer.received == answer.sent, "the echo is gone, the equal reply is there"
+    assert answer.error is None and answer.received == answer.sent, "the echo is removed and the equal reply accepted"
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -75,7 +75,7 @@ def test_a_dead_drive_behind_an_echo_is_detected_as_an_echo_too() -> None:
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("late_s", [0.0, 0.004, 0.018])
 def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bool, paced: bool, late_s: float) -> None:
-    """Set rightly or wrongly, echo at once or through a slow adapter, with another drive alive or not."""
+    """With a right or wrong setting, an immediate or late echo, and another drive that replies or not."""
     chance = random.Random(5)
     for alive in (True, False):
         alone = wire_to(FakeStation(2)) if alive else wire_to()
@@ -95,9 +95,9 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("late_s", [0.0, 1.5 * CHARACTER_S])
 def test_an_echo_that_is_lost_at_first_is_detected_later(paced: bool, late_s: float) -> None:
-    """The first frame got lost in the adapter: no echo, it seemed. Then no mirrored reply would ever be accepted.
+    """The adapter loses its first frame, so no echo is detected at first, and no mirrored reply would be accepted.
 
-    ``late_s``: the adapter hands the echo over as a batch, so that a part of it seems to come after our last bit.
+    ``late_s``: the adapter delivers the echo as a batch, so that a part of it seems to come after our last bit.
     """
     inner, lost = wire_to(FakeStation()), [True]
 
@@ -138,7 +138,7 @@ def test_an_echo_that_comes_back_changed_is_a_collision() -> None:
 
 
 def test_silence_and_fragments_do_not_rule_out_an_echo() -> None:
-    """Found by the campaign ``commands``: half an echo, on a bus that loses bytes, was taken for the absence of one."""
+    """Found by the campaign ``commands``: half an echo, on a bus that loses bytes, was taken for no echo."""
     for received in (b"", b"\x30\x00"):
         script = BusScript(
             make_core(1, has_line_timing=False, echo="detect"), lambda _, at, received=received: whole(received, at)
@@ -149,7 +149,7 @@ def test_silence_and_fragments_do_not_rule_out_an_echo() -> None:
 
 
 def test_a_bus_with_sync_probes_only_detects_its_echo() -> None:
-    """Found by the campaign ``commands``: the sync probe passed for its mirrored reply, its reply for a late one."""
+    """Found by the campaign ``commands``: the echo of a sync probe was taken for its reply."""
     script = BusScript(make_core(1, has_line_timing=False, echo="detect"), echoing(wire_to(FakeStation())))
     script.submit(write_request(script.core), "mirrored")
     script.result("mirrored")
@@ -159,7 +159,7 @@ def test_a_bus_with_sync_probes_only_detects_its_echo() -> None:
 
 
 def test_a_new_adapter_is_observed_again() -> None:
-    """After reopening, another adapter may be in the old one's place."""
+    """After reopening the adapter may be another one."""
     station = FakeStation()
     script = BusScript(make_core(1, echo="detect"), wire_to(station))
     script.submit(read_request(), 1)

@@ -16,7 +16,7 @@ from fixtures.bus import SETTINGS, FakeStation, read_request, station_config, st
 
 
 class Failing(ScriptedPort):
-    """Its next calls raise what is set."""
+    """Port whose next calls raise the errors that are set."""
 
     opening: Exception | None = None
     closing: Exception | None = None
@@ -34,7 +34,7 @@ class Failing(ScriptedPort):
             raise self.closing
 
     def write(self, data: bytes, /) -> None:
-        """The bytes leave, and it fails nevertheless."""
+        """Send the bytes and raise nevertheless."""
         super().write(data)
         error, self.writing = self.writing, None
         if error is not None:
@@ -42,9 +42,9 @@ class Failing(ScriptedPort):
 
 
 def record_loop_errors() -> list[Any]:
-    complaints: list[Any] = []
-    asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
-    return complaints
+    reports: list[Any] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: reports.append(context))
+    return reports
 
 
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), RuntimeError("unforeseen")])
@@ -77,14 +77,14 @@ def test_a_cancelled_opening_stays_cancelled() -> None:
 
 def test_a_port_that_fails_to_close_is_reported_and_nothing_else_fails() -> None:
     async def main() -> None:
-        complaints = record_loop_errors()
+        reports = record_loop_errors()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
         bus.add_station(station_config())
         await bus.open()
         port.closing = OSError(5, "Input/output error")
         await bus.close()
-        assert [one["exception"] for one in complaints] == [port.closing] and bus.is_closed
+        assert [report["exception"] for report in reports] == [port.closing] and bus.is_closed
         port.closing = None
         await bus.open()
         assert (await bus.transact(read_request())).error is None
@@ -95,7 +95,7 @@ def test_a_port_that_fails_to_close_is_reported_and_nothing_else_fails() -> None
 
 def test_a_lost_port_that_can_not_be_closed_is_still_opened_again() -> None:
     async def main() -> None:
-        complaints = record_loop_errors()
+        reports = record_loop_errors()
         port = Failing(wire_to(FakeStation()), SETTINGS)
         bus = Bus(port)
         bus.add_station(station_config())
@@ -104,7 +104,7 @@ def test_a_lost_port_that_can_not_be_closed_is_still_opened_again() -> None:
         port.unplug()
         port.plugged = True
         await asyncio.sleep(1.0)
-        assert bus.is_open and len(complaints) == 1
+        assert bus.is_open and len(reports) == 1
         assert (await bus.transact(read_request())).error is None
         await bus.close()
 

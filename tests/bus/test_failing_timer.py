@@ -24,8 +24,8 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-class Scarce:
-    """The ``fails``-th of these is one too many."""
+class FailAfter:
+    """Callable that raises OSError at its ``fails``-th call."""
 
     def __init__(self, plain: Any, fails: int) -> None:
         self.plain, self.fails, self.made = plain, fails, 0
@@ -38,49 +38,49 @@ class Scarce:
 
 
 @linux
-@pytest.mark.parametrize("what", ["timer", "reader"])
+@pytest.mark.parametrize("resource", ["timer", "reader"])
 @pytest.mark.parametrize("fails", [1, 2])
 def test_without_a_kernel_timer_the_loops_own_is_used_and_nothing_is_left_open(
-    monkeypatch: pytest.MonkeyPatch, fails: int, what: str
+    monkeypatch: pytest.MonkeyPatch, fails: int, resource: str
 ) -> None:
     async def main() -> None:
         before, loop = open_files(), asyncio.get_running_loop()
         with monkeypatch.context() as context:
-            if what == "timer":
-                context.setattr(timers, "TimerFd", Scarce(timers.TimerFd, fails))
+            if resource == "timer":
+                context.setattr(timers, "TimerFd", FailAfter(timers.TimerFd, fails))
             else:
-                context.setattr(loop, "add_reader", Scarce(loop.add_reader, fails))
+                context.setattr(loop, "add_reader", FailAfter(loop.add_reader, fails))
             timer = timers.acquire(loop)
         assert not timer.precise and open_files() == before
-        rang = asyncio.Event()
-        timer.create_timer(rang.set).set(timer.now() + 0.01)
-        await asyncio.wait_for(rang.wait(), 5)
+        fired = asyncio.Event()
+        timer.create_timer(fired.set).set(timer.now() + 0.01)
+        await asyncio.wait_for(fired.wait(), 5)
         timers.release(loop)
 
     asyncio.run(main())
 
 
 @linux
-@pytest.mark.parametrize("what", ["timer", "reader"])
-def test_the_simulators_timer_fires_without_a_kernel_timer_too(monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+@pytest.mark.parametrize("resource", ["timer", "reader"])
+def test_the_simulators_timer_fires_without_a_kernel_timer_too(monkeypatch: pytest.MonkeyPatch, resource: str) -> None:
     async def main() -> None:
-        before, loop, rang = open_files(), asyncio.get_running_loop(), asyncio.Event()
+        before, loop, fired = open_files(), asyncio.get_running_loop(), asyncio.Event()
         with monkeypatch.context() as context:
-            if what == "timer":
-                context.setattr("drivebus.simulator.timer.TimerFd", Scarce(TimerFd, 1))
+            if resource == "timer":
+                context.setattr("drivebus.simulator.timer.TimerFd", FailAfter(TimerFd, 1))
             else:
-                context.setattr(loop, "add_reader", Scarce(loop.add_reader, 1))
-            alarm = LoopTimer(loop, rang.set)
+                context.setattr(loop, "add_reader", FailAfter(loop.add_reader, 1))
+            timer_set = LoopTimer(loop, fired.set)
         assert open_files() == before
-        alarm.set(loop.time() + 0.01)
-        await asyncio.wait_for(rang.wait(), 5)
-        alarm.close()
+        timer_set.set(loop.time() + 0.01)
+        await asyncio.wait_for(fired.wait(), 5)
+        timer_set.close()
 
     asyncio.run(main())
 
 
 def test_a_bus_whose_clock_stands_still_does_not_block_the_others() -> None:
-    """A clock of its own (the seam), which says the same for 5 s while the loop's goes on."""
+    """The bus has its own clock, which stands still for 5 s while that of the loop goes on."""
 
     async def main() -> None:
         loop, turns = asyncio.get_running_loop(), 0
@@ -89,7 +89,7 @@ def test_a_bus_whose_clock_stands_still_does_not_block_the_others() -> None:
         def clock() -> float:
             nonlocal turns
             turns += 1
-            assert turns < 20_000, "reads the clock repeatedly without giving other tasks a turn"
+            assert turns < 20_000, "the bus reads the clock in a loop and blocks the other tasks"
             return loop.time() if not 1.0 < loop.time() < 6.0 else 1.0
 
         bus = Bus(ScriptedPort(wire_to(FakeStation()), SETTINGS), clock=clock)

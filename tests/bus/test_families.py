@@ -1,4 +1,4 @@
-"""The bus with all four families on simulated lines, in virtual time: every weather, every poll its own reply."""
+"""All four families on simulated buses in virtual time: at every line quality each poll gets its own reply."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ WEATHERS = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
 
 
 def reads(dialect: Any) -> list[Any]:
-    """Two reads that belong to the family's everyday polls."""
-    fences = [dialect.station_config.sync_request(n) for n in range(4)]
-    return fences[:2] if not dialect.state_reads() else list(dialect.state_reads())
+    """Return two typical polls of the family."""
+    sync_requests = [dialect.station_config.sync_request(n) for n in range(4)]
+    return sync_requests[:2] if not dialect.state_reads() else list(dialect.state_reads())
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -31,20 +31,20 @@ def test_every_family_is_polled_at_every_line_quality(model: str, weather: str) 
         profile = profiles.load(model)
         port = open_port(f"sim://{model}@1-3?line_quality={weather}&seed=5&echo=detect")
         bus = Bus(port)
-        seen: dict[int, list[BusResult]] = {}
+        results: dict[int, list[BusResult]] = {}
         async with bus:
             for address in (1, 2, 3):
                 dialect = create_dialect(profile, address)
                 bus.add_station(dialect.station_config)
                 polls = [Poll(request, 1.0) for request in reads(dialect)]
-                bus.start_polling(address, polls, seen.setdefault(address, []).append)
+                bus.start_polling(address, polls, results.setdefault(address, []).append)
             await asyncio.sleep(60)
             statistics = bus.statistics()
             for address in (1, 2, 3):
-                answers = seen[address]
-                good = [answer for answer in answers if answer.error is None]
-                assert len(good) > 0.5 * len(answers) and len(good) > 25, statistics
-                assert all(answer.reply is not None for answer in good)
+                answers = results[address]
+                accepted = [answer for answer in answers if answer.error is None]
+                assert len(accepted) > 0.5 * len(answers) and len(accepted) > 25, statistics
+                assert all(answer.reply is not None for answer in accepted)
                 assert bus.presence(address) is not Presence.NEVER_SEEN
                 assert not bus.health(address).foreign_master, statistics.counters
             if weather in ("clean", "bytes", "echo", "echo,bytes"):

@@ -33,10 +33,10 @@ from fixtures.bus import (
 GAP = 3.5 * CHARACTER_S
 
 
-class Watchful(BusScript):
-    """Asserts the invariants at every frame."""
+class CheckedScript(BusScript):
+    """Script that checks the invariants at every frame."""
 
-    quiet_since = 0.0
+    silent_since = 0.0
 
     def _send(self, frame: bytes) -> None:
         transaction = self.core.transaction
@@ -45,30 +45,30 @@ class Watchful(BusScript):
         )
         if self.sent:
             before_at, before = self.sent[-1]
-            assert self.now >= before_at + len(before) * CHARACTER_S, "never into our own frame"
+            assert self.now >= before_at + len(before) * CHARACTER_S, "no frame is sent during another"
         effect = transaction.prepared.effect
         if effect.value in ("motion", "setting"):
             permit = transaction.prepared.permit
             assert permit is not None and permit.expires_at >= self.now, "a frame left with an expired permit"
-            assert permit.stop_epoch == transaction.prepared.station.stop_epoch, "no stop since"
+            assert permit.stop_epoch == transaction.prepared.station.stop_epoch, "no stop since the permit"
         if transaction.prepared.priority != 0:
-            assert self.now >= self.quiet_since + GAP - 1e-9, "a frame left within the gap"
+            assert self.now >= self.silent_since + GAP - 1e-9, "a frame left within the gap"
             assert not any(job.priority == 0 for job in self.core.scheduler.queues[0]), "a stop was waiting"
         super()._send(frame)
-        self.quiet_since = self.now + len(frame) * CHARACTER_S
+        self.silent_since = self.now + len(frame) * CHARACTER_S
 
     def _step(self, at: float) -> None:
         if self._incoming and self._incoming[0][0] <= max(self.now, at):
-            self.quiet_since = max(self.quiet_since, at)
+            self.silent_since = max(self.silent_since, at)
         super()._step(at)
         jobs = [job for lane in self.core.scheduler.queues for job in lane]
         assert len(jobs) == len({id(job) for job in jobs})
 
 
-def run_story(seed: int, line: str, paced: bool) -> Watchful:
+def run_scenario(seed: int, line: str, paced: bool) -> CheckedScript:
     chance = random.Random(seed)
     stations = [FakeStation(address) for address in (1, 2, 3)]
-    script = Watchful(
+    script = CheckedScript(
         make_core(1, 2, 3, has_line_timing=paced, echo="detect"), wire_to(*stations, deliver=DELIVERIES[line]())
     )
     for address in (1, 2):
@@ -103,24 +103,24 @@ def run_story(seed: int, line: str, paced: bool) -> Watchful:
 @pytest.mark.parametrize("paced", [True, False])
 def test_the_invariants_hold_in_random_scenarios(line: str, paced: bool) -> None:
     for seed in range(5):
-        script = run_story(seed, line, paced)
+        script = run_scenario(seed, line, paced)
         for token, answers in script.results.items():
-            assert isinstance(token, str) or len(answers) == 1, "each ask is answered exactly once"
+            assert isinstance(token, str) or len(answers) == 1, "each request has exactly one result"
             for answer in answers:
                 assert answer.error is None or isinstance(answer.error, DrivebusError), "an unexpected exception"
-        assert len(script.core.scheduler) <= 2, "nothing is left lying"
+        assert len(script.core.scheduler) <= 2, "no request stays in the queues"
 
 
 def test_the_same_seed_gives_the_same_scenario_to_the_last_bit() -> None:
-    """Determinism: no clock, no chance, no order of hashing inside."""
-    first, second = (run_story(42, "lossy", False).sent for _ in range(2))
+    """The engine has no clock, no randomness and no dependence on hash order."""
+    first, second = (run_scenario(42, "lossy", False).sent for _ in range(2))
     assert first == second
 
 
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=24), st.floats(0.0, 0.05), st.integers(0, 1)), max_size=30))
 @settings(max_examples=60, deadline=None)
 def test_no_bytes_ever_raise_or_stop_the_bus(pieces: list[tuple[bytes, float, int]]) -> None:
-    """For the whole bus: garbage, then the bus works as before."""
+    """After garbage the bus works as before."""
     station = FakeStation()
     script = BusScript(make_core(1, echo="detect"), wire_to(station))
     script.start_polling(1, [Poll(read(), 0.2)])
@@ -133,7 +133,7 @@ def test_no_bytes_ever_raise_or_stop_the_bus(pieces: list[tuple[bytes, float, in
 
 
 def test_a_million_virtual_seconds_of_a_silent_bus_need_no_memory() -> None:
-    """Nothing grows while nothing happens."""
+    """The memory of a silent bus does not grow."""
     script = BusScript(make_core(1, 2))
     script.recording = False
     script.start_polling(1, [Poll(read(), 1.0)])
@@ -159,15 +159,15 @@ def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> Non
         return [] if chance.random() < 0.1 else replies
 
     script = BusScript(make_core(1), lossy)
-    asked = 0
+    submitted = 0
     for number in range(1500):
         script.submit(start_request(script.core, until=script.now + 2), ("start", number))
         before = station.start_count
         answer = script.result(("start", number))
-        asked += 1
+        submitted += 1
         assert station.start_count - before <= 1
         if answer.sent == b"":
             assert station.start_count == before
         script.submit(stop_request(), ("stop", number))
         script.result(("stop", number))
-    assert station.start_count <= asked
+    assert station.start_count <= submitted

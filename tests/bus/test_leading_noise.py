@@ -39,7 +39,7 @@ def test_a_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, del
 
 @pytest.mark.parametrize("address", [1, 7, 48])
 def test_a_meaning_of_the_bytes_with_the_stray_byte_is_ignored(address: int) -> None:
-    """The address stands where the function would: of one that is no function no length is known."""
+    """With the stray byte the address is in the place of the function, and an unknown function has no known length."""
     station = FakeStation(address)
     script = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))
     script.submit(read_request(address))

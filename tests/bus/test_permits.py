@@ -1,4 +1,4 @@
-"""No frame that may act leaves without a valid permit, by whatever way it is submitted."""
+"""No frame that may move a motor or change a setting is sent without a valid permit."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_a_station_that_is_not_registered_can_not_be_addressed() -> None:
 
 
 def test_expiry_is_checked_when_the_first_bit_goes_out() -> None:
-    """Valid when it was requested, too old when its turn came."""
+    """The permit is valid at the request and expired at the turn of the frame."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -108,7 +108,7 @@ def test_expiry_is_checked_when_the_first_bit_goes_out() -> None:
 
 
 def test_a_repetition_that_expires_does_not_hide_that_the_frame_was_sent() -> None:
-    """An idempotent write without a reply waits for its retry; it counts as sent even if the retry never leaves."""
+    """An idempotent write without a reply waits for its retry; it counts as sent even if the retry is not sent."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -122,7 +122,7 @@ def test_a_repetition_that_expires_does_not_hide_that_the_frame_was_sent() -> No
 
 
 def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
-    """The caller waits no longer than the command lives, and nothing is sent afterwards."""
+    """The caller waits no longer than the expiry, and nothing is sent afterwards."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -130,10 +130,10 @@ def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
     station.alive = False
     script.submit(write_request(script.core, retry_policy=RetryPolicy.EDGE_TRIGGERED), "lost")
     script.result("lost")
-    asked = script.now
-    script.submit(start_request(script.core, until=asked + 0.1), "start")
+    submitted_at = script.now
+    script.submit(start_request(script.core, until=submitted_at + 0.1), "start")
     assert isinstance(script.result("start").error, Expired)
-    assert script.now - asked < 0.15
+    assert script.now - submitted_at < 0.15
     station.alive = True
     script.run_until(script.now + 5)
     assert station.start_count == 0
@@ -202,7 +202,7 @@ def test_a_start_submitted_as_idempotent_is_still_sent_once() -> None:
 
 
 def test_a_retry_checks_the_permit_again() -> None:
-    """An absolute write lost its reply; a stop came meanwhile: it is not sent a second time."""
+    """An absolute write without a reply is not sent a second time after a stop."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -225,7 +225,7 @@ def test_a_poll_only_reads() -> None:
 
 
 def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None:
-    """A drive at the broadcast address obeys every master and never replies."""
+    """A drive at the broadcast address executes every frame and never replies."""
     bus = make_core(1)
     for address, key in ((1, "bus.address_taken"), (0, "bus.address_broadcast")):
         with pytest.raises(ConfigurationError) as caught:
@@ -234,7 +234,7 @@ def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None
 
 
 def test_a_cancelled_write_is_not_sent_again() -> None:
-    """Cancelled while its frame is out: the reply is dropped, and there is no second attempt."""
+    """It is cancelled while its frame is on the wire: the reply is dropped, and there is no second attempt."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "read")
@@ -249,7 +249,7 @@ def test_a_cancelled_write_is_not_sent_again() -> None:
 
 
 def test_a_drive_registered_again_inherits_its_start_inhibits() -> None:
-    """Permits stay invalid, it stays inhibited, two drives stay two, a bad link stays bad."""
+    """Permits stay invalid, and start inhibit, second replies and error rates are kept."""
     script = make_script(FakeStation())
     script.run_until(1.0)
     before = start_request(script.core)
@@ -292,7 +292,7 @@ def test_a_second_reply_of_a_removed_drive_counts_for_its_successor() -> None:
 
 @pytest.mark.parametrize(("value", "key"), [(STOP, None), (START, "bus.broadcast")])
 def test_a_broadcast_frame_is_checked_as_a_broadcast_whatever_station_is_named(value: int, key: str | None) -> None:
-    """Drive 1 is named and even has a permit, but address 0 in the bytes addresses all."""
+    """The request names drive 1 and has its permit, but address 0 in the bytes addresses all."""
     script = make_script(FakeStation(1), FakeStation(2))
     script.submit(
         BusRequest(
@@ -322,7 +322,7 @@ def test_a_request_that_cannot_be_cached_is_still_sent() -> None:
 
 
 def test_a_limited_number_of_reads_is_cached_and_no_write() -> None:
-    """A program that reads ever new registers must not fill the memory."""
+    """A program that always reads new registers must not fill the memory."""
     station = make_core(1).stations[1]
     for register in range(ENCODE_CACHE_SIZE):
         station.encode(modbus.ReadRegisters(1, register), SETTINGS)
@@ -344,12 +344,12 @@ def job(given: Permit | None, register: int = COMMAND, value: int = START) -> Pr
 
 
 def test_a_permit_is_valid_until_its_expiry_and_the_rejection_reports_the_lateness() -> None:
-    """Ruling 12, at the boundary itself."""
+    """A permit is valid at exactly its expiry."""
     start = job(permit(expires_at=10.0))
     assert start.permit_error(10.0) is None
-    refusal = start.permit_error(10.0015)
-    assert refusal is not None and refusal.key == "bus.permit_expired"
-    assert refusal.params == {"station": 1, "late_ms": 2}
+    rejection = start.permit_error(10.0015)
+    assert rejection is not None and rejection.key == "bus.permit_expired"
+    assert rejection.params == {"station": 1, "late_ms": 2}
     later = start.permit_error(11.0)
     assert later is not None and later.params["late_ms"] == 1000
 
@@ -363,18 +363,18 @@ def test_a_permit_of_another_stop_epoch_is_invalid() -> None:
 
 def test_an_inhibited_station_rejects_motion_only() -> None:
     start, setting = job(permit()), job(permit(effect=Effect.SETTING), 0x2001)
-    for one, key in ((start, "bus.start_inhibited"), (setting, None)):
-        one.station.start_inhibited = True
-        refusal = one.permit_error(0.0)
-        assert (refusal.key if refusal else None) == key
+    for prepared, key in ((start, "bus.start_inhibited"), (setting, None)):
+        prepared.station.start_inhibited = True
+        rejection = prepared.permit_error(0.0)
+        assert (rejection.key if rejection else None) == key
 
 
 def test_a_rejection_names_the_station_and_the_permit() -> None:
-    refusal = job(permit(station=2, effect=Effect.SETTING)).permit_error(0.0)
-    assert refusal is not None
-    assert refusal.params == {"station": 1, "effect": "motion", "granted": 2, "granted_effect": "setting"}
-    refusal = job(None).permit_error(0.0)
-    assert refusal is not None and refusal.params == {"station": 1, "effect": "motion"}
+    rejection = job(permit(station=2, effect=Effect.SETTING)).permit_error(0.0)
+    assert rejection is not None
+    assert rejection.params == {"station": 1, "effect": "motion", "granted": 2, "granted_effect": "setting"}
+    rejection = job(None).permit_error(0.0)
+    assert rejection is not None and rejection.params == {"station": 1, "effect": "motion"}
 
 
 def test_a_stop_and_a_read_are_never_rejected_and_a_stop_never_expires() -> None:

@@ -77,14 +77,14 @@ def test_polls_that_are_due_together_keep_their_order() -> None:
 
 
 def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
-    """During a backup the values stay fresh."""
+    """The values stay current during a parameter backup."""
     script = make_script(FakeStation(1), FakeStation(2))
     script.start_polling(1, [Poll(read(1), 0.1)])
     for number in range(500):
         script.submit(read_request(2), number)
     script.run_until(10)
-    good = [answer.received_at or 0 for answer in script.results["polls"]]
-    assert max(later - earlier for earlier, later in pairwise(good)) < 0.3
+    received = [answer.received_at or 0 for answer in script.results["polls"]]
+    assert max(later - earlier for earlier, later in pairwise(received)) < 0.3
 
 
 def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
@@ -153,12 +153,12 @@ def test_an_empty_poll_schedule_has_nothing_due() -> None:
 
 
 def test_the_stop_bound_is_that_of_the_documented_table() -> None:
-    """5.1, C320 ASCII 8E1 with a silent drive: 607, 313, 167, 93, 57 ms, of which 20 ms are the host's."""
+    """C320 ASCII 8E1 with a silent drive: 607, 313, 167, 93, 57 ms, of which the host takes 20 ms."""
     timing = StationTiming(gap_characters=5, reply_delay_s=0, reply_delay_characters=8, adapter_latency_s=0.0)
     codec = sunfar.SunfarCodec()
     stop = sunfar.SunfarControl(1, sunfar.SunfarOperation.STOP)
     longest = sunfar.SunfarWriteParameter(1, 0, 1, 1)
-    one = StationConfig(
+    config = StationConfig(
         address=1,
         codec=codec,
         timing=timing,
@@ -169,7 +169,7 @@ def test_the_stop_bound_is_that_of_the_documented_table() -> None:
     assert len(codec.encode_request(longest)) == 18
     for baud, bound_ms in ((1200, 607), (2400, 313), (4800, 167), (9600, 93), (19200, 57)):
         found = (
-            estimate_bus_load([(one, [Poll(longest, 1.0)])], SerialSettings(baud, parity="E")).drives[1].stop_bound_s
+            estimate_bus_load([(config, [Poll(longest, 1.0)])], SerialSettings(baud, parity="E")).drives[1].stop_bound_s
         )
         stop_ms = SerialSettings(baud, parity="E").seconds(len(codec.encode_request(stop))) * 1000
         printed_stop = {1200: 138, 2400: 69, 4800: 34, 9600: 17, 19200: 9}[baud]
@@ -177,19 +177,19 @@ def test_the_stop_bound_is_that_of_the_documented_table() -> None:
 
 
 def test_the_computed_load_is_the_measured_load() -> None:
-    """Stations that use all their time: the cycle is the computed one, and the load what the wire is kept."""
+    """With stations that reply at their limit, cycle and load are the computed ones."""
     limit = 0.02 - 1e-4
     stations = [FakeStation(address, delay_s=limit) for address in range(1, 5)]
     script = make_script(*stations)
     polls = [Poll(read(address), 0.0) for address in range(1, 5)]
     plan = [(station_config(address), [poll]) for address, poll in zip(range(1, 5), polls, strict=True)]
-    for one, many in plan:
-        script.start_polling(one.address, many, one.address)
+    for config, station_polls in plan:
+        script.start_polling(config.address, station_polls, config.address)
     script.run_until(20)
     cycle = 20 / stations[0].read_count
-    message = estimate_bus_load(plan, SETTINGS)
+    load = estimate_bus_load(plan, SETTINGS)
     adapter = 4 * 0.02
-    assert cycle == pytest.approx(message.cycle_s - adapter, rel=0.02)
+    assert cycle == pytest.approx(load.cycle_s - adapter, rel=0.02)
     statistics = script.core.statistics(script.now)
     assert statistics.load_percent == pytest.approx(100 * 4 * 21 * CHARACTER_S / cycle, rel=0.01)
 
@@ -250,20 +250,20 @@ def test_each_line_error_is_counted_once_for_the_bus_and_for_the_addressed_drive
 
 
 def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:
-    """In 30 s 300 exchanges with the first drive, 30 with the second, none with the third."""
+    """In 30 s the first drive has 300 transactions, the second 30, the third none."""
     script = make_script(FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008), FakeStation(3))
     script.start_polling(1, [Poll(read(1), 0.1, phase_s=0.05)], 1)
     script.start_polling(2, [Poll(read(2), 1.0, phase_s=0.5)], 2)
     script.run_until(30)
     found = script.core.statistics(script.now)
     for address, count, delay_s in ((1, 300, 0.004), (2, 30, 0.008)):
-        one = found.stations[address]
-        assert one.transactions_per_s == pytest.approx(count / 30)
-        assert one.load_percent == pytest.approx(100 * count * 21 * CHARACTER_S / 30)
-        assert one.occupied_percent == pytest.approx(100 * count * (24.5 * CHARACTER_S + delay_s) / 30)
+        station = found.stations[address]
+        assert station.transactions_per_s == pytest.approx(count / 30)
+        assert station.load_percent == pytest.approx(100 * count * 21 * CHARACTER_S / 30)
+        assert station.occupied_percent == pytest.approx(100 * count * (24.5 * CHARACTER_S + delay_s) / 30)
     assert _line_use(found.stations[3]) == (0, 0, 0)
     _adds_up(found)
-    script.run_until(99)  # now it is the time since the end of the 512th last, less than a minute
+    script.run_until(99)  # the window is the time since the end of the 512th last transaction, less than a minute
     found = script.core.statistics(script.now)
     ends = sorted(
         (answer.received_at or 0) + 3.5 * CHARACTER_S for address in (1, 2) for answer in script.results[address]
@@ -330,13 +330,13 @@ def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:
 
 def test_the_stop_bound_counts_frames_that_are_not_polled() -> None:
     """A write of C320 has 18 characters and its stop 15, where a poll and a sync probe have 14: 93 ms."""
-    one = create_dialect(profiles.load("c320"), 1).station_config
+    config = create_dialect(profiles.load("c320"), 1).station_config
     line = SerialSettings(9600, parity="E")
-    found = estimate_bus_load([(one, [Poll(sunfar.ReadMonitor(1, 0), 0.5)])], line).drives[1].stop_bound_s
+    found = estimate_bus_load([(config, [Poll(sunfar.ReadMonitor(1, 0), 0.5)])], line).drives[1].stop_bound_s
     assert found == pytest.approx(line.seconds(18 + 8 + 18 + 5 + 15) + 0.02)
-    one = create_dialect(profiles.load("vc660"), 1).station_config
+    config = create_dialect(profiles.load("vc660"), 1).station_config
     found = (
-        estimate_bus_load([(one, [Poll(modbus.ReadRegisters(1, 0x3001, 1), 0.5)])], SerialSettings())
+        estimate_bus_load([(config, [Poll(modbus.ReadRegisters(1, 0x3001, 1), 0.5)])], SerialSettings())
         .drives[1]
         .stop_bound_s
     )

@@ -20,8 +20,8 @@ def station(codec: Any = None) -> Station:
     return Station(station_config(1) if codec is None else station_config(1, codec=codec), SETTINGS)
 
 
-def job(ask: BusRequest, *, fence: bool = False) -> PreparedRequest:
-    return PreparedRequest(ask, "token", station(), SETTINGS, is_sync_probe=fence)
+def prepare(request: BusRequest, *, is_sync_probe: bool = False) -> PreparedRequest:
+    return PreparedRequest(request, "token", station(), SETTINGS, is_sync_probe=is_sync_probe)
 
 
 def permit(write_class: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit:
@@ -49,44 +49,45 @@ ATTEMPTS = [
         write(SPEED, 1, RetryPolicy.IDEMPOTENT, permit(RetryPolicy.EDGE_TRIGGERED)),
         1,
     ),
-    ("without a permit what the ask says: absolute", write(SPEED, 1, RetryPolicy.IDEMPOTENT), 3),
-    ("without a permit what the ask says: edge", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED), 1),
+    ("without a permit the request decides: absolute", write(SPEED, 1, RetryPolicy.IDEMPOTENT), 3),
+    ("without a permit the request decides: edge", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED), 1),
     ("an EEPROM write once", write(SPEED, 1, RetryPolicy.EEPROM, permit(RetryPolicy.EEPROM)), 1),
 ]
 
 
 @pytest.mark.parametrize(("ask", "attempts"), [row[1:] for row in ATTEMPTS], ids=[row[0] for row in ATTEMPTS])
 def test_the_attempts_of_a_frame_follow_from_its_bytes_and_its_permit(ask: BusRequest, attempts: int) -> None:
-    assert job(ask).max_attempts == attempts
+    assert prepare(ask).max_attempts == attempts
 
 
 def test_a_sync_probe_is_sent_once() -> None:
-    """Its failure says that the station is silent; sending it again would say nothing more."""
-    assert job(read_request(), fence=True).max_attempts == 1
+    """Its failure shows that the station is silent; a second one would show no more."""
+    assert prepare(read_request(), is_sync_probe=True).max_attempts == 1
 
 
 def test_a_stop_has_the_stop_priority_and_nothing_else_has() -> None:
     for priority in RequestPriority:
         ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), priority)
-        assert job(ask).priority is RequestPriority.STOP
+        assert prepare(ask).priority is RequestPriority.STOP
         assert priority_of(BusRequest(1, None, priority), Effect.NONE) is (priority or RequestPriority.COMMAND)
         assert (
-            job(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), priority)).priority is not RequestPriority.STOP
+            prepare(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), priority)).priority
+            is not RequestPriority.STOP
         )
 
 
 def test_the_effect_of_a_request_is_decoded_from_its_bytes() -> None:
-    one = job(read_request())
-    assert (one.data, one.effect, one.reply_bytes, one.is_broadcast) == (
+    prepared = prepare(read_request())
+    assert (prepared.data, prepared.effect, prepared.reply_bytes, prepared.is_broadcast) == (
         modbus.ModbusRtuCodec().encode_request(read_request().request),
         Effect.NONE,
         13,
         False,
     )
-    assert one.send_s == SETTINGS.seconds(8) and one.reply_timeout_s == TIMING.timeout_s(SETTINGS, 13)
-    assert (one.gap_s, one.adapter_latency_s) == (TIMING.gap_s(SETTINGS), TIMING.adapter_latency_s)
-    everybody = job(write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0))
-    assert (everybody.reply_bytes, everybody.is_broadcast, everybody.reply_timeout_s) == (0, True, TIMING.turnaround_s)
+    assert prepared.send_s == SETTINGS.seconds(8) and prepared.reply_timeout_s == TIMING.timeout_s(SETTINGS, 13)
+    assert (prepared.gap_s, prepared.adapter_latency_s) == (TIMING.gap_s(SETTINGS), TIMING.adapter_latency_s)
+    broadcast = prepare(write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0))
+    assert (broadcast.reply_bytes, broadcast.is_broadcast, broadcast.reply_timeout_s) == (0, True, TIMING.turnaround_s)
 
 
 def test_only_a_stop_loses_its_expiry() -> None:
@@ -95,10 +96,10 @@ def test_only_a_stop_loses_its_expiry() -> None:
         (modbus.WriteRegister(1, COMMAND, START), 7.0),
         (read_request().request, 7.0),
     ):
-        assert job(BusRequest(1, request, expires_at=7.0)).expires_at == expires_at
+        assert prepare(BusRequest(1, request, expires_at=7.0)).expires_at == expires_at
 
 
-class Terse(modbus.ModbusRtuCodec):
+class FixedSizeCodec(modbus.ModbusRtuCodec):
     """A codec with a fixed reply size."""
 
     def __init__(self, size: int) -> None:
@@ -116,11 +117,11 @@ class Terse(modbus.ModbusRtuCodec):
         (None, modbus.ReadRegisters(2, 7), False),
         (None, modbus.WriteRegister(1, SPEED, 7), False),
         (None, modbus.WriteRegister(1, COMMAND, STOP), False),
-        (Terse(0), modbus.ReadRegisters(1, 7), False),
-        (Terse(1), modbus.ReadRegisters(1, 7), True),
+        (FixedSizeCodec(0), modbus.ReadRegisters(1, 7), False),
+        (FixedSizeCodec(1), modbus.ReadRegisters(1, 7), True),
     ],
 )
 def test_only_a_read_of_this_very_station_is_cached(codec: Any, request_: Any, plain: bool) -> None:
-    one = station(codec)
-    assert one.encode(request_, SETTINGS).cacheable is plain
-    assert (request_ in one.encode_cache) is plain
+    found = station(codec)
+    assert found.encode(request_, SETTINGS).cacheable is plain
+    assert (request_ in found.encode_cache) is plain

@@ -1,4 +1,4 @@
-"""Never seen, online, offline: offline drives get a tenth of the bus at most, the others keep their rate."""
+"""Presence of stations: offline drives use at most a tenth of the bus, the others keep their rate."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_online_stations_keep_their_cycle_with_any_number_offline(dead: int) -> 
 
 @pytest.mark.parametrize("dead", [1, 5, 30])
 def test_a_drive_that_comes_back_is_detected_within_its_bound(dead: int) -> None:
-    """Recovery at most max(60 s, k probes at 10 % of the bus), on a bus that is full."""
+    """On a full bus it takes at most max(60 s, k probes at 10 % of the bus)."""
     script, stations = full_bus()
     script.run_until(10)
     for station in stations[:dead]:
@@ -117,7 +117,7 @@ def test_polls_of_a_silent_station_are_not_sent() -> None:
 
 
 def test_a_request_to_an_offline_station_is_tried_at_once() -> None:
-    """The sync probe is sent at once; if it is answered the read follows, else the read fails unsent."""
+    """The sync probe is sent at once; after its reply the read is sent, otherwise it fails unsent."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "first")
@@ -127,12 +127,12 @@ def test_a_request_to_an_offline_station_is_tried_at_once() -> None:
     script.submit(read_request(), "second")
     script.result("second")
     script.run_until(script.now + 200)
-    asked = script.now
+    submitted_at = script.now
     count = len(script.sent)
     script.submit(read_request(), "third")
     answer = script.result("third")
     assert isinstance(answer.error, NoReply) and answer.sent == b"" and answer.attempts == 0
-    assert script.now - asked < 0.1 and len(script.sent) == count + 1
+    assert script.now - submitted_at < 0.1 and len(script.sent) == count + 1
     station.alive = True
     script.run_until(script.now + 1)
     script.submit(read_request(), "fourth")

@@ -1,4 +1,4 @@
-"""After a timeout: quarantine, sync probe, and no late reply ever credited to another request."""
+"""Quarantine and sync probe after a timeout: no late reply is accepted for another request."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_after_a_timeout_a_station_must_answer_a_sync_probe_before_its_next_requ
     station.alive = True
     answer = script.result("second")
     assert answer.error is None and answer.attempts == 2
-    (lost_at, lost), (fence_at, fence), (_, again) = script.sent[1:]
-    assert fence[1] == 8 and again == lost
-    assert fence_at - lost_at == pytest.approx(8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s)
+    (lost_at, lost), (probe_at, probe), (_, again) = script.sent[1:]
+    assert probe[1] == 8 and again == lost
+    assert probe_at - lost_at == pytest.approx(8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s)
 
 
 def test_other_stations_are_served_during_a_quarantine() -> None:
@@ -60,13 +60,13 @@ def test_other_stations_are_served_during_a_quarantine() -> None:
     script.submit(read_request(1), "lost")
     script.run_until(script.now + 0.1)
     script.submit(read_request(2), "other")
-    asked = script.now
+    submitted_at = script.now
     assert script.result("other").error is None
-    assert script.now - asked < 0.05
+    assert script.now - submitted_at < 0.05
 
 
 def test_a_late_reply_is_not_accepted_for_the_next_request() -> None:
-    """As in pymodbus' own test: the reply to the first read comes while the second one is out."""
+    """As in the test of pymodbus, the reply to the first read comes during the second."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "first")
@@ -122,12 +122,12 @@ def test_two_sync_probes_in_a_row_are_never_the_same() -> None:
     script.run_until(script.now + 1)
     script.submit(read_request(), "second")
     script.run_until(script.now + 20)
-    fences = [frame for frame in script.frames if frame[1] == 8]
-    assert len(fences) >= 4 and len(set(fences)) == len(fences)
+    probes = [frame for frame in script.frames if frame[1] == 8]
+    assert len(probes) >= 4 and len(set(probes)) == len(probes)
 
 
 def test_the_reply_to_another_request_makes_the_station_suspect() -> None:
-    """The count differs: an older reply; the true one is still on its way, so no retry before the sync probe."""
+    """Another count means an older reply; its own is still on its way, so there is no retry before the sync probe."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "first")
@@ -143,7 +143,7 @@ def test_the_reply_to_another_request_makes_the_station_suspect() -> None:
 
 
 def counting() -> BusCore:
-    """A DF800 whose sync probe differs from other reads only in its register count."""
+    """Return a bus with a DF800, whose sync probe differs from other reads only in its register count."""
     bus = BusCore(SETTINGS, echo="off")
     bus.add_station(replace(station_config(1), sync_request=lambda n: read(1, 0x3000 + 2 * (n % 8), 2)))
     return bus
@@ -164,22 +164,22 @@ def test_the_late_reply_to_a_users_read_is_not_taken_for_that_of_a_sync_probe() 
     script.result("first")
     station.alive = False
     script.submit(read_request(register=0x3020, count=2), "own")
-    asked_at = script.now
-    script.run_until(asked_at + 8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s + 0.001)
-    fence_at, fence = script.sent[2]
-    assert fence[1] == 3 and fence[5] == 2
-    script.receive(registers(7, 7), at=fence_at + 8 * CHARACTER_S + 0.01)
-    script.run_until(fence_at + 0.09)
+    submitted_at = script.now
+    script.run_until(submitted_at + 8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s + 0.001)
+    probe_at, probe = script.sent[2]
+    assert probe[1] == 3 and probe[5] == 2
+    script.receive(registers(7, 7), at=probe_at + 8 * CHARACTER_S + 0.01)
+    script.run_until(probe_at + 0.09)
     assert script.core.stations[1].state.is_suspect
     station.alive = True
-    script.run_until(fence_at + 5.0)
-    assert len(script.sent) == 3, "a fence proves nothing while its own answer may still come as well"
-    script.run_until(fence_at + 5.3)
-    assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > fence_at + 5.0
+    script.run_until(probe_at + 5.0)
+    assert len(script.sent) == 3, "a sync probe proves nothing while an older reply may match it"
+    script.run_until(probe_at + 5.3)
+    assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > probe_at + 5.0
 
 
 def test_the_late_reply_to_an_untrusted_sync_probe_is_not_taken_for_the_next_ones() -> None:
-    """The second sync probe got the first one's reply; its own still comes, and must not pass for the third one's."""
+    """The second sync probe gets the reply of the first; its own still comes and must not be accepted for the third."""
     station = FakeStation()
     script = BusScript(counting(), wire_to(station))
     script.submit(read_request(count=4), "first")
@@ -199,7 +199,7 @@ def test_the_late_reply_to_an_untrusted_sync_probe_is_not_taken_for_the_next_one
 
 
 class LateStation(FakeStation):
-    """Replies in order; some replies come too late, up to ``longest_s``."""
+    """Station that replies in order, with some replies late by up to ``longest_s``."""
 
     def __init__(self, address: int, chance: random.Random, share: float, longest_s: float) -> None:
         super().__init__(address)
@@ -219,14 +219,15 @@ class LateStation(FakeStation):
 @pytest.mark.parametrize(
     ("share", "longest_s", "seed"), [(0.01, 0.3, 4), (0.05, 0.3, 8), (0.2, 0.3, 23), (0.2, 5.0, 70), (0.2, 1.0, 3)]
 )
-@pytest.mark.parametrize(("paced", "fence"), [(True, "nonce"), (False, "nonce"), (False, "count")])
+@pytest.mark.parametrize(("paced", "sync_kind"), [(True, "nonce"), (False, "nonce"), (False, "count")])
 def test_no_late_reply_is_ever_misattributed(
-    share: float, longest_s: float, paced: bool, fence: str, seed: int
+    share: float, longest_s: float, paced: bool, sync_kind: str, seed: int
 ) -> None:
     """Same-shaped reads back to back, each value names its request; lateness up to 5 s, in order.
 
-    Fences of VC660 (a loop-back with a nonce) and of DF800 (a read whose count differs). Seed 70 with counts once took
-    the late reply of an older sync probe for a newer one's; seed 3 repeated a read at once whose garbage was another's.
+    The sync probes are those of VC660 (a loop-back with a nonce) and of DF800 (a read with its own count). Seed 70 with
+    counts once took the late reply of an older sync probe for that of a newer one; seed 3 repeated a read at once
+    after damaged bytes that belonged to another reply.
     """
     chance = random.Random(seed)
     stations = [LateStation(address, chance, share, longest_s) for address in (1, 2, 3)]
@@ -238,20 +239,20 @@ def test_no_late_reply_is_ever_misattributed(
 
     bus = BusCore(SETTINGS, has_line_timing=paced, echo="off")
     for station in stations:
-        one = station_config(station.address)
-        counting = replace(one, sync_request=lambda n, a=station.address: read(a, 0x3000 + 2 * (n % 8), 2))
-        bus.add_station(one if fence == "nonce" else counting)
+        with_nonce = station_config(station.address)
+        with_count = replace(with_nonce, sync_request=lambda n, a=station.address: read(a, 0x3000 + 2 * (n % 8), 2))
+        bus.add_station(with_nonce if sync_kind == "nonce" else with_count)
     script = BusScript(bus, line)
-    asked: dict[int, int] = {}
+    registers: dict[int, int] = {}
     for number in range(2500):
         register = 0x3000 + 4 * chance.randrange(16)
-        asked[number] = register
+        registers[number] = register
         script.submit(read_request(1 + number % 3, register), number)
         if number % 5 == 4:
             script.result(number)
     script.run_until(script.now + 60)
     answered = 0
-    for number, register in asked.items():
+    for number, register in registers.items():
         reply = script.results[number][0].reply
         if reply is not None:
             answered += 1
@@ -267,8 +268,8 @@ def test_polls_keep_coming_on_every_line(line: str) -> None:
         script.start_polling(station.address, [Poll(read(station.address), 0.1)], station.address)
     script.run_until(60)
     for station in stations:
-        good = [answer for answer in script.results[station.address] if answer.error is None]
-        assert len(good) > (550 if line in ("clean", "byte by byte") else 100)
+        accepted = [answer for answer in script.results[station.address] if answer.error is None]
+        assert len(accepted) > (550 if line in ("clean", "byte by byte") else 100)
 
 
 def test_two_replies_in_one_window_indicate_a_duplicate_address() -> None:
@@ -287,8 +288,10 @@ def test_two_replies_in_one_window_indicate_a_duplicate_address() -> None:
 
 
 def test_a_rejected_sync_probe_proves_nothing_until_it_was_rejected_three_times() -> None:
-    """An error reply echoes only the function, so an older error would pass for it; but a drive that knows no such
-    request must not be lost for ever."""
+    """An error reply repeats only the function, so an older error looks the same.
+
+    A drive that rejects the request of the sync probe must nevertheless come back.
+    """
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "first")

@@ -1,4 +1,4 @@
-"""Whose frame is next: the scheduler alone, one decision at a time."""
+"""Choice of the next frame by the scheduler alone, one decision at a time."""
 
 from __future__ import annotations
 
@@ -22,34 +22,41 @@ def station(address: int = 1) -> Station:
     return Station(station_config(address), SETTINGS)
 
 
-def ask(one: Station, priority: RequestPriority = RequestPriority.PARAMETER, **more: Any) -> PreparedRequest:
-    return PreparedRequest(BusRequest(one.address, read(one.address), priority, **more), "token", one, SETTINGS)
+def make_read(target: Station, priority: RequestPriority = RequestPriority.PARAMETER, **more: Any) -> PreparedRequest:
+    return PreparedRequest(
+        BusRequest(target.address, read(target.address), priority, **more), "token", target, SETTINGS
+    )
 
 
-def stop(one: Station, priority: RequestPriority = RequestPriority.STOP, address: int | None = None) -> PreparedRequest:
-    request = modbus.WriteRegister(one.address if address is None else address, COMMAND, STOP)
-    return PreparedRequest(BusRequest(one.address, request, priority), "token", one, SETTINGS)
+def stop(
+    target: Station, priority: RequestPriority = RequestPriority.STOP, address: int | None = None
+) -> PreparedRequest:
+    request = modbus.WriteRegister(target.address if address is None else address, COMMAND, STOP)
+    return PreparedRequest(BusRequest(target.address, request, priority), "token", target, SETTINGS)
 
 
 def write(
-    one: Station, register: int = SPEED, *, until: float = 100.0, priority: RequestPriority = RequestPriority.COMMAND
+    target: Station, register: int = SPEED, *, until: float = 100.0, priority: RequestPriority = RequestPriority.COMMAND
 ) -> PreparedRequest:
     effect = Effect.MOTION if register == COMMAND else Effect.SETTING
     permit = Permit(
-        station=one.address,
+        station=target.address,
         effect=effect,
         retry_policy=RetryPolicy.EDGE_TRIGGERED,
         expires_at=until,
-        stop_epoch=one.stop_epoch,
+        stop_epoch=target.stop_epoch,
     )
-    request = modbus.WriteRegister(one.address, register, START)
+    request = modbus.WriteRegister(target.address, register, START)
     return PreparedRequest(
-        BusRequest(one.address, request, priority, RetryPolicy.EDGE_TRIGGERED, permit, until), "token", one, SETTINGS
+        BusRequest(target.address, request, priority, RetryPolicy.EDGE_TRIGGERED, permit, until),
+        "token",
+        target,
+        SETTINGS,
     )
 
 
-def poll(one: Station, period_s: float = 0.0, due: float = 0.0) -> PreparedPoll:
-    return PreparedPoll(Poll(read(one.address), period_s), "polls", one, SETTINGS, due)
+def poll(target: Station, period_s: float = 0.0, due: float = 0.0) -> PreparedPoll:
+    return PreparedPoll(Poll(read(target.address), period_s), "polls", target, SETTINGS, due)
 
 
 def filled(*jobs: PreparedRequest) -> Scheduler:
@@ -80,9 +87,9 @@ def test_an_empty_queue_has_no_next_request() -> None:
 
 
 def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None:
-    one = station()
+    first = station()
     jobs = [
-        ask(one, priority)
+        make_read(first, priority)
         for priority in (
             RequestPriority.PROBE,
             RequestPriority.POLL,
@@ -99,8 +106,11 @@ def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None
 
 
 def test_after_four_commands_a_parameter_has_its_turn() -> None:
-    one = station()
-    commands, parameters = [ask(one, RequestPriority.COMMAND) for _ in range(10)], [ask(one) for _ in range(2)]
+    first = station()
+    commands, parameters = (
+        [make_read(first, RequestPriority.COMMAND) for _ in range(10)],
+        [make_read(first) for _ in range(2)],
+    )
     assert taken(filled(*commands, *parameters), 12) == [
         *commands[:4],
         parameters[0],
@@ -111,27 +121,27 @@ def test_after_four_commands_a_parameter_has_its_turn() -> None:
 
 
 def test_commands_without_a_waiting_parameter_do_not_count() -> None:
-    one = station()
-    commands = [ask(one, RequestPriority.COMMAND) for _ in range(8)]
+    first = station()
+    commands = [make_read(first, RequestPriority.COMMAND) for _ in range(8)]
     scheduler = filled(*commands)
     taken(scheduler, 3)
-    late = ask(one)
+    late = make_read(first)
     scheduler.enqueue(late)
     assert taken(scheduler, 5) == [*commands[3:7], late]
 
 
 @pytest.mark.parametrize("priority", [RequestPriority.COMMAND, RequestPriority.PARAMETER])
 def test_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority) -> None:
-    one, other = station(), station(2)
-    urgent, polled = [ask(one, priority) for _ in range(10)], poll(other)
+    first, other = station(), station(2)
+    urgent, polled = [make_read(first, priority) for _ in range(10)], poll(other)
     scheduler = filled(*urgent)
     scheduler.poll_schedule.add(polled)
     assert taken(scheduler, 10) == [*urgent[:4], polled, *urgent[4:8], polled]
 
 
 def test_after_four_urgent_frames_a_sync_probe_has_its_turn_only_when_due() -> None:
-    one, other = station(), station(2)
-    urgent = [ask(one) for _ in range(12)]
+    first, other = station(), station(2)
+    urgent = [make_read(first) for _ in range(12)]
     scheduler = filled(*urgent)
     other.mark_suspect(0.0)
     scheduler.mark_suspect(other)
@@ -141,80 +151,80 @@ def test_after_four_urgent_frames_a_sync_probe_has_its_turn_only_when_due() -> N
 
 
 def test_a_stop_or_poll_between_them_breaks_a_run_of_urgent_frames() -> None:
-    one = station()
-    urgent = [ask(one) for _ in range(8)]
+    first = station()
+    urgent = [make_read(first) for _ in range(8)]
     scheduler = filled(*urgent)
     polled = poll(station(2))
     scheduler.poll_schedule.add(polled)
     taken(scheduler, 3)
-    between = stop(one)
+    between = stop(first)
     scheduler.enqueue(between)
     assert taken(scheduler, 6) == [between, *urgent[3:7], polled]
 
 
 def test_after_nine_polls_a_probe_has_its_turn() -> None:
-    one, polled = station(), poll(station(2))
-    probes = [ask(one, RequestPriority.PROBE) for _ in range(2)]
+    first, polled = station(), poll(station(2))
+    probes = [make_read(first, RequestPriority.PROBE) for _ in range(2)]
     scheduler = filled(*probes)
     scheduler.poll_schedule.add(polled)
     assert taken(scheduler, 20) == [*[polled] * 9, probes[0], *[polled] * 9, probes[1]]
 
 
 def test_a_stop_goes_first_and_a_stop_of_another_priority_after_it() -> None:
-    one, other = station(), station(2)
-    level, real, command = stop(one, RequestPriority.COMMAND), stop(other), ask(one, RequestPriority.COMMAND)
+    first, other = station(), station(2)
+    level, real, command = stop(first, RequestPriority.COMMAND), stop(other), make_read(first, RequestPriority.COMMAND)
     scheduler = filled(command, level, real)
     assert taken(scheduler, 3) == [real, level, command]
 
 
 def test_a_broadcast_stop_goes_first_then_the_drive_stopped_longest_ago() -> None:
-    one, two, three = station(), station(2), station(3)
-    scheduler = filled(stop(one))
+    first, second, third = station(), station(2), station(3)
+    scheduler = filled(stop(first))
     taken(scheduler, 1, 1.0)
-    scheduler.enqueue(stop(two))
+    scheduler.enqueue(stop(second))
     taken(scheduler, 1, 2.0)
-    jobs = [stop(two), stop(one), stop(three), stop(one, address=0)]
+    jobs = [stop(second), stop(first), stop(third), stop(first, address=0)]
     for job in jobs:
         scheduler.enqueue(job)
     assert taken(scheduler, 4, 3.0) == [jobs[3], jobs[2], jobs[1], jobs[0]]
 
 
 def test_a_broadcast_is_no_stations_own_stop() -> None:
-    one, two = station(), station(2)
-    scheduler = filled(stop(one, address=0))
+    first, second = station(), station(2)
+    scheduler = filled(stop(first, address=0))
     taken(scheduler, 1, 1.0)
-    jobs = [stop(one), stop(two)]
+    jobs = [stop(first), stop(second)]
     for job in jobs:
         scheduler.enqueue(job)
     assert taken(scheduler, 2, 2.0) == jobs
 
 
 def test_a_station_removed_and_registered_again_has_no_earlier_stop() -> None:
-    one, two = station(), station(2)
-    scheduler = filled(stop(one))
+    first, second = station(), station(2)
+    scheduler = filled(stop(first))
     taken(scheduler, 1, 1.0)
-    scheduler.remove_station(one)
-    jobs = [stop(one), stop(two)]
+    scheduler.remove_station(first)
+    jobs = [stop(first), stop(second)]
     for job in jobs:
         scheduler.enqueue(job)
     assert taken(scheduler, 2, 2.0) == jobs
 
 
 def test_another_attempt_is_first_in_its_priority_but_a_stop_is_last() -> None:
-    one, other = station(), station(2)
-    waiting, again = ask(other), ask(one)
+    first, other = station(), station(2)
+    waiting, again = make_read(other), make_read(first)
     scheduler = filled(waiting)
     scheduler.requeue(again)
     assert taken(scheduler, 2) == [again, waiting]
-    waiting, again = stop(other), stop(one)
+    waiting, again = stop(other), stop(first)
     scheduler = filled(waiting)
     scheduler.requeue(again)
     assert taken(scheduler, 2) == [waiting, again]
 
 
 def test_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
-    one = station()
-    start = write(one, COMMAND, until=10.0)
+    first = station()
+    start = write(first, COMMAND, until=10.0)
     scheduler = filled(start)
     assert scheduler.next(10.0) is start and scheduler.rejected == []
     assert scheduler.next_wake_at == pytest.approx(10.001)
@@ -225,9 +235,9 @@ def test_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
 
 
 def test_a_frame_that_lost_its_permit_is_rejected_and_the_next_goes() -> None:
-    one = station()
-    start, after = write(one, COMMAND), ask(one, RequestPriority.COMMAND)
-    one.stop_epoch += 1
+    first = station()
+    start, after = write(first, COMMAND), make_read(first, RequestPriority.COMMAND)
+    first.stop_epoch += 1
     scheduler = filled(start, after)
     assert scheduler.next(0.0) is after
     ((job, error),) = scheduler.rejected
@@ -235,9 +245,9 @@ def test_a_frame_that_lost_its_permit_is_rejected_and_the_next_goes() -> None:
 
 
 def test_a_frame_without_a_permit_is_rejected_although_it_is_first() -> None:
-    one = station()
+    first = station()
     bare = PreparedRequest(
-        BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND), "token", one, SETTINGS
+        BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND), "token", first, SETTINGS
     )
     scheduler = filled(bare)
     assert scheduler.next(0.0) is None
@@ -245,44 +255,44 @@ def test_a_frame_without_a_permit_is_rejected_although_it_is_first() -> None:
 
 
 def test_a_read_with_an_expiry_that_is_first_in_its_priority_expires_too() -> None:
-    one = station()
-    scheduler = filled(ask(one, expires_at=1.0))
+    first = station()
+    scheduler = filled(make_read(first, expires_at=1.0))
     assert scheduler.next(1.0) is not None and scheduler.next(1.1) is None
 
 
 def test_a_suspect_stations_sync_probe_goes_in_its_frames_place_when_the_quarantine_is_over() -> None:
-    one, other = station(), station(2)
-    one.mark_suspect(0.0)
-    mine, others = ask(one), ask(other)
+    first, other = station(), station(2)
+    first.mark_suspect(0.0)
+    mine, others = make_read(first), make_read(other)
     scheduler = filled(mine, others)
-    until = one.quarantined_until
+    until = first.quarantined_until
     assert scheduler.next(until - 0.001) is others
     assert scheduler.next_wake_at == until
-    fence = scheduler.next(until)
-    assert fence is not None and fence.is_sync_probe and fence.station is one
-    scheduler.on_sent(fence, until)
-    assert one not in scheduler._pending_sync_probes and len(scheduler) == 2
+    probe = scheduler.next(until)
+    assert probe is not None and probe.is_sync_probe and probe.station is first
+    scheduler.on_sent(probe, until)
+    assert first not in scheduler._pending_sync_probes and len(scheduler) == 2
 
 
 def test_the_sync_probe_that_has_been_due_longest_goes_first() -> None:
-    one, two, three = station(), station(2), station(3)
+    first, second, third = station(), station(2), station(3)
     scheduler = Scheduler(SETTINGS)
-    for at, each in ((0.3, one), (0.1, two), (0.2, three)):
+    for at, each in ((0.3, first), (0.1, second), (0.2, third)):
         each.mark_suspect(at)
         scheduler.mark_suspect(each)
         scheduler.mark_suspect(each)
     assert len(scheduler.untrusted_stations) == 3
-    assert scheduler.next(0.0) is None and scheduler.next_wake_at == two.quarantined_until
-    fence = scheduler.next(10.0)
-    assert fence is not None and fence.station is two
-    scheduler.mark_trusted(two, 10.0)
-    fence = scheduler.next(10.0)
-    assert fence is not None and fence.station is three
-    scheduler.remove_station(three)
-    fence = scheduler.next(10.0)
-    assert fence is not None and fence.station is one
-    scheduler.mark_trusted(one, 10.0)
-    scheduler.mark_trusted(one, 10.0)
+    assert scheduler.next(0.0) is None and scheduler.next_wake_at == second.quarantined_until
+    probe = scheduler.next(10.0)
+    assert probe is not None and probe.station is second
+    scheduler.mark_trusted(second, 10.0)
+    probe = scheduler.next(10.0)
+    assert probe is not None and probe.station is third
+    scheduler.remove_station(third)
+    probe = scheduler.next(10.0)
+    assert probe is not None and probe.station is first
+    scheduler.mark_trusted(first, 10.0)
+    scheduler.mark_trusted(first, 10.0)
     assert scheduler.next(10.0) is None and scheduler.untrusted_stations == []
 
 
@@ -294,13 +304,13 @@ def test_a_silent_station_is_probed_when_its_pause_and_the_budget_allow_it() -> 
         scheduler.mark_suspect(each)
     silent.mark_offline(0.0)
     assert silent.next_probe_at == 1.0 > suspect.quarantined_until
-    fence = scheduler.next(5.0)
-    assert fence is not None and fence.station is suspect, "it has been due since its quarantine, the probe later"
+    probe = scheduler.next(5.0)
+    assert probe is not None and probe.station is suspect, "it has been due since its quarantine, the probe later"
     scheduler.probe_budget.allowed_at = 7.0
     scheduler.mark_trusted(suspect, 5.0)
     assert scheduler.next(5.0) is None and scheduler.next_wake_at == 7.0
-    fence = scheduler.next(7.0)
-    assert fence is not None and fence.station is silent
+    probe = scheduler.next(7.0)
+    assert probe is not None and probe.station is silent
 
 
 def test_a_poll_is_due_at_its_time_and_not_before() -> None:
@@ -324,77 +334,77 @@ def test_a_polls_retry_leaves_the_queue_and_returns_the_poll_to_the_schedule() -
 
 
 def test_removed_requests_are_returned_and_a_removed_poll_is_no_retry_any_more() -> None:
-    one, other = station(), station(2)
-    polled = poll(one)
+    first, other = station(), station(2)
+    polled = poll(first)
     polled.retry_queued = True
-    mine, others = ask(one), ask(other)
+    mine, others = make_read(first), make_read(other)
     scheduler = filled(mine, polled, others)
-    assert scheduler.remove_if(lambda job: job.station is one) == [mine, polled]
+    assert scheduler.remove_if(lambda job: job.station is first) == [mine, polled]
     assert not polled.retry_queued and len(scheduler) == 1
 
 
 def test_a_stop_ends_its_stations_commands_and_permits_and_no_others() -> None:
-    """A motion frame ends in whatever priority it waits; a read or setting outside the command priority stays."""
-    one, other = station(), station(2)
-    gone = [
-        write(one),
-        write(one, COMMAND),
-        ask(one, RequestPriority.COMMAND),
-        write(one, COMMAND, priority=RequestPriority.PARAMETER),
+    """A motion frame is removed at any priority; a read or setting outside the command priority stays."""
+    first, other = station(), station(2)
+    removed = [
+        write(first),
+        write(first, COMMAND),
+        make_read(first, RequestPriority.COMMAND),
+        write(first, COMMAND, priority=RequestPriority.PARAMETER),
     ]
-    kept = [
-        ask(one),
-        write(one, priority=RequestPriority.PARAMETER),
-        ask(one, RequestPriority.PROBE),
+    remaining = [
+        make_read(first),
+        write(first, priority=RequestPriority.PARAMETER),
+        make_read(first, RequestPriority.PROBE),
         write(other),
-        stop(one),
+        stop(first),
     ]
-    scheduler = filled(*gone, *kept)
-    assert set(scheduler.supersede([one])) == set(gone)
-    assert len(scheduler) == len(kept)
-    assert (one.stop_epoch, other.stop_epoch) == (1, 0)
-    scheduler.supersede([one, one, other])
-    assert (one.stop_epoch, other.stop_epoch) == (2, 1)
+    scheduler = filled(*removed, *remaining)
+    assert set(scheduler.supersede([first])) == set(removed)
+    assert len(scheduler) == len(remaining)
+    assert (first.stop_epoch, other.stop_epoch) == (1, 0)
+    scheduler.supersede([first, first, other])
+    assert (first.stop_epoch, other.stop_epoch) == (2, 1)
 
 
 def test_the_polls_of_a_removed_station_end_suspended_ones_too() -> None:
-    one, other = station(), station(2)
+    first, other = station(), station(2)
     scheduler = Scheduler(SETTINGS)
-    parked, polled, others = poll(one), poll(one), poll(other)
-    scheduler.poll_schedule.suspended[one] = [parked]
+    suspended, polled, others = poll(first), poll(first), poll(other)
+    scheduler.poll_schedule.suspended[first] = [suspended]
     for each in (polled, others):
         scheduler.poll_schedule.add(each)
-    scheduler.remove_station(one)
+    scheduler.remove_station(first)
     assert not scheduler.poll_schedule.suspended and polled.cancelled and not others.cancelled
     assert taken(scheduler, 2) == [others, others]
 
 
 def test_a_station_that_is_trusted_again_has_its_suspended_polls_at_once() -> None:
-    one = station()
+    first = station()
     scheduler = Scheduler(SETTINGS)
-    parked = poll(one, 5.0, due=3.0)
-    scheduler.poll_schedule.suspended[one] = [parked]
-    scheduler.mark_trusted(one, 10.0)
-    assert not scheduler.poll_schedule.suspended and taken(scheduler, 1, 10.0) == [parked]
+    suspended = poll(first, 5.0, due=3.0)
+    scheduler.poll_schedule.suspended[first] = [suspended]
+    scheduler.mark_trusted(first, 10.0)
+    assert not scheduler.poll_schedule.suspended and taken(scheduler, 1, 10.0) == [suspended]
 
 
 def test_only_stops_count_for_whose_stop_is_next() -> None:
-    """Other frames sent to a station meanwhile do not put its stop behind another one's."""
-    one, two = station(1), station(2)
-    scheduler = filled(stop(one))
+    """Other frames to a station do not delay its stop behind that of another."""
+    first, second = station(1), station(2)
+    scheduler = filled(stop(first))
     taken(scheduler, 1, 1.0)
-    scheduler.enqueue(ask(two))
+    scheduler.enqueue(make_read(second))
     taken(scheduler, 1, 2.0)
-    for each in (stop(one), stop(two)):
+    for each in (stop(first), stop(second)):
         scheduler.enqueue(each)
-    assert [job.station for job in taken(scheduler, 2, 3.0)] == [two, one]
+    assert [job.station for job in taken(scheduler, 2, 3.0)] == [second, first]
 
 
 def test_only_commands_bring_a_waiting_parameter_its_turn() -> None:
-    one = station()
-    scheduler = filled(ask(one), *(stop(one) for _ in range(MAX_COMMANDS_IN_ROW)))
+    first = station()
+    scheduler = filled(make_read(first), *(stop(first) for _ in range(MAX_COMMANDS_IN_ROW)))
     taken(scheduler, MAX_COMMANDS_IN_ROW)
-    scheduler.enqueue(write(one))
+    scheduler.enqueue(write(first))
     assert [job.priority for job in taken(scheduler, 2)] == [RequestPriority.COMMAND, RequestPriority.PARAMETER]
 
 

@@ -1,4 +1,4 @@
-"""The states of a station: the drawn table is what the code does, and the bus makes each of its transitions."""
+"""States of a station: the drawn table equals the table of the code, and the bus makes each of its transitions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Transition = tuple[StationState, StationEvent, StationState]
 
 
 def drawn_table() -> dict[tuple[StationState, StationEvent], StationState]:
-    """The table in the module's docstring; ``-`` is left out."""
+    """Return the table in the docstring of the module, without its ``-`` entries."""
     assert station_module.__doc__ is not None
     rows = [line.strip().split("|") for line in station_module.__doc__.splitlines() if "|" in line]
     events = [StationEvent[name.strip()] for name in rows[0][1:]]
@@ -61,8 +61,8 @@ def test_each_event_moves_a_station_as_drawn(
 
 
 @pytest.fixture
-def seen(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[Transition]]:
-    """Every transition that a bus makes in this test; one that is not drawn fails at once."""
+def transitions(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[Transition]]:
+    """Yield the transitions that a bus makes in the test; an undrawn transition fails at once."""
     made: set[Transition] = set()
     change = Station._change
 
@@ -81,13 +81,13 @@ def state_of(script: BusScript) -> StationState:
 
 
 def read(script: BusScript) -> None:
-    """One read and all that follows from it at once, sync probes not included."""
+    """Submit a read and run until its result, without sync probes."""
     script.submit(read_request(), token := object())
     script.result(token)
 
 
 def replug(script: BusScript) -> None:
-    """Lose the port and open it again: it has to be found out again whether the adapter echoes."""
+    """Lose the port and open it again, which also restarts the echo detection."""
     script.lose_port(PortLost("bus.closed"))
     script.reopen()
 
@@ -97,7 +97,7 @@ def after_probe(script: BusScript, seconds: float = MAX_PROBE_INTERVAL_S + 10.0)
 
 
 def a_station_that_comes_and_goes(script: BusScript, station: FakeStation) -> None:
-    """Online, suspect after a timeout, offline after its sync probe, and back."""
+    """Make a station online, suspect after a timeout, offline after its sync probe, and online again."""
     read(script)
     read(script)
     station.alive = False
@@ -117,7 +117,7 @@ def a_station_that_comes_and_goes(script: BusScript, station: FakeStation) -> No
 
 
 def a_port_that_is_replugged(script: BusScript, station: FakeStation) -> None:
-    """The first reply after opening mirrors its sync probe: it may be our own echo."""
+    """Reopen the port; the first reply mirrors its sync probe and may be our own echo."""
     read(script)
     replug(script)
     assert state_of(script) is StationState.SUSPECT
@@ -168,7 +168,7 @@ def an_absent_station_beside_one_that_replies(script: BusScript, station: FakeSt
     assert state_of(script) is StationState.ONLINE
 
 
-def test_the_bus_makes_every_drawn_transition_and_no_other(seen: set[Transition]) -> None:
+def test_the_bus_makes_every_drawn_transition_and_no_other(transitions: set[Transition]) -> None:
     for scenario in (
         a_station_that_comes_and_goes,
         a_port_that_is_replugged,
@@ -178,7 +178,7 @@ def test_the_bus_makes_every_drawn_transition_and_no_other(seen: set[Transition]
     ):
         first, second = FakeStation(1), FakeStation(2)
         scenario(BusScript(make_core(1), wire_to(first, second)), first)
-    assert seen == {(state, event, after) for (state, event), after in TRANSITIONS.items()}
+    assert transitions == {(state, event, after) for (state, event), after in TRANSITIONS.items()}
 
 
 def test_a_state_defines_the_permitted_requests() -> None:

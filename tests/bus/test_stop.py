@@ -1,4 +1,4 @@
-"""A stop is the next frame, removes what it overtakes, and waits only for the frame on the wire."""
+"""A stop is the next frame, removes overtaken commands, and waits only for the frame on the wire."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def test_a_stop_is_the_next_frame_of_every_family(line: str) -> None:
 
 
 def test_at_any_instant_of_a_full_bus_with_silent_stations_a_stop_leaves_within_its_bound() -> None:
-    """In virtual time, against the computed stop bound (no host time: there is none here)."""
+    """The delay is within the computed stop bound without host time, because time is virtual."""
     stations = [FakeStation(address, delay_s=0.019) for address in range(1, 6)]
     script = make_script(*stations)
     plan = [(station_config(address), [Poll(read(address), 0.0)]) for address in range(1, 6)]
-    for one, polls in plan:
-        script.start_polling(one.address, polls, one.address)
+    for config, station_polls in plan:
+        script.start_polling(config.address, station_polls, config.address)
     bound = estimate_bus_load(plan, SETTINGS).drives[1].stop_bound_s
     chance = random.Random(3)
     worst = 0.0
@@ -68,14 +68,14 @@ def test_at_any_instant_of_a_full_bus_with_silent_stations_a_stop_leaves_within_
         script.run_until(script.now + chance.random() * 0.3)
         for other in range(3):
             script.submit(read_request(2 + other), "reads")
-        before, asked = len(script.sent), script.now
+        before, submitted_at = len(script.sent), script.now
         script.submit(stop_request(1), number)
-        script.run_until(asked + 0.5)
+        script.run_until(submitted_at + 0.5)
         at, frame = script.sent[before]
         assert frame == STOP_FRAME
-        worst = max(worst, at + 8 * CHARACTER_S - asked)
+        worst = max(worst, at + 8 * CHARACTER_S - submitted_at)
     assert worst <= bound + 1e-6
-    assert worst > 0.7 * bound, "the bound is tight enough to be worth something"
+    assert worst > 0.7 * bound, "the bound is not far above the worst case"
 
 
 def test_a_start_that_waits_for_its_gap_is_overtaken_and_deleted() -> None:
@@ -140,7 +140,7 @@ def test_a_stop_in_any_priority_is_a_stop() -> None:
 
 
 def test_frames_after_a_stop_wait_for_the_stops_of_other_drives() -> None:
-    """VC660 writes the levels after each stop pulse: submitted as commands, still ahead of everything else."""
+    """VC660 writes the levels after each stop pulse: as commands they are still sent first."""
     script = make_script(FakeStation(1), FakeStation(2))
     script.submit(read_request(1), "in transaction")
     script.run_until(0.01)
@@ -163,7 +163,7 @@ def test_nothing_else_may_use_the_stop_priority() -> None:
 
 
 def test_a_stop_goes_to_a_station_in_quarantine_and_its_reply_is_not_accepted() -> None:
-    """Sending is always allowed, only the reply does not count."""
+    """A stop may always be sent, only its reply is not accepted."""
     station = FakeStation()
     script = make_script(station)
     script.submit(read_request(), "first")
@@ -181,7 +181,7 @@ def test_a_stop_goes_to_a_station_in_quarantine_and_its_reply_is_not_accepted() 
 
 
 def test_an_unanswered_stop_is_resent_twice_after_the_other_drives_stops() -> None:
-    """Repeated, and never ahead of the next drive's stop."""
+    """It is repeated, and never before the stop of the next drive."""
     stations = [FakeStation(1), FakeStation(2)]
     script = make_script(*stations)
     for address in (1, 2):
@@ -189,9 +189,9 @@ def test_an_unanswered_stop_is_resent_twice_after_the_other_drives_stops() -> No
     script.result(2)
     stations[0].alive = False
     script.sent.clear()
-    script.submit(stop_request(1), "one")
+    script.submit(stop_request(1), "stop")
     script.submit(stop_request(2), "two")
-    assert script.result("one").attempts == 3
+    assert script.result("stop").attempts == 3
     assert [frame[0] for frame in script.frames] == [1, 2, 1, 1]
 
 
@@ -224,7 +224,7 @@ def test_nothing_but_a_stop_is_ever_broadcast() -> None:
 
 
 def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
-    """A new stop is sent soon while the stops of offline and online drives are repeated."""
+    """A new stop is sent soon, while stops of a silent drive and of another drive are repeated."""
     script = make_script(FakeStation(1, alive=False), FakeStation(2), FakeStation(3))
     script.submit(stop_request(1), "first of 1")
     script.run_until(0.01)
@@ -238,7 +238,7 @@ def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
 
 
 def test_a_control_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
-    """2000H of VC660 and DF800: the same bit is a stop here and a run there."""
+    """Word 2 at register 2000H is a stop on a VC660 and a start on a DF800."""
     bus = make_core(1)
     other = station_config(2)
     bus.add_station(replace(other, effect_of=lambda frame: Effect.MOTION))
@@ -256,9 +256,9 @@ def test_a_line_that_is_never_silent_does_not_delay_a_stop() -> None:
     script.run_until(1.5)
     script.submit(read_request(), "read")
     script.submit(stop_request(), "stop")
-    asked = script.now
-    script.run_until(asked + 0.2)
+    submitted_at = script.now
+    script.run_until(submitted_at + 0.2)
     at, frame = script.sent[0]
-    assert frame == STOP_FRAME and at - asked <= 68 * CHARACTER_S
-    script.run_until(asked + 4)
+    assert frame == STOP_FRAME and at - submitted_at <= 68 * CHARACTER_S
+    script.run_until(submitted_at + 4)
     assert script.results["read"][0].error is not None and script.results["read"][0].error.key == "bus.no_silence"

@@ -1,4 +1,4 @@
-"""The machine sleeps: the clock of a bus goes on meanwhile, so that what was queued before is too old afterwards."""
+"""System suspend: the clock of a bus goes on, so that requests queued before have expired afterwards."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has 
 
 
 async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An hour passes on the clock that counts sleep, and on no other, while the frame before is out."""
+    """An hour passes only on the clock that includes suspend, while the previous frame is on the wire."""
     slept_s, kernel = 0.0, time.clock_gettime
 
     def clock(which: int) -> float:
@@ -65,14 +65,14 @@ async def main():
     bus = Bus(ScriptedPort(wire_to(FakeStation())))
     bus.add_station(station_config())
     before = bus.now()
-    assert before - time.monotonic() > 3590, "not the clock that counts sleep"
+    assert before - time.monotonic() > 3590, "not the clock that includes suspend"
     async with bus:
         answer = await bus.transact(read_request())
         assert answer.error is None and before <= answer.sent_at < answer.received_at <= bus.now() < before + 60
-        seen = asyncio.Queue()
-        bus.start_polling(1, [Poll(read(), 0.02)], seen.put_nowait)
+        results = asyncio.Queue()
+        bus.start_polling(1, [Poll(read(), 0.02)], results.put_nowait)
         for _ in range(5):
-            assert (await seen.get()).error is None
+            assert (await results.get()).error is None
 asyncio.run(asyncio.wait_for(main(), 20))
 """
 

@@ -1,4 +1,4 @@
-"""One request and all that can come of it: deadlines, silence, foreign frames, damage."""
+"""One request and its possible results: deadlines, silence, foreign frames, damage."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GAP = 3.5 * CHARACTER_S
 
 @pytest.mark.parametrize("line", DELIVERIES)
 def test_a_read_gets_the_reply_of_its_own_station_in_every_family(line: str) -> None:
-    """On the four lines: whatever the bus does, the values are those of that very request, or there are none."""
+    """At every line quality the values are those of the request, or there are none."""
     station = FakeStation()
     script = make_script(station, deliver=DELIVERIES[line]())
     for number in range(200):
@@ -58,7 +58,7 @@ def test_a_clean_read_takes_exactly_the_computed_time() -> None:
 
 
 def test_whole_and_byte_by_byte_give_the_same_reply_at_the_same_time() -> None:
-    """The end of a frame is its length; how it was cut on the way does not matter."""
+    """A frame ends by its length, however it was split on the way."""
     both = []
     for deliver in (DELIVERIES["clean"](), byte_by_byte):
         script = make_script(FakeStation(), deliver=deliver)
@@ -124,7 +124,7 @@ def test_a_byte_after_the_reply_invalidates_it() -> None:
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=received)
     script.receive(b"\x00", at=received + GAP * 0.5)
     script.run_until(received + 3 * GAP)
-    assert not script.results, "a second answer may be on its way: quarantine and fence come first"
+    assert not script.results, "a second answer may be on its way: quarantine and sync probe come first"
     assert script.core.stations[1].state.is_suspect
     assert script.core.counters.errors == {TrailingError.__name__: 1}
 
@@ -152,7 +152,7 @@ def test_line_errors_invalidate_the_transaction_whatever_the_bytes() -> None:
 
 
 def test_bytes_before_the_last_stop_bit_of_the_request_are_no_reply() -> None:
-    """F03, on a port whose pacing is real."""
+    """The port has line timing."""
     script = BusScript(make_core(1))
     script.run_until(1.0)
     script.submit(read_request())
@@ -212,11 +212,11 @@ def test_a_short_error_is_accepted_only_if_nothing_follows() -> None:
             assert isinstance(script.result().reply, modbus.ExceptionReply)
 
 
-@pytest.mark.parametrize(("stall_s", "believed"), [(0.1, True), (0.3, False)])
+@pytest.mark.parametrize(("stall_s", "accepted"), [(0.1, True), (0.3, False)])
 def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_tolerance(
-    stall_s: float, believed: bool
+    stall_s: float, accepted: bool
 ) -> None:
-    """The reply is read after the deadline, before the wake of the deadline was served: it may have come in time."""
+    """The reply is read after the deadline but before its timer is served, so it may have come in time."""
     bus = make_core(1)
     script = BusScript(bus)
     script.run_until(1.0)
@@ -225,7 +225,7 @@ def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_toleranc
     script._timer_at = None
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
     answer = script.result()
-    assert (answer.error is None) is believed
+    assert (answer.error is None) is accepted
 
 
 def make_transaction(**options: Any) -> Transaction:
@@ -236,14 +236,16 @@ def make_transaction(**options: Any) -> Transaction:
 def test_the_reader_is_paused_until_a_byte_could_complete_the_reply() -> None:
     """Before that moment no byte can end the frame on a bus of this speed; afterwards every byte is wanted."""
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
-    one = make_transaction()
-    assert one.earliest_useful_at() == pytest.approx(1.0 + SENT_END + (REPLY_BYTES - 1) * CHARACTER_S)
-    one.on_data(reply[:4], 1.1)
-    assert one.bytes_needed == 5 and one.earliest_useful_at() == pytest.approx(1.1 + 0 * CHARACTER_S)
-    one.on_data(reply[4:5], 1.2)
-    assert one.bytes_needed == REPLY_BYTES and one.earliest_useful_at() == pytest.approx(1.2 + 7 * CHARACTER_S)
-    one.on_data(reply[5:], 1.3)
-    assert one.message is not None and one.earliest_useful_at() is None
+    transaction = make_transaction()
+    assert transaction.earliest_useful_at() == pytest.approx(1.0 + SENT_END + (REPLY_BYTES - 1) * CHARACTER_S)
+    transaction.on_data(reply[:4], 1.1)
+    assert transaction.bytes_needed == 5 and transaction.earliest_useful_at() == pytest.approx(1.1 + 0 * CHARACTER_S)
+    transaction.on_data(reply[4:5], 1.2)
+    assert transaction.bytes_needed == REPLY_BYTES and transaction.earliest_useful_at() == pytest.approx(
+        1.2 + 7 * CHARACTER_S
+    )
+    transaction.on_data(reply[5:], 1.3)
+    assert transaction.message is not None and transaction.earliest_useful_at() is None
 
 
 def test_the_reader_is_not_paused_where_other_bytes_than_a_reply_may_arrive() -> None:
@@ -262,23 +264,23 @@ def test_the_reader_is_not_paused_where_other_bytes_than_a_reply_may_arrive() ->
 
 def test_a_byte_behind_the_reply_is_reported_with_both_lengths() -> None:
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
-    one = make_transaction()
-    one.on_data(reply + b"\x00", 1.1)
-    assert isinstance(one.error, TrailingError) and one.error.key == "bus.trailing"
-    assert one.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
+    transaction = make_transaction()
+    transaction.on_data(reply + b"\x00", 1.1)
+    assert isinstance(transaction.error, TrailingError) and transaction.error.key == "bus.trailing"
+    assert transaction.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
 
 
 def test_a_line_error_without_a_byte_invalidates_a_complete_reply() -> None:
-    """It ends at the deadline: what else is on its way is not sent into."""
-    one = make_transaction()
-    one.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 1.05)
-    assert one.ends_at < one.deadline
-    one.on_data(b"", 1.051, line_errors=1)
-    assert isinstance(one.error, LineError) and one.ends_at == one.deadline
+    """The transaction ends at its deadline, so that no frame collides with further bytes."""
+    transaction = make_transaction()
+    transaction.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 1.05)
+    assert transaction.ends_at < transaction.deadline
+    transaction.on_data(b"", 1.051, line_errors=1)
+    assert isinstance(transaction.error, LineError) and transaction.ends_at == transaction.deadline
 
 
 def test_the_timeout_is_reported_in_milliseconds() -> None:
-    one = make_transaction()
-    one.deadline = one.tx_end_at + 2.0
-    error = one.final_error()
+    transaction = make_transaction()
+    transaction.deadline = transaction.tx_end_at + 2.0
+    error = transaction.final_error()
     assert isinstance(error, NoReply) and error.params["milliseconds"] == 2000

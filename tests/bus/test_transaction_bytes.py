@@ -1,4 +1,4 @@
-"""One transaction alone, byte by byte: its end and its error."""
+"""End and error of a single transaction, byte by byte."""
 
 from __future__ import annotations
 
@@ -37,98 +37,108 @@ def make_transaction(
 
 
 def test_a_transaction_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:
-    one = make_transaction()
-    assert (one.sent_at, one.tx_end_at, one.deadline, one.ends_at) == (1.0, END, DEADLINE, DEADLINE)
-    error = one.final_error()
+    transaction = make_transaction()
+    assert (transaction.sent_at, transaction.tx_end_at, transaction.deadline, transaction.ends_at) == (
+        1.0,
+        END,
+        DEADLINE,
+        DEADLINE,
+    )
+    error = transaction.final_error()
     assert isinstance(error, NoReply) and error.key == "bus.no_reply"
     wait_ms = round((DEADLINE - END) * 1000)
     assert error.params == {"station": 1, "attempt": 1, "bytes": 0, "milliseconds": wait_ms}
 
 
 def test_a_complete_reply_is_accepted_after_the_gap() -> None:
-    one = make_transaction()
-    one.on_data(REPLY, 1.05)
-    assert one.ends_at == 1.05 + GAP and one.final_error() is None
-    assert one.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4)) and (
-        one.received_count,
-        one.message_size,
-        one.last_byte_at,
+    transaction = make_transaction()
+    transaction.on_data(REPLY, 1.05)
+    assert transaction.ends_at == 1.05 + GAP and transaction.final_error() is None
+    assert transaction.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4)) and (
+        transaction.received_count,
+        transaction.message_size,
+        transaction.last_byte_at,
     ) == (13, 13, 1.05)
 
 
 def test_a_part_of_a_reply_is_reported_truncated_at_the_deadline() -> None:
-    one = make_transaction()
+    transaction = make_transaction()
     for place in range(12):
-        one.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
-        assert one.ends_at == DEADLINE
-    error = one.final_error()
+        transaction.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
+        assert transaction.ends_at == DEADLINE
+    error = transaction.final_error()
     assert isinstance(error, NoReply) and (error.key, error.params["bytes"]) == ("bus.truncated", 12)
-    one.on_data(REPLY[12:], 1.08)
-    assert one.final_error() is None and one.ends_at == 1.08 + GAP
+    transaction.on_data(REPLY[12:], 1.08)
+    assert transaction.final_error() is None and transaction.ends_at == 1.08 + GAP
 
 
 @pytest.mark.parametrize("pieces", [[14], [13, 1]])
 def test_a_further_byte_invalidates_the_reply_whenever_it_comes(pieces: list[int]) -> None:
-    one, data = make_transaction(), REPLY + b"\x00"
+    transaction, data = make_transaction(), REPLY + b"\x00"
     for size in pieces:
-        one.on_data(data[:size], 1.05)
+        transaction.on_data(data[:size], 1.05)
         data = data[size:]
-    error = one.final_error()
+    error = transaction.final_error()
     assert isinstance(error, TrailingError) and (error.expected, error.found) == (13, 14)
-    assert one.message is None and one.ends_at == 1.05 + GAP
+    assert transaction.message is None and transaction.ends_at == 1.05 + GAP
 
 
 def test_an_invalid_reply_ends_after_its_bytes_and_the_gap_but_never_after_the_deadline() -> None:
-    one = make_transaction()
-    one.on_data(DAMAGED[:12], 1.04)
-    assert one.ends_at == DEADLINE
-    one.on_data(DAMAGED[12:], 1.05)
-    assert isinstance(one.final_error(), ChecksumError) and one.ends_at == 1.05 + GAP
-    one.on_data(b"\x00", DEADLINE - GAP / 2)
-    assert one.ends_at == DEADLINE
-    assert isinstance(one.final_error(), ChecksumError), "the first error stays"
+    transaction = make_transaction()
+    transaction.on_data(DAMAGED[:12], 1.04)
+    assert transaction.ends_at == DEADLINE
+    transaction.on_data(DAMAGED[12:], 1.05)
+    assert isinstance(transaction.final_error(), ChecksumError) and transaction.ends_at == 1.05 + GAP
+    transaction.on_data(b"\x00", DEADLINE - GAP / 2)
+    assert transaction.ends_at == DEADLINE
+    assert isinstance(transaction.final_error(), ChecksumError), "the first error is reported"
 
 
 def test_the_first_error_is_reported() -> None:
-    one = make_transaction()
-    one.on_data(REPLY, 1.05)
-    one.on_data(b"\x00", 1.051, line_errors=1)
-    assert isinstance(one.final_error(), LineError)
-    one.on_data(b"", 1.052, line_errors=5)
-    error = one.final_error()
+    transaction = make_transaction()
+    transaction.on_data(REPLY, 1.05)
+    transaction.on_data(b"\x00", 1.051, line_errors=1)
+    assert isinstance(transaction.final_error(), LineError)
+    transaction.on_data(b"", 1.052, line_errors=5)
+    error = transaction.final_error()
     assert isinstance(error, LineError) and (error.key, error.params) == ("bus.line_errors", {"station": 1, "count": 1})
 
 
 def test_line_errors_alone_invalidate_it_until_the_deadline() -> None:
-    one = make_transaction()
-    one.on_data(b"", 1.05, line_errors=2)
-    error = one.final_error()
+    transaction = make_transaction()
+    transaction.on_data(b"", 1.05, line_errors=2)
+    error = transaction.final_error()
     assert isinstance(error, LineError) and error.params["count"] == 2
-    assert one.ends_at == DEADLINE and one.received_count == 0 and one.last_byte_at is None
+    assert transaction.ends_at == DEADLINE and transaction.received_count == 0 and transaction.last_byte_at is None
 
 
 def test_foreign_frames_are_dropped_and_recorded_and_the_reply_after_them_is_accepted() -> None:
-    one = make_transaction()
-    one.on_data(OTHERS + OTHERS + REPLY[:5], 1.05)
-    assert [data for data, _ in one.foreign_frames or ()] == [OTHERS, OTHERS]
-    assert all(isinstance(error, AddressError) for _, error in one.foreign_frames or ())
-    assert (one.received_count, bytes(one.buffer), one.bytes_needed) == (5, REPLY[:5], 13)
-    one.on_data(REPLY[5:], 1.06)
-    assert one.final_error() is None and one.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4))
+    transaction = make_transaction()
+    transaction.on_data(OTHERS + OTHERS + REPLY[:5], 1.05)
+    assert [data for data, _ in transaction.foreign_frames or ()] == [OTHERS, OTHERS]
+    assert all(isinstance(error, AddressError) for _, error in transaction.foreign_frames or ())
+    assert (transaction.received_count, bytes(transaction.buffer), transaction.bytes_needed) == (5, REPLY[:5], 13)
+    transaction.on_data(REPLY[5:], 1.06)
+    assert transaction.final_error() is None and transaction.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4))
 
 
 def test_after_a_foreign_frame_alone_the_transaction_still_waits() -> None:
-    one = make_transaction()
-    one.on_data(OTHERS, 1.05)
-    assert (one.received_count, one.buffer, one.bytes_needed, one.error) == (0, b"", 1, None)
-    error = one.final_error()
+    transaction = make_transaction()
+    transaction.on_data(OTHERS, 1.05)
+    assert (transaction.received_count, transaction.buffer, transaction.bytes_needed, transaction.error) == (
+        0,
+        b"",
+        1,
+        None,
+    )
+    error = transaction.final_error()
     assert isinstance(error, NoReply) and error.key == "bus.no_reply"
-    one.on_data(REPLY, 1.06)
-    assert one.final_error() is None
+    transaction.on_data(REPLY, 1.06)
+    assert transaction.final_error() is None
 
 
-class Mistaken(modbus.ModbusRtuCodec):
-    """Raises an AddressError with a size that can't be."""
+class WrongSizeCodec(modbus.ModbusRtuCodec):
+    """Codec that raises an AddressError with an impossible size."""
 
     size = 0
 
@@ -138,16 +148,16 @@ class Mistaken(modbus.ModbusRtuCodec):
 
 @pytest.mark.parametrize(("size", "dropped"), [(-1, False), (0, False), (1, True), (5, True), (6, False)])
 def test_a_foreign_frame_is_dropped_only_when_complete(size: int, dropped: bool) -> None:
-    codec = Mistaken()
+    codec = WrongSizeCodec()
     codec.size = size
-    one = make_transaction(codec=codec)
-    one.on_data(b"\x02\x03\x04\x05\x06", 1.05)
-    assert (one.error is None) is dropped
-    assert len(one.foreign_frames or ()) == ((5 // size) if dropped else 0)
+    transaction = make_transaction(codec=codec)
+    transaction.on_data(b"\x02\x03\x04\x05\x06", 1.05)
+    assert (transaction.error is None) is dropped
+    assert len(transaction.foreign_frames or ()) == ((5 // size) if dropped else 0)
 
 
 @pytest.mark.parametrize(
-    ("size", "characters", "kept"),
+    ("size", "characters", "remaining"),
     [
         (1, 0.4, 0),
         (1, 0.6, 1),
@@ -161,32 +171,36 @@ def test_a_foreign_frame_is_dropped_only_when_complete(size: int, dropped: bool)
     ],
 )
 def test_bytes_that_end_before_the_last_bit_of_the_request_are_no_reply(
-    size: int, characters: float, kept: int
+    size: int, characters: float, remaining: int
 ) -> None:
     """The last of them came at ``characters`` after our last bit, each earlier one a character before it."""
     for paced in (True, False):
-        one = make_transaction(paced=paced)
-        one.on_data(REPLY[:size], END + characters * CHARACTER_S)
-        expected = kept if paced else size
-        assert (len(one.bytes_before_tx_end), one.received_count) == (size - expected, expected)
-        assert bytes(one.buffer) == REPLY[size - expected : size]
-        assert (one.last_byte_at is not None) is (expected > 0)
+        transaction = make_transaction(paced=paced)
+        transaction.on_data(REPLY[:size], END + characters * CHARACTER_S)
+        expected = remaining if paced else size
+        assert (len(transaction.bytes_before_tx_end), transaction.received_count) == (size - expected, expected)
+        assert bytes(transaction.buffer) == REPLY[size - expected : size]
+        assert (transaction.last_byte_at is not None) is (expected > 0)
 
 
 def test_a_broadcast_is_over_after_its_turnaround_whatever_is_received() -> None:
-    one = make_transaction(modbus.WriteRegister(0, COMMAND, STOP))
-    assert one.ends_at == END + TIMING.turnaround_s
-    one.on_data(REPLY, 1.05)
-    assert one.ends_at == END + TIMING.turnaround_s and one.final_error() is None
-    assert (one.received_count, one.buffer) == (13, b"")
-    one.on_data(b"\x00", 1.06, line_errors=1)
-    assert isinstance(one.final_error(), LineError)
+    transaction = make_transaction(modbus.WriteRegister(0, COMMAND, STOP))
+    assert transaction.ends_at == END + TIMING.turnaround_s
+    transaction.on_data(REPLY, 1.05)
+    assert transaction.ends_at == END + TIMING.turnaround_s and transaction.final_error() is None
+    assert (transaction.received_count, transaction.buffer) == (13, b"")
+    transaction.on_data(b"\x00", 1.06, line_errors=1)
+    assert isinstance(transaction.final_error(), LineError)
 
 
 def test_a_stray_byte_is_skipped_once_where_the_profile_allows_it() -> None:
-    one = make_transaction(tolerate_leading_noise=True)
-    one.on_data(b"\xff" + REPLY, 1.05)
-    assert one.final_error() is None and (one.bytes_before_tx_end, one.received_count, one.noise_skipped) == (
+    transaction = make_transaction(tolerate_leading_noise=True)
+    transaction.on_data(b"\xff" + REPLY, 1.05)
+    assert transaction.final_error() is None and (
+        transaction.bytes_before_tx_end,
+        transaction.received_count,
+        transaction.noise_skipped,
+    ) == (
         b"\xff",
         13,
         True,
@@ -200,37 +214,37 @@ def test_a_stray_byte_is_skipped_once_where_the_profile_allows_it() -> None:
 
 
 def test_after_the_stray_byte_the_reply_may_come_in_pieces() -> None:
-    one = make_transaction(tolerate_leading_noise=True)
+    transaction = make_transaction(tolerate_leading_noise=True)
     for place, byte in enumerate(b"\xff" + REPLY):
-        one.on_data(bytes((byte,)), 1.05 + place * CHARACTER_S)
-    assert one.final_error() is None and one.bytes_before_tx_end == b"\xff"
+        transaction.on_data(bytes((byte,)), 1.05 + place * CHARACTER_S)
+    assert transaction.final_error() is None and transaction.bytes_before_tx_end == b"\xff"
 
 
 def test_a_short_error_that_may_be_the_start_of_an_echo_waits_for_the_adapter_too() -> None:
-    asked = modbus.WriteRegister(1, 0x23, 0xA000)
+    request = modbus.WriteRegister(1, 0x23, 0xA000)
     codec = modbus.ModbusRtuCodec("short")
     error = codec.encode_reply(modbus.ExceptionReply(1, 6, None))
-    assert codec.encode_request(asked).startswith(error)
-    one = make_transaction(asked, codec)
-    one.on_data(error, 1.05)
-    assert one.needs_silence and one.ends_at == 1.05 + (GAP + TIMING.adapter_latency_s)
-    assert one.final_error() is None and one.message == modbus.ExceptionReply(1, 6, None)
-    assert one.bytes_needed == 8
-    one.on_data(codec.encode_request(asked)[5:7], 1.051)
-    assert one.ends_at == one.deadline and isinstance(one.final_error(), NoReply)
-    one.on_data(codec.encode_request(asked)[7:], 1.052)
-    assert one.final_error() is None and one.message == modbus.WriteAck(1, 6, 0x23, 0xA000)
-    assert one.ends_at == 1.052 + GAP and not one.needs_silence
+    assert codec.encode_request(request).startswith(error)
+    transaction = make_transaction(request, codec)
+    transaction.on_data(error, 1.05)
+    assert transaction.needs_silence and transaction.ends_at == 1.05 + (GAP + TIMING.adapter_latency_s)
+    assert transaction.final_error() is None and transaction.message == modbus.ExceptionReply(1, 6, None)
+    assert transaction.bytes_needed == 8
+    transaction.on_data(codec.encode_request(request)[5:7], 1.051)
+    assert transaction.ends_at == transaction.deadline and isinstance(transaction.final_error(), NoReply)
+    transaction.on_data(codec.encode_request(request)[7:], 1.052)
+    assert transaction.final_error() is None and transaction.message == modbus.WriteAck(1, 6, 0x23, 0xA000)
+    assert transaction.ends_at == 1.052 + GAP and not transaction.needs_silence
 
 
 def test_the_echo_is_removed_and_a_byte_that_differs_is_a_collision() -> None:
     request = read_request().request
     sent = RTU.encode_request(request)
-    one = make_transaction(paced=False, echo=EchoFilter(sent, False))
-    one.on_data(sent[:3], 1.001)
-    assert (one.received_count, one.last_byte_at) == (0, None)
-    one.on_data(sent[3:] + REPLY, 1.05)
-    assert one.final_error() is None and one.received_count == 13
+    transaction = make_transaction(paced=False, echo=EchoFilter(sent, False))
+    transaction.on_data(sent[:3], 1.001)
+    assert (transaction.received_count, transaction.last_byte_at) == (0, None)
+    transaction.on_data(sent[3:] + REPLY, 1.05)
+    assert transaction.final_error() is None and transaction.received_count == 13
     other = make_transaction(paced=False, echo=EchoFilter(sent, False))
     other.on_data(sent[:3] + b"\xff", 1.05)
     error = other.final_error()
@@ -238,8 +252,8 @@ def test_the_echo_is_removed_and_a_byte_that_differs_is_a_collision() -> None:
     assert (error.key, error.params) == ("bus.collision", {"station": 1, "position": 4})
 
 
-class Asked(modbus.ModbusRtuCodec):
-    """Counts how often it is called."""
+class CountingCodec(modbus.ModbusRtuCodec):
+    """Codec that counts its calls."""
 
     times = 0
 
@@ -249,19 +263,19 @@ class Asked(modbus.ModbusRtuCodec):
 
 
 def test_the_codec_is_called_again_only_with_as_many_bytes_as_it_needs() -> None:
-    codec = Asked()
-    one = make_transaction(codec=codec)
+    codec = CountingCodec()
+    transaction = make_transaction(codec=codec)
     for place in range(13):
-        one.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
-    assert one.final_error() is None and codec.times == 3, "with the first byte, the fifth, and the last"
-    one.on_data(b"\x00\x00", 1.08)
+        transaction.on_data(REPLY[place : place + 1], 1.05 + place * CHARACTER_S)
+    assert transaction.final_error() is None and codec.times == 3, "with the first byte, the fifth, and the last"
+    transaction.on_data(b"\x00\x00", 1.08)
     assert codec.times == 4
-    one.on_data(b"\x00", 1.09)
-    assert codec.times == 4, "nothing mends what is void"
+    transaction.on_data(b"\x00", 1.09)
+    assert codec.times == 4, "an invalid reply stays invalid"
 
 
 def test_a_reply_to_another_request_invalidates_it() -> None:
-    one = make_transaction(modbus.WriteRegister(1, 7, 8))
-    one.on_data(RTU.encode_reply(modbus.WriteAck(1, 6, 7, 9)), 1.05)
-    assert isinstance(one.final_error(), EchoError) and one.message is None
-    assert one.ends_at == 1.05 + GAP
+    transaction = make_transaction(modbus.WriteRegister(1, 7, 8))
+    transaction.on_data(RTU.encode_reply(modbus.WriteAck(1, 6, 7, 9)), 1.05)
+    assert isinstance(transaction.final_error(), EchoError) and transaction.message is None
+    assert transaction.ends_at == 1.05 + GAP

@@ -1,4 +1,4 @@
-"""Unsolicited bytes: late, second, foreign, noise. Counted by kind, never applied."""
+"""Unsolicited bytes (late, second, foreign, noise) are counted by kind and never applied."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fixtures.bus import CHARACTER_S, CODEC, SETTINGS, FakeStation, make_core, m
 
 
 def test_two_foreign_requests_are_a_foreign_master_until_a_minute_without_one() -> None:
-    """Flagged after two frames."""
+    """It is reported after two frames."""
     script = BusScript(make_core(1))
     script.run_until(1.0)
     frame = CODEC.encode_request(modbus.ReadRegisters(17, 0x100, 2))
@@ -78,7 +78,7 @@ def test_a_second_reply_while_idle_is_counted_and_makes_suspect() -> None:
     assert script.core.stations[1].state.is_suspect
     assert [event.kind for event in script.traced] == [TraceKind.SENT, TraceKind.REPLY, TraceKind.DUPLICATE]
     script.run_until(script.now + 2)
-    assert not script.core.stations[1].state.is_suspect, "its fence was answered"
+    assert not script.core.stations[1].state.is_suspect, "its sync probe was answered"
 
 
 def test_noise_is_counted_and_discarded() -> None:
@@ -104,7 +104,7 @@ def test_unsolicited_bytes_use_bounded_memory() -> None:
 
 
 def test_the_gap_counts_from_the_last_byte_received_of_any_sender() -> None:
-    """Foreign traffic ends, 3.5 characters pass, then we send."""
+    """The next frame is sent 3.5 characters after the end of foreign traffic."""
     script = make_script(FakeStation())
     script.run_until(1.0)
     script.receive(b"\x55")
@@ -116,7 +116,7 @@ def test_the_gap_counts_from_the_last_byte_received_of_any_sender() -> None:
 
 
 def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
-    """On a busy bus without idle time."""
+    """The bus has no idle time."""
     script = BusScript(make_core(1))
     foreign = CODEC.encode_request(modbus.ReadRegisters(9, 0x100, 2))
     for number in range(2):
@@ -129,7 +129,7 @@ def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
 
 @pytest.mark.parametrize("waiting", [True, False])
 def test_a_late_mirrored_reply_is_late_and_no_foreign_master(waiting: bool) -> None:
-    """The reply of FC06 is a valid request too: of a suspect station it is its late reply."""
+    """The reply of FC06 is a valid request too; from a suspect station it is a late reply."""
     script = BusScript(make_core(1))
     late = CODEC.encode_reply(modbus.WriteAck(1, 6, 0x2001, 1000))
     script.submit(read_request())
@@ -153,14 +153,14 @@ def test_a_foreign_master_is_detected_in_every_family_also_while_a_station_is_su
     model: str, address: int, waiting: bool
 ) -> None:
     """Its request may address the very station that is silent; no bytes may end the bus."""
-    ours, stranger = (create_dialect(profiles.load(model), one) for one in (1, address))
+    ours, other = (create_dialect(profiles.load(model), number) for number in (1, address))
     bus = BusCore(SETTINGS, echo="off")
     bus.add_station(ours.station_config)
     script = BusScript(bus)
     script.submit(BusRequest(1, ours.echo_test_read()), "silent")
     script.result("silent")
     assert bus.stations[1].state.is_suspect
-    foreign = stranger.codec.encode_request(stranger.echo_test_read())
+    foreign = other.codec.encode_request(other.echo_test_read())
     for _ in range(2):
         if waiting:
             script.submit(BusRequest(1, ours.stop(StopMode.STOP)[0]), "stop")

@@ -102,9 +102,7 @@ def test_a_stop_is_the_next_frame_on_a_crowded_wire_at_any_instant(variant: Syst
 
 @every_line_quality
 @every_family
-def test_a_stop_deletes_what_was_queued_for_its_drive_and_nothing_else(
-    variant: SystemVariant, line_quality: str
-) -> None:
+def test_a_stop_removes_the_queued_commands_of_its_drive_only(variant: SystemVariant, line_quality: str) -> None:
     async def scenario() -> None:
         async with system_bench(variant, "1-2", line_quality) as bench:
             for address in bench.drives:

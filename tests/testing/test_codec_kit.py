@@ -12,7 +12,7 @@ from drivebus.testing.codec_kit import CodecExchange, CodecFault, check_codec
 
 
 class Toy:
-    """A protocol of four bytes: 55H, address, value, sum. A reply repeats its request with 56H in front."""
+    """Codec of four bytes: 55H, address, value, sum. A reply repeats its request with 56H in front."""
 
     family: str = "toy"
     encoding: str = "toy"

@@ -21,8 +21,8 @@ from drivebus.testing.codec_kit import CodecExchange, check_codec
 from fixtures.vectors import Vector, load_vectors
 
 
-def asked_sunfar(fields: dict[str, Any]) -> sunfar.SunfarRequest:
-    """Without the operation of the manual's reads and writes, which no request of ours has."""
+def sunfar_request(fields: dict[str, Any]) -> sunfar.SunfarRequest:
+    """Return a request without the operation of the manual's reads and writes, which drivebus never sends."""
     address, kind = fields["address"], fields["class"]
     if kind == 0:
         return sunfar.ReadIdentity(address, fields["group"])
@@ -37,13 +37,13 @@ def asked_sunfar(fields: dict[str, Any]) -> sunfar.SunfarRequest:
     return sunfar.SunfarWriteParameter(address, fields["group"], fields["item"], fields["data"], save=kind == 5)
 
 
-def answered_sunfar(fields: dict[str, Any]) -> sunfar.SunfarReply:
+def sunfar_reply(fields: dict[str, Any]) -> sunfar.SunfarReply:
     item, data = (None, None) if "info" in fields else (fields["item"], fields["data"])
     state, response = sunfar.SunfarState(fields["state"]), sunfar.SunfarResponse(fields["response"])
     return sunfar.SunfarReply(fields["address"], response, state, fields["group"], item, data, info=fields.get("info"))
 
 
-def asked_dzb(fields: dict[str, Any]) -> dzb100.Dzb100Request:
+def dzb100_request(fields: dict[str, Any]) -> dzb100.Dzb100Request:
     address = fields["address"]
     if fields["head"] == "C":
         return dzb100.Dzb100Control(
@@ -54,12 +54,12 @@ def asked_dzb(fields: dict[str, Any]) -> dzb100.Dzb100Request:
     return dzb100.Dzb100ReadParameter(address, fields["parameter"])
 
 
-def answered_dzb(fields: dict[str, Any]) -> dzb100.Dzb100Reply:
+def dzb100_reply(fields: dict[str, Any]) -> dzb100.Dzb100Reply:
     index = fields["command"] if fields["head"] == "C" else fields["parameter"]
     return dzb100.Dzb100Reply(fields["head"], fields["address"], index, fields["data"], fields["accepted"])
 
 
-def asked_modbus(fields: dict[str, Any]) -> Any:
+def modbus_request(fields: dict[str, Any]) -> Any:
     if fields["function"] == 3:
         return ReadRegisters(fields["address"], fields["register"], fields["count"])
     if fields["function"] == 8:
@@ -67,7 +67,7 @@ def asked_modbus(fields: dict[str, Any]) -> Any:
     return WriteRegister(fields["address"], fields["register"], fields["value"])
 
 
-def answered_modbus(fields: dict[str, Any]) -> Any:
+def modbus_reply(fields: dict[str, Any]) -> Any:
     if fields["function"] == 3:
         return RegisterValues(fields["address"], 3, tuple(fields["registers"]))
     if fields["function"] == 8:
@@ -76,21 +76,21 @@ def answered_modbus(fields: dict[str, Any]) -> Any:
 
 
 WORDS = {
-    "c320": (asked_sunfar, answered_sunfar),
-    "dzb100": (asked_dzb, answered_dzb),
-    "vc660": (asked_modbus, answered_modbus),
-    "df800": (asked_modbus, answered_modbus),
+    "c320": (sunfar_request, sunfar_reply),
+    "dzb100": (dzb100_request, dzb100_reply),
+    "vc660": (modbus_request, modbus_reply),
+    "df800": (modbus_request, modbus_reply),
 }
 
 
 def sendable(vector: Vector) -> bytes:
-    """What a correct sender emits for the fields of a vector."""
+    """Return the bytes of a correct sender for the fields of a vector."""
     return vector.canonical if vector.canonical is not None and vector.model == "c320" else vector.data
 
 
 def exchanges(family: str, encoding: str) -> list[CodecExchange]:
-    """Each request of a family's file with the reply that the file has for it."""
-    asked, answered = WORDS[family]
+    """Return each request of a family's file with its reply in the file."""
+    make_request, make_reply = WORDS[family]
     found = [vector for vector in load_vectors(family) if vector.encoding == encoding]
     replies = {vector.line["reply_to"]: vector for vector in found if "reply_to" in vector.line}
     made = []
@@ -98,9 +98,9 @@ def exchanges(family: str, encoding: str) -> list[CodecExchange]:
         if vector.direction == "request":
             reply = replies.get(vector.id)
             fields = None if reply is None else reply.fields | reply.line.get("meant", {})
-            message = None if fields is None else answered(fields)
+            message = None if fields is None else make_reply(fields)
             received = b"" if reply is None else reply.canonical or reply.data
-            made.append(CodecExchange(vector.id, asked(vector.fields), sendable(vector), message, received))
+            made.append(CodecExchange(vector.id, make_request(vector.fields), sendable(vector), message, received))
     return made
 
 
@@ -122,13 +122,13 @@ def test_a_codec_with_a_check_accepts_no_flip(family: str, encoding: str, codec:
 
 
 def test_dzb100_accepts_flips_and_the_kit_counts_them() -> None:
-    """Nothing on its wire detects a flip: a read reply's data digits and the acknowledgement byte are open to them.
+    """DZB100 has no checksum: flips in the data digits of a reply and in the acknowledgement byte are not detected.
 
     A write and a command echo their data, so only byte 2 is left: 07H is an error reply, 02H and 04H are state digits.
     """
     report = check_codec(dzb100.Dzb100Codec(), exchanges("dzb100", "ascii"), detects_flips=False, garbage_frames=60)
-    believed = {name: {place for place, _ in flips} for name, flips in report.accepted_flips.items() if flips}
-    assert believed == {"dzb100-1-request": {2}, "dzb100-2-request": {2}, "dzb100-3-request": {2, 7, 8, 9, 10}}
+    accepted = {name: {place for place, _ in flips} for name, flips in report.accepted_flips.items() if flips}
+    assert accepted == {"dzb100-1-request": {2}, "dzb100-2-request": {2}, "dzb100-3-request": {2, 7, 8, 9, 10}}
     assert {name: len(flips) for name, flips in report.accepted_flips.items() if flips} == {
         "dzb100-1-request": 3,
         "dzb100-2-request": 1,

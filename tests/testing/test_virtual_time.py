@@ -1,4 +1,4 @@
-"""The virtual loop is exact, instant and never hangs."""
+"""Virtual event loop: exact, without real waiting, and never endless."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def test_a_virtual_day_passes_at_once_and_exactly() -> None:
 def test_timers_run_in_order_each_at_its_own_time() -> None:
     async def main() -> list[tuple[str, float]]:
         loop = asyncio.get_running_loop()
-        seen: list[tuple[str, float]] = []
-        loop.call_at(0.3, lambda: seen.append(("late", loop.time())))
-        loop.call_at(0.1, lambda: seen.append(("early", loop.time())))
+        calls: list[tuple[str, float]] = []
+        loop.call_at(0.3, lambda: calls.append(("late", loop.time())))
+        loop.call_at(0.1, lambda: calls.append(("early", loop.time())))
         await asyncio.sleep(1)
-        return seen
+        return calls
 
     assert run(main()) == [("early", 0.1), ("late", 0.3)]
 
@@ -44,10 +44,10 @@ def test_a_timeout_is_exact() -> None:
 
 def test_waiting_for_an_event_that_never_happens_raises_and_names_the_task() -> None:
     async def main() -> None:
-        asyncio.current_task().set_name("the forgotten one")  # type: ignore[union-attr]
+        asyncio.current_task().set_name("the waiting task")  # type: ignore[union-attr]
         await asyncio.Event().wait()
 
-    with pytest.raises(Deadlock, match="the forgotten one"):
+    with pytest.raises(Deadlock, match="the waiting task"):
         run(main())
 
 

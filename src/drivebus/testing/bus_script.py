@@ -28,7 +28,7 @@ def silent_wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
 
 
 class BusScript:
-    """Runs one bus engine and records ``sent`` (time, bytes), ``results`` by token, and ``traced``."""
+    """Script of one bus engine, which records ``sent`` (time, bytes), ``results`` by token, and ``traced``."""
 
     def __init__(self, core: BusCore, wire: Wire = silent_wire, *, start: float = 0.0) -> None:
         self.core = core

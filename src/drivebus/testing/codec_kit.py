@@ -1,7 +1,7 @@
-"""Conformance kit for codecs: ``check_codec`` tries the contract of ``protocols.codec.Codec``.
+"""Conformance kit for codecs: ``check_codec`` checks the contract of ``protocols.codec.Codec``.
 
 It checks canonical bytes, the same result whole, byte by byte, concatenated and with trailing noise, rejection of
-flipped bits, correct sizes, and that no exception but ``ProtocolError`` comes out for any bytes.
+flipped bits, correct sizes, and that any bytes raise no exception other than ``ProtocolError``.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ _log = logging.getLogger("asyncio")
 
 
 class Deadlock(RuntimeError):
-    """Nothing is ready and no timer is set (or the longest virtual time has passed): the test would hang for ever."""
+    """No task is ready and no timer is set, or the longest virtual time has passed: the test would never end."""
 
 
 class VirtualTimer:
@@ -53,7 +53,7 @@ class VirtualTimer:
 if TYPE_CHECKING:
 
     class _EventLoop:
-        """asyncio's interface has forty more methods than are used here."""
+        """Base class for type checkers, without the abstract methods of asyncio that are not used here."""
 
 else:
     _EventLoop = asyncio.AbstractEventLoop
@@ -248,7 +248,7 @@ class VirtualLoop(_EventLoop):
 
 
 class running:
-    """``with running(loop):`` the loop is the running one: for calls from outside its callbacks."""
+    """Make ``loop`` the running loop of the ``with`` block, for calls from outside its callbacks."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
