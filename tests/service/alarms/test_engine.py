@@ -11,7 +11,7 @@ from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
 from drivebus.values import Quality, Text
-from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, current, signal, view
+from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
 
 HIGH = AlarmConfig(
     "overload", AlarmKind.ABOVE, (), "output_current", 10.0, hysteresis=2.0, delay_s=3.0, priority=AlarmPriority.LOW
@@ -20,7 +20,7 @@ STALE = AlarmConfig("old", AlarmKind.STALE, (), delay_s=1.0)
 
 
 def engine(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
-    return AlarmEngine(settings, [FAN], FakeAlarmLog().put, known, **more)
+    return AlarmEngine(settings, [FAN], RecordingAlarmLog().put, known, **more)
 
 
 def words(changes: list) -> list[str]:
@@ -241,7 +241,7 @@ def test_every_sentence_has_all_its_numbers() -> None:
 
 
 def test_a_flapping_alarm_fills_no_memory_and_the_log_has_all() -> None:
-    log = FakeAlarmLog()
+    log = RecordingAlarmLog()
     alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):
         run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))

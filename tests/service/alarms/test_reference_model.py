@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drivebus.service.alarms import AlarmEngine
 from drivebus.service.config.model import AlarmConfig, AlarmKind
 from drivebus.values import Quality
-from fixtures.alarms import FAN, FakeAlarmLog, current
+from fixtures.alarms import FAN, RecordingAlarmLog, current
 
 TICK_S = 0.25
 LIMIT = 10.0
@@ -55,7 +55,7 @@ def test_every_raise_and_clear_is_at_the_tick_of_the_reference_model(
     past: list[Value], kind: AlarmKind, hysteresis: float, delay_s: float
 ) -> None:
     setting = AlarmConfig("x", kind, (), "output_current", LIMIT, hysteresis, delay_s)
-    engine = AlarmEngine([setting], [FAN], FakeAlarmLog().put)
+    engine = AlarmEngine([setting], [FAN], RecordingAlarmLog().put)
     changes = [
         (tick, change.action)
         for tick, (value, quality) in enumerate(past)
@@ -77,7 +77,7 @@ def test_a_delay_ends_at_the_first_observation_not_before_it(start: float, step_
     """Rounding of floating-point sums moves it by no observation."""
     delay_s = observations * step_s
     engine = AlarmEngine(
-        [AlarmConfig("x", AlarmKind.ABOVE, (), "output_current", 1.0, 0.0, delay_s)], [FAN], FakeAlarmLog().put
+        [AlarmConfig("x", AlarmKind.ABOVE, (), "output_current", 1.0, 0.0, delay_s)], [FAN], RecordingAlarmLog().put
     )
     raised = [n for n in range(observations + 3) if engine.observe(current(2.0), start + n * step_s, 0)]
     assert raised == [observations]

@@ -31,7 +31,7 @@ from drivebus.service.incidents.recorder import (
 from drivebus.service.live.views import Sample
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality
-from fixtures.alarms import FAN, OVERCURRENT, FakeAlarmLog, view
+from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, view
 
 ALL_TIME = (0, 10**14)
 SERIAL = SerialSettings.parse(19200, "8E1")
@@ -40,7 +40,7 @@ RECEIVED = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
 
 
 def tripped(drive: str = "fan-1") -> Alarm:
-    engine = AlarmEngine([], [FAN], FakeAlarmLog().put)
+    engine = AlarmEngine([], [FAN], RecordingAlarmLog().put)
     return engine.raise_alarm(SystemAlarm.INTERLOCK_TRIP, drive, 100_000)[0].alarm
 
 

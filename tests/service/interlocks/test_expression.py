@@ -1,4 +1,4 @@
-"""What an interlock requires: read strictly, and worked out fail safe."""
+"""Interlock expressions: strict parsing and fail-safe evaluation."""
 
 from __future__ import annotations
 
@@ -147,14 +147,14 @@ def test_every_state_but_unknown_can_be_required() -> None:
         ("not " * (MAX_NESTING + 1) + "a.b > 1", "expression.deep", 4 * MAX_NESTING + 1),
     ],
 )
-def test_what_can_not_be_read_is_refused_with_its_column(text: str, key: str, column: int) -> None:
+def test_an_invalid_expression_is_rejected_with_its_column(text: str, key: str, column: int) -> None:
     with pytest.raises(ConfigurationError) as caught:
         parse(text)
     assert (caught.value.key, caught.value.params["column"]) == (key, column)
     assert all(str(column) in caught.value.text(language) for language in ("en", "zh"))
 
 
-def test_parentheses_within_each_other_are_read_to_their_limit() -> None:
+def test_nested_parentheses_are_parsed_up_to_their_limit() -> None:
     assert evaluate(parse("(" * MAX_NESTING + "fan-1.word == 3" + ")" * MAX_NESTING), look) is True
     assert evaluate(parse(" and ".join(["(fan-1.word == 3)"] * 100)), look) is True, (
         "beside each other there is no limit"
@@ -165,7 +165,7 @@ def test_parentheses_within_each_other_are_read_to_their_limit() -> None:
 @example("1<5")
 @example("1<5 or a.b<5")
 @given(st.text(alphabet="pump-1.state=<>!() andornot5HzA°C%\t\n\"'", max_size=60))
-def test_any_text_is_read_or_refused(text: str) -> None:
+def test_any_text_is_parsed_or_rejected(text: str) -> None:
     try:
         found = parse(text)
     except ConfigurationError as error:
@@ -176,7 +176,7 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         assert certain is None or not looked_at or isinstance(found, And | Or | Not)
 
 
-def test_what_it_looks_at_is_known() -> None:
+def test_the_references_of_an_expression_are_listed() -> None:
     found = [(one.drive, one.name, one.column) for one in references(parse("a.x > b.y and not (c.state != fault)"))]
     assert found == [("a", "x", 1), ("b", "y", 7), ("c", "state", 20)]
 
@@ -220,7 +220,7 @@ def written(tree: Any) -> str:
 
 
 def naive(tree: Any, values: dict[tuple[str, str], Any]) -> set[bool]:
-    """Every result that the tree may have if what is unknown were either: a set instead of three values."""
+    """Return every result that a tree can have when unknown comparisons are either true or false."""
     if tree[0] == "number":
         amperes = values[tree[1], "current"]
         number = tree[3] if tree[4] == "A" else tree[3] / 1000
@@ -244,7 +244,7 @@ contents = st.fixed_dictionaries(
 
 @settings(deadline=None)
 @given(trees, contents)
-def test_it_agrees_with_a_naive_evaluator(tree: Any, values: dict[tuple[str, str], Any]) -> None:
+def test_the_evaluation_agrees_with_a_naive_one(tree: Any, values: dict[tuple[str, str], Any]) -> None:
     def found(drive: str, name: str) -> tuple[float | str, str] | None:
         value = values[drive, name]
         return None if value is None else (value, "" if name == "state" else "A")
@@ -258,7 +258,7 @@ def test_it_agrees_with_a_naive_evaluator(tree: Any, values: dict[tuple[str, str
 def test_losing_a_value_never_makes_an_expression_hold(
     tree: Any, values: dict[tuple[str, str], Any], lost: tuple[str, str]
 ) -> None:
-    """Fail safe: neither ``not`` nor ``or`` turns silence into permission."""
+    """Neither ``not`` nor ``or`` permits a start without values."""
 
     def among(known: dict[tuple[str, str], Any]) -> ValueLookup:
         def found(drive: str, name: str) -> tuple[float | str, str] | None:
@@ -274,8 +274,8 @@ def test_losing_a_value_never_makes_an_expression_hold(
 
 @settings(deadline=None)
 @given(trees)
-def test_a_text_is_read_as_it_was_meant(tree: Any) -> None:
-    """Shape by shape, not only by what comes out."""
+def test_a_written_tree_is_parsed_into_the_same_tree(tree: Any) -> None:
+    """The structure is compared, not only the result."""
 
     def same(found: Any, tree: Any) -> bool:
         if isinstance(found, Not):
