@@ -247,7 +247,7 @@ async def test_a_source_runs_in_its_own_thread_and_its_failure_is_raised() -> No
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    """Wait for a condition; the timeout of the test ends a wait in vain."""
+    """Wait for a condition, at most until the timeout of the test."""
     while not condition():  # noqa: ASYNC110
         await asyncio.sleep(0.02)
 
