@@ -19,6 +19,7 @@ from typing import Any
 import httpx
 import pytest
 
+from drivebus import profiles
 from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
@@ -40,12 +41,12 @@ link = "sim://c320@1,2?ramp=0.5"
 [drive.fan-1]
 bus = "a"
 address = 1
-model = "c320"
+model = "./c320.toml"
 limits = { maximum_hz = 25.0 }
 [drive.fan-2]
 bus = "a"
 address = 2
-model = "c320"
+model = "./c320.toml"
 [interlock.together]
 drives = ["fan-2"]
 require = "fan-1.output_frequency < 15 Hz"
@@ -54,6 +55,16 @@ port = 0
 [gateway.toy]
 file = "toy.jsonl"
 """
+
+
+def write_plant(folder: Path, text: str = PLANT) -> Path:
+    """Write a plant file, and a profile that allows for late replies of a simulator on a loaded machine."""
+    (profile,) = Path(profiles.__file__).parent.glob("data/*/c320.toml")
+    patient = profile.read_text(encoding="utf-8").replace("[timing]\n", "[timing]\nadapter_latency_s = 1.0\n")
+    (folder / "c320.toml").write_text(patient, encoding="utf-8")
+    file = folder / "plant.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
 
 
 def environment() -> dict[str, str]:
@@ -132,8 +143,7 @@ class RunningPlant:
 
 @asynccontextmanager
 async def running_plant(folder: Path) -> AsyncIterator[RunningPlant]:
-    file = folder / "plant.toml"
-    file.write_text(PLANT, encoding="utf-8")
+    file = write_plant(folder)
     process = subprocess.Popen(  # noqa: ASYNC220  it takes milliseconds
         [*COMMAND, "serve", str(file)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
     )
@@ -260,8 +270,7 @@ async def test_a_killed_service_takes_its_gateways_with_it(tmp_path: Path) -> No
 
 
 def test_check_and_serve_name_file_line_key_and_remedy_of_a_gateways_table(tmp_path: Path) -> None:
-    file = tmp_path / "plant.toml"
-    file.write_text(PLANT.replace('"toy.jsonl"', '"none/toy.jsonl"\ninterval_s = 0.0'), encoding="utf-8")
+    file = write_plant(tmp_path, PLANT.replace('"toy.jsonl"', '"none/toy.jsonl"\ninterval_s = 0.0'))
     for word in ("check", "serve"):
         done = command(word, str(file))
         assert done.returncode == 2 and "Traceback" not in done.stderr
@@ -271,8 +280,7 @@ def test_check_and_serve_name_file_line_key_and_remedy_of_a_gateways_table(tmp_p
 
 
 def test_check_runs_the_gateways_own_check_with_its_own_texts(tmp_path: Path) -> None:
-    file = tmp_path / "plant.toml"
-    file.write_text(PLANT.replace('"toy.jsonl"', '"none/toy.jsonl"'), encoding="utf-8")
+    file = write_plant(tmp_path, PLANT.replace('"toy.jsonl"', '"none/toy.jsonl"'))
     done = command("check", str(file))
     assert done.returncode == 2
     assert "gateway.toy.file: a file in a folder that does not exist" in done.stdout + done.stderr
@@ -280,8 +288,7 @@ def test_check_runs_the_gateways_own_check_with_its_own_texts(tmp_path: Path) ->
 
 
 def test_serve_without_a_gateway_does_not_start_it_and_names_the_known_ones(tmp_path: Path) -> None:
-    file = tmp_path / "plant.toml"
-    file.write_text(PLANT, encoding="utf-8")
+    file = write_plant(tmp_path)
     done = command("serve", str(file), "--without", "mqtt")
     assert done.returncode == 2 and "toy, web" in done.stdout + done.stderr
 
@@ -308,8 +315,7 @@ def other_package(folder: Path, name: str, target: str) -> Path:
 def test_an_entry_point_that_cannot_be_used_is_an_error_of_check_and_serve(
     target: str, reason: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / "plant.toml"
-    file.write_text(PLANT.partition("[gateway.toy]")[0], encoding="utf-8")
+    file = write_plant(tmp_path, PLANT.partition("[gateway.toy]")[0])
     monkeypatch.setenv("PYTHONPATH", str(other_package(tmp_path / "packages", "broken-gateway", target)))
     done = command(word, str(file))
     text = " ".join((done.stdout + done.stderr).split())
