@@ -1,4 +1,4 @@
-"""One family per bus; mixing is allowed only where no frame of one looks like a request of the other."""
+"""Families on a bus: one by default; mixing is allowed only where no frame of one looks like a request of the other."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from drivebus.ports import open_port
 from drivebus.testing.virtual_time import run
 
 MODELS = ("c320", "dzb100", "vc660", "df800")
-WEATHERS = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
+LINE_QUALITIES = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,bytes")
 
 
 def reads(dialect: Any) -> list[Any]:
@@ -25,11 +25,11 @@ def reads(dialect: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("weather", WEATHERS)
-def test_every_family_is_polled_at_every_line_quality(model: str, weather: str) -> None:
+@pytest.mark.parametrize("line_quality", LINE_QUALITIES)
+def test_every_family_is_polled_at_every_line_quality(model: str, line_quality: str) -> None:
     async def main() -> None:
         profile = profiles.load(model)
-        port = open_port(f"sim://{model}@1-3?line_quality={weather}&seed=5&echo=detect")
+        port = open_port(f"sim://{model}@1-3?line_quality={line_quality}&seed=5&echo=detect")
         bus = Bus(port)
         results: dict[int, list[BusResult]] = {}
         async with bus:
@@ -47,9 +47,9 @@ def test_every_family_is_polled_at_every_line_quality(model: str, weather: str) 
                 assert all(answer.reply is not None for answer in accepted)
                 assert bus.presence(address) is not Presence.NEVER_SEEN
                 assert not bus.health(address).foreign_master, statistics.counters
-            if weather in ("clean", "bytes", "echo", "echo,bytes"):
+            if line_quality in ("clean", "bytes", "echo", "echo,bytes"):
                 assert statistics.errors == {}, (statistics.errors, statistics.counters)
-            if "echo" in weather:
+            if "echo" in line_quality:
                 assert statistics.counters["echo"] == statistics.replies
 
     run(main())

@@ -1,4 +1,4 @@
-"""One stray byte before a reply: strict at offset 0, unless the station's profile tolerates noise."""
+"""Stray byte before a reply: strict at offset 0, unless the station's profile tolerates noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One request and its possible results: deadlines, silence, foreign frames, damage."""
+"""Transactions and their possible results: deadlines, silence, foreign frames, damage."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def test_received_bytes_arrive_at_their_recorded_times_and_written_bytes_are_com
         port.write(b"more")
         await asyncio.sleep(3)
         assert sink.chunks[-1] == (begun + 2.5, b"!")
-        assert len(sink.lost) == 1, "the last bytes need a gap behind them to be believed"
+        assert len(sink.lost) == 1, "the last reply is accepted only after a gap"
         await asyncio.sleep(1)
         assert [error.params["reason"] for error in sink.lost] == ["pulled", "end of the capture"]
         assert port.report == ReplayReport(
@@ -203,7 +203,7 @@ def test_a_recording_port_records_every_byte_and_changes_none(tmp_path: Path) ->
 def test_a_capture_that_cannot_be_created_leaves_the_port_closed(tmp_path: Path) -> None:
     async def main() -> None:
         near, _ = create_pair()
-        (tmp_path / "a.dbcap").write_text("somebody's evidence")
+        (tmp_path / "a.dbcap").write_text("an older capture")
         with pytest.raises(CaptureError):
             await RecordingPort(near, tmp_path / "a.dbcap").open(FakeReceiver())
         with pytest.raises(PortLost):

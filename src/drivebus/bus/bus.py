@@ -45,7 +45,7 @@ class PollSubscription:
 
 
 class Bus:
-    """One master on one port. Belongs to one event loop; every method is called from it."""
+    """Master on one port. It belongs to one event loop, from which every method is called."""
 
     def __init__(
         self,

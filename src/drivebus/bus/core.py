@@ -111,7 +111,7 @@ class SilenceTimeout:
 
 
 class BusCore:
-    """One bus and its stations. Methods with ``now`` (monotonic seconds) return the commands to execute, in order."""
+    """Engine of a bus and its stations. Methods with ``now`` (monotonic seconds) return the commands to execute."""
 
     def __init__(
         self,

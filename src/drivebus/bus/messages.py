@@ -57,7 +57,7 @@ class Permit:
 
 @dataclass(slots=True)
 class BusRequest:
-    """One transaction to perform. The bus reads it once, at ``submit``; later changes have no effect.
+    """Transaction to perform. The bus reads it once, at ``submit``; later changes have no effect.
 
     Neither this nor ``BusResult`` is frozen: a frozen one takes four times as long to make, and each transaction makes
     both.

@@ -16,7 +16,7 @@ IDEMPOTENT_ATTEMPTS = 3  # an idempotent write is resent at most twice; every ot
 
 
 class PreparedRequest:
-    """One frame to send. ``token`` identifies who gets the result; None for the sync probes of the bus itself."""
+    """Frame to send. ``token`` identifies the receiver of the result; None for the sync probes of the bus itself."""
 
     __slots__ = (
         "adapter_latency_s",
@@ -73,7 +73,7 @@ class PreparedRequest:
         self.adapter_latency_s = station.config.timing.adapter_latency_s
         self.attempts = 0
         self.sent_at: float | None = None
-        """When the last attempt began."""
+        """Start of the last attempt."""
         reads = self.effect is Effect.NONE and not is_sync_probe
         self.max_attempts = READ_ATTEMPTS if reads else self._max_write_attempts()
 

@@ -133,7 +133,7 @@ class Scheduler:
         self.rejected: list[tuple[PreparedRequest, Exception]] = []
         """Requests that ``next`` has removed, and why."""
         self.next_wake_at = NEVER
-        """When the last ``next`` may choose otherwise without a new event."""
+        """Time at which ``next`` may return another frame without a new event."""
         self._commands_in_row = self._urgent_in_row = self._polls_in_row = 0
         self._last_stop_at: dict[Station, float] = {}
         self._pending_sync_probes: dict[Station, PreparedRequest] = {}

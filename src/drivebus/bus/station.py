@@ -143,7 +143,7 @@ class EncodedRequest:
 
 
 class Station:
-    """One registered address: its state, timing and counters. Times are monotonic seconds."""
+    """Registered address with its state, timing and counters. Times are monotonic seconds."""
 
     __slots__ = (
         "address",

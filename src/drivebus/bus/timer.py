@@ -1,4 +1,4 @@
-"""One precise timer queue for an event loop, shared by all its buses.
+"""Precise timer queue of an event loop, shared by all its buses.
 
 An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; at 19,200 baud that is half a
 character gap. A timerfd wakes the loop's selector at the very microsecond. Where there is none (Windows, macOS,

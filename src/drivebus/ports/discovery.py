@@ -25,7 +25,7 @@ class DeviceUser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortInfo:
-    """One serial port."""
+    """Serial port of this machine."""
 
     device: str
     """Its name today, such as /dev/ttyUSB0 or COM3."""

@@ -28,7 +28,7 @@ class _Wire:
 
 
 class MemoryPort:
-    """One end of a pair; see ``create_pair``."""
+    """End of a pair of ports; see ``create_pair``."""
 
     def __init__(
         self, wire: _Wire, name: str, settings: SerialSettings, has_line_timing: bool, echo: EchoSetting = "off"

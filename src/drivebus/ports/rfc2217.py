@@ -68,7 +68,7 @@ def serial_commands(settings: SerialSettings) -> dict[int, bytes]:
 
 
 class TelnetClient:
-    """One session. ``accepted``: None until the server has replied to the COM-PORT option."""
+    """Client side of one session. ``accepted``: None until the server has replied to the COM-PORT option."""
 
     def __init__(self) -> None:
         self.is_telnet = False

@@ -31,7 +31,7 @@ _KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux 
 
 
 class TcpConnection(asyncio.Protocol):
-    """One TCP connection. ``lost`` is called once, unless ``close`` was called first."""
+    """TCP connection of a port. ``lost`` is called once, unless ``close`` was called first."""
 
     def __init__(self, name: str, received: Callable[[bytes], None], lost: Callable[[PortLost], None]) -> None:
         self._name = name

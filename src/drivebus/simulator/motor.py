@@ -95,7 +95,7 @@ _MAX_BRAKING_STEP_S = 0.005
 
 
 class Motor:
-    """One motor with its power stage. Signed frequencies: negative is reverse.
+    """Motor with its power stage. Signed frequencies: negative is reverse.
 
     Commands: ``run``, ``stop``, ``coast``, ``force_trip``, ``reset``. Time passes only in ``step``.
     A start finds a rotor that still turns (flying start). ``decel_s`` too short for the inertia trips on over-voltage.

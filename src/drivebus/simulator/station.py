@@ -49,7 +49,7 @@ class StationReply:
 
 
 class Station(ABC):
-    """One simulated drive. ``frame_count`` counts its requests, ``gap_violations`` those after too little silence."""
+    """Simulated drive. ``frame_count`` counts its requests, ``gap_violations`` those after too little silence."""
 
     family: ClassVar[str]
     rule: FramingRule

@@ -68,7 +68,7 @@ class Transmission:
 
 
 class Wire:
-    """One pair of wires with its noise. ``settings`` are those of the stations."""
+    """Pair of wires with its noise. ``settings`` are those of the stations."""
 
     def __init__(self, settings: SerialSettings, quality: LineQuality, rng: Rng) -> None:
         self.settings = settings
