@@ -7,8 +7,6 @@ from pathlib import Path
 from verification.ids import defined_ids, undefined_codes
 
 ROOT = Path(__file__).resolve().parents[1]
-REMAINING = Path(__file__).with_name("undefined_ids.txt")
-"""Files that still have such codes. The list only shrinks."""
 
 
 def test_the_pages_define_the_invariants_and_traps() -> None:
@@ -17,6 +15,4 @@ def test_the_pages_define_the_invariants_and_traps() -> None:
 
 
 def test_every_id_in_use_is_defined_on_a_page() -> None:
-    remaining = set(REMAINING.read_text(encoding="utf-8").split())
-    found = undefined_codes(ROOT)
-    assert {file: codes for file, codes in found.items() if file not in remaining} == {}
+    assert undefined_codes(ROOT) == {}
