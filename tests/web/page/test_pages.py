@@ -85,9 +85,9 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
     trip(stage, "fan-3")
     page = visit("#/alarms", role="operator")
     row = page.locator(".alarmrow", has_text="Flue gas fan").first
-    expect(row.locator(".alarmstate")).to_have_text(word("alarm_unseen"))
+    expect(row.locator(".alarmstate")).to_have_text(word("alarm_unacknowledged"))
     row.locator("[data-alarm=acknowledge]").click()
-    expect(row.locator(".alarmstate")).to_have_text(word("alarm_seen"))
+    expect(row.locator(".alarmstate")).to_have_text(word("alarm_acknowledged"))
     row.get_by_role("link", name=word("open_incident")).click()
     expect(page.locator("h1")).to_contain_text("Flue gas fan")
     expect(page.locator(".notice.bad").first).to_contain_text("Flue gas fan")

@@ -247,7 +247,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
                 values = ", ".join(str(one) for one in sorted(factory))
-                yield issue("line_unclear", path, "-", name=name, values=values)
+                yield issue("serial_unclear", path, "-", name=name, values=values)
 
 
 def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> SettingPath:
@@ -263,7 +263,7 @@ def _not_offered(
         offered = _offered(parsed.profiles[id], name)
         if value not in offered:
             choices = ", ".join(str(one) for one in offered)
-            yield issue("line_not_offered", path, value, drive=id, model=parsed.profiles[id].model, choices=choices)
+            yield issue("serial_not_offered", path, value, drive=id, model=parsed.profiles[id].model, choices=choices)
             return
 
 

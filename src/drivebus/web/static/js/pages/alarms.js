@@ -67,9 +67,9 @@ function AlarmRow({ alarm }) {
   const path = `/alarms/${encodeURIComponent(alarm.id)}`;
   const able = may("operate");
   const off = !isLive.value;
-  const seen = alarm.acknowledged_ms !== null;
-  return html`<li class=${`alarmrow ${alarm.priority} ${seen ? "seen" : "unseen"} ${alarm.cleared_ms === null
-    ? "" : "over"}`}>
+  const acknowledged = alarm.acknowledged_ms !== null;
+  return html`<li class=${`alarmrow ${alarm.priority} ${acknowledged ? "acknowledged" : "unacknowledged"} ${alarm.cleared_ms === null
+    ? "" : "cleared"}`}>
     <${PriorityMark} priority=${alarm.priority} />
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${localized(alarm.text)}</p></div>
@@ -79,7 +79,7 @@ function AlarmRow({ alarm }) {
       ${isShelved(alarm) && html`
         <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>`}</div>
     <div class="do">
-      ${able && !seen && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
+      ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
         onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
       ${able && !isShelved(alarm) && html`<${Button} disabled=${off}
         onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
@@ -109,7 +109,7 @@ function AlarmHistory() {
   const list = usePaged("/alarms/history", query);
   return html`<div class="stack"><${TimeRange} value=${period} onChange=${setPeriod} />
     <ul class="alarms past">${list.items.map((alarm) => html`<li key=${alarm.id}
-      class=${`alarmrow ${alarm.priority} seen over`}>
+      class=${`alarmrow ${alarm.priority} acknowledged cleared`}>
       <${PriorityMark} priority=${alarm.priority} />
       <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
         <p>${localized(alarm.text)}</p></div>

@@ -9,7 +9,7 @@ export function AlarmState({ alarm }) {
     </span>`;
 }
 
-function alarmAppearance({ cleared_ms: cleared, acknowledged_ms: seen }) {
-  if (cleared === null) return seen === null ? ["fault", "unseen"] : ["warning", "seen"];
-  return seen === null ? ["unknown", "over_unseen"] : ["check", "over"];
+function alarmAppearance({ cleared_ms: cleared, acknowledged_ms: acknowledged }) {
+  if (cleared === null) return acknowledged === null ? ["fault", "unacknowledged"] : ["warning", "acknowledged"];
+  return acknowledged === null ? ["unknown", "cleared_unacknowledged"] : ["check", "cleared"];
 }
