@@ -39,8 +39,8 @@ bench: $(VENV)/.test ## Benchmarks beside their peers; writes docs/reports/
 	$(BIN)/python -m benchmarks $(ARGS)
 
 coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gate that their tests run; writes docs/reports/
-	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/drives/test_permissives.py
-	$(BIN)/python tests/coverage_report.py $(ARGS)
+	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/families tests/profiles tests/drives/test_permissives.py
+	PYTHONPATH=tests $(BIN)/python -m coverage_report $(ARGS)
 
 mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.gate: one module
 	PYTHONPATH=tests $(BIN)/python -m mutation $(ARGS)

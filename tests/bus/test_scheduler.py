@@ -333,6 +333,22 @@ def test_a_polls_retry_leaves_the_queue_and_returns_the_poll_to_the_schedule() -
     assert taken(scheduler, 1, 0.5) == [polled]
 
 
+def test_a_poll_whose_retry_waits_is_not_sent_a_second_time_when_it_falls_due() -> None:
+    polled = poll(station(), 0.5, due=1.0)
+    scheduler = Scheduler(SETTINGS)
+    scheduler.poll_schedule.add(polled)
+    polled.retry_queued = True
+    assert scheduler.next(1.0) is None and scheduler.next_wake_at == 1.5
+
+
+def test_a_cancelled_poll_is_never_sent() -> None:
+    polled = poll(station(), 0.5, due=1.0)
+    scheduler = Scheduler(SETTINGS)
+    scheduler.poll_schedule.add(polled)
+    polled.cancelled = True
+    assert scheduler.next(1.0) is None and len(scheduler.poll_schedule) == 0
+
+
 def test_removed_requests_are_returned_and_a_removed_poll_is_no_retry_any_more() -> None:
     first, other = station(), station(2)
     polled = poll(first)

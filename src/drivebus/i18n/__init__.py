@@ -24,6 +24,7 @@ def add_folder(folder: str | os.PathLike[str]) -> None:
     if path not in _FOLDERS:
         _FOLDERS.append(path)
         catalogue.cache_clear()
+        catalogue_json.cache_clear()
 
 
 @cache
@@ -36,6 +37,12 @@ def catalogue(language: str) -> dict[str, str]:
                 with open(os.path.join(folder, name), encoding="utf-8") as file:  # noqa: PTH118, PTH123
                     found = json.load(file) | found
     return found
+
+
+@cache
+def catalogue_json(language: str) -> bytes:
+    """Return ``catalogue`` as compact JSON in UTF-8."""
+    return json.dumps(catalogue(language), ensure_ascii=False, separators=(",", ":")).encode()
 
 
 class _Placeholders(dict[str, Any]):

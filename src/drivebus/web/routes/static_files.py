@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import json
 from functools import lru_cache
 from pathlib import Path
 
@@ -51,12 +50,7 @@ async def vendor(request: Request, path: str) -> Response:
 async def texts(request: Request, language: str) -> Response:
     if language not in i18n.LANGUAGES:
         raise ResourceNotFound("auth.no_such_address")
-    return _cached_response(request, _catalogue_json(language), MEDIA_TYPES[".json"])
-
-
-@lru_cache
-def _catalogue_json(language: str) -> bytes:
-    return json.dumps(i18n.catalogue(language), ensure_ascii=False, separators=(",", ":")).encode()
+    return _cached_response(request, i18n.catalogue_json(language), MEDIA_TYPES[".json"])
 
 
 def _file_response(request: Request, folder: Path, name: str) -> Response:
