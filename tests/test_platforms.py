@@ -8,7 +8,7 @@ import sys
 import pytest
 
 ONLY_POSIX = ("termios", "fcntl", "tty", "pty", "resource", "grp", "pwd", "curses")
-WITHOUT = f"""
+WITHOUT_POSIX_SCRIPT = f"""
 import sys
 class Missing:
     def find_spec(self, name, path=None, target=None):
@@ -35,6 +35,6 @@ main()
     ids=lambda arguments: arguments[0],
 )
 def test_a_command_works_without_posix_modules(arguments: list[str]) -> None:
-    command = [sys.executable, "-c", WITHOUT, *arguments]
+    command = [sys.executable, "-c", WITHOUT_POSIX_SCRIPT, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -355,8 +355,8 @@ def test_a_permit_is_valid_until_its_expiry_and_the_rejection_reports_the_latene
 
 
 def test_a_permit_of_another_stop_epoch_is_invalid() -> None:
-    for generation, refused in ((4, True), (5, False), (6, True)):
-        start = job(permit(stop_epoch=generation))
+    for stop_epoch, refused in ((4, True), (5, False), (6, True)):
+        start = job(permit(stop_epoch=stop_epoch))
         start.station.stop_epoch = 5
         assert (start.permit_error(0.0) is not None) is refused
 

@@ -76,12 +76,12 @@ def peer_station(
 
 def permitted_write(bus: Bus, request: Any) -> BusRequest:
     """Return a write request with a permit of the start permissives, as a drive's."""
-    now, generation = bus.now(), bus.stop_epoch(STATION)
-    command = permissives.DriveCommand("test", permissives.CommandKind.WRITE, now, generation)
+    now, stop_epoch = bus.now(), bus.stop_epoch(STATION)
+    command = permissives.DriveCommand("test", permissives.CommandKind.WRITE, now, stop_epoch)
     evidence = permissives.DriveEvidence(
         derived=STATE_NOT_READ, state_at=None, reports_run_state=False, preflight_passed=True, limits_checked=True
     )
-    conditions = BusConditions(now=now, stop_epoch=generation)
+    conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     permit = permissives.grant_permit(
         permissives.PermitInputs(
             command=command,

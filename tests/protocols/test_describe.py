@@ -103,7 +103,8 @@ def test_a_run_above_the_mains_frequency_names_every_coding() -> None:
         == 10.0
     )
     assert (
-        described(DZB100["dzb100-1-request"], options=dzb100.Dzb100DecodeOptions(setpoint_settled=True)).hazards == ()
+        described(DZB100["dzb100-1-request"], options=dzb100.Dzb100DecodeOptions(setpoint_coding_known=True)).hazards
+        == ()
     )
 
 

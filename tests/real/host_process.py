@@ -72,13 +72,13 @@ async def start(model: str, url: str, count: int) -> None:
 
 def start_of(bus: Bus, drive: Drive) -> BusRequest:
     """Return a start request with a permit of the start permissives, as after all checks."""
-    now, generation = bus.now(), bus.stop_epoch(drive.address)
-    command = permissives.DriveCommand("test", permissives.CommandKind.START, now, generation)
+    now, stop_epoch = bus.now(), bus.stop_epoch(drive.address)
+    command = permissives.DriveCommand("test", permissives.CommandKind.START, now, stop_epoch)
     stopped = DerivedState(DriveState.STOPPED)
     evidence = permissives.DriveEvidence(
         derived=stopped, state_at=now, reports_run_state=True, preflight_passed=True, limits_checked=True
     )
-    conditions = BusConditions(now=now, stop_epoch=generation)
+    conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     frame = drive.dialect.start(None, 2000)[0]
     permit = permissives.grant_permit(
         permissives.PermitInputs(

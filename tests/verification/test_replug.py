@@ -78,7 +78,7 @@ def test_commands_queued_for_the_returning_port_are_found(monkeypatch: pytest.Mo
 
     def forgetful(self: BusCore, error: Any, now: float) -> Any:
         """Lose the port but keep permits and queues."""
-        generations = {station: station.stop_epoch for station in self.stations.values()}
+        stop_epochs = {station: station.stop_epoch for station in self.stations.values()}
         queued = [job for lane in self.scheduler.queues for job in lane if job.permit is not None]
         for job in queued:
             self.scheduler.queues[job.priority].remove(job)
@@ -86,8 +86,8 @@ def test_commands_queued_for_the_returning_port_are_found(monkeypatch: pytest.Mo
         if self.transaction is not None and self.transaction.prepared.permit is not None:
             held_back.append((self.transaction.prepared.bus_request, object_future()))
         commands = lost(self, error, now)
-        for station, generation in generations.items():
-            station.stop_epoch = generation
+        for station, stop_epoch in stop_epochs.items():
+            station.stop_epoch = stop_epoch
         return commands
 
     monkeypatch.setattr(BusCore, "on_port_lost", forgetful)

@@ -137,7 +137,7 @@ class GateState:
         )
 
     @property
-    def generation(self) -> int:
+    def stop_epoch(self) -> int:
         station = self.core.stations.get(OUR_ADDRESS)
         return (station or self.core.removed_stations[OUR_ADDRESS]).stop_epoch
 
@@ -146,13 +146,13 @@ class GateState:
             return None
         reason = _reason(self.monitor.counts.missing_since(self.model_command.counts))
         age_s = min(self.now - self.command.created_at, self.subject.limit_s(RequestEffect.SETTING) + FINE_STEP_S)
-        return self.command.stop_epoch == self.generation, reason, 0.0 if reason else age_s
+        return self.command.stop_epoch == self.stop_epoch, reason, 0.0 if reason else age_s
 
     def held_permit_key(self) -> tuple[Any, ...] | None:
         held = self.held_permit
         if held is None:
             return None
-        same = held.permit.stop_epoch == self.generation
+        same = held.permit.stop_epoch == self.stop_epoch
         return held.place, same, *self._permit_key(held.record)
 
     def _permit_key(self, record: PermitRecord) -> tuple[Any, ...]:

@@ -71,7 +71,7 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
     kinds = [one.kind for one in caught.value.params["complaints"]]
-    assert kinds == ["control", "link", "pattern", "control"]
+    assert kinds == ["control_character", "link", "pattern", "control_character"]
     for language in ("en", "zh"):
         reply_text = caught.value.text(language)
         assert reply_text.count("\n") == len(kinds), "a line each"

@@ -112,10 +112,10 @@ async def test_a_clock_that_jumps_deletes_nothing(database: HistoryDatabase, jum
 
 
 def test_a_pause_counts_as_a_day_at_most_and_never_backwards() -> None:
-    assert compaction.clock_at_start(None, NOON_MS) == 0
-    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS + 300) == 5300
-    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS + TEN_YEARS) == 5000 + DAY_MS
-    assert compaction.clock_at_start((5000, NOON_MS), NOON_MS - TEN_YEARS) == 5000
+    assert compaction.age_clock_at_start(None, NOON_MS) == 0
+    assert compaction.age_clock_at_start((5000, NOON_MS), NOON_MS + 300) == 5300
+    assert compaction.age_clock_at_start((5000, NOON_MS), NOON_MS + TEN_YEARS) == 5000 + DAY_MS
+    assert compaction.age_clock_at_start((5000, NOON_MS), NOON_MS - TEN_YEARS) == 5000
 
 
 async def test_the_age_clock_continues_over_a_restart(database: HistoryDatabase) -> None:

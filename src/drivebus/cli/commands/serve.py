@@ -40,8 +40,8 @@ async def _run(config: PlantConfig, without: tuple[str, ...]) -> ExitCode:
         output.print_json({"plant": config.id, "directory": str(config.directory)}, stream=True)
         output.print_message("serve.ready", plant=config.id, directory=config.directory)
 
-    announce: AddressOutput = "json" if output.as_json() else "plain"
-    outcomes = await run_service(config, without=without, announce=announce, on_ready=ready)
+    address_output: AddressOutput = "json" if output.as_json() else "plain"
+    outcomes = await run_service(config, without=without, address_output=address_output, on_ready=ready)
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})

@@ -36,7 +36,7 @@ class RemoteBus:
 
     @staticmethod
     def health(address: int) -> Any:
-        """Report no foreign master: the service names it in the error of a refused operation."""
+        """Report no foreign master: the service names it in the error of a rejected operation."""
         return SimpleNamespace(foreign_master=False)
 
 
@@ -60,13 +60,13 @@ class RemoteDrive:
             self._renewal.result()
         now = RemoteBus.now()
         view = await self.call("drives.get")
-        while self._predates_start(view, now) and now - (self._started_at or now) < FRESH_STATE_TIMEOUT_S:
+        while self._state_is_older_than_start(view, now) and now - (self._started_at or now) < FRESH_STATE_TIMEOUT_S:
             await asyncio.sleep(STATE_POLL_PERIOD_S)
             now = RemoteBus.now()
             view = await self.call("drives.get")
         return parse_status(view, now)
 
-    def _predates_start(self, view: Json, now: float) -> bool:
+    def _state_is_older_than_start(self, view: Json, now: float) -> bool:
         """Return whether the state was read before the start of the drive."""
         state_at = reading_time(view["state_time_ms"], view["time_ms"], now)
         return self._started_at is not None and (state_at is None or state_at < self._started_at)
@@ -86,6 +86,7 @@ class RemoteDrive:
     # --- commands -----------------------------------------------------------------------------------------------
 
     async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
+        """Start the drive. ``wait`` has no effect: with a service ``--wait`` is rejected before."""
         params: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
         outcome = parse_outcome(await self.call("drive.run", **params, **await self.arm()))
         self._started_at = RemoteBus.now()

@@ -29,7 +29,7 @@ def decode_options(profile: DriveProfile) -> dzb100.Dzb100DecodeOptions:
         setpoint_coding=setpoint_coding or "hex-0.1",
         query_coding=_settled_coding(profile, "query_coding") or "hex-0.1",
         fault_coding="hex" if profile.options.get("fault_coding") == "hex" else "decimal",
-        setpoint_settled=setpoint_coding is not None,
+        setpoint_coding_known=setpoint_coding is not None,
     )
 
 

@@ -244,14 +244,14 @@ def wait_at_speed(
 ) -> DriveOperation[Outcome]:
     """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports."""
     conditions = yield from get_bus_conditions()
-    generation = conditions.stop_epoch
+    stop_epoch = conditions.stop_epoch
     limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
     until = conditions.now + limit_s
     near_hz = speed_tolerance_hz(op, frequency_hz)
     while True:
         error = yield from op.read_verified_state()
         conditions = yield from get_bus_conditions()
-        if conditions.stop_epoch != generation:
+        if conditions.stop_epoch != stop_epoch:
             raise op.superseded_error()
         state, output = op.derived.state, _output_hz(op)
         if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
@@ -279,6 +279,6 @@ def _not_reached_error(
     failure = TargetNotReached(
         key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
     )
-    word = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
-    failure.outcome = op.outcome(word, key, **failure.params)
+    status = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
+    failure.outcome = op.outcome(status, key, **failure.params)
     return failure

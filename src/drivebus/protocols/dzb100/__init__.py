@@ -3,7 +3,7 @@
 messages   requests and replies as values; state word, frequency codings
 codec      messages to frames and back, strict; effect of a request frame
 describe   frames for people
-family     the entry of the family registry
+family     the ``ProtocolFamily`` object
 """
 
 from drivebus.protocols.dzb100.codec import Dzb100Codec, classify_frame

@@ -50,12 +50,12 @@ _CODEC = Dzb100Codec()
 
 @dataclass(frozen=True, slots=True)
 class Dzb100DecodeOptions:
-    """Codings that a profile names; until the setpoint coding is determined, descriptions warn of the others."""
+    """Codings that a profile names; until the setpoint coding is known, descriptions warn of the others."""
 
     setpoint_coding: FrequencyCoding = "hex-0.1"
     query_coding: FrequencyCoding = "hex-0.1"
     fault_coding: FaultCoding = "decimal"
-    setpoint_settled: bool = False
+    setpoint_coding_known: bool = False
 
 
 DEFAULT_DECODE_OPTIONS = Dzb100DecodeOptions()
@@ -68,7 +68,7 @@ def describe(
     request: bytes | None = None,
     options: Dzb100DecodeOptions = DEFAULT_DECODE_OPTIONS,
 ) -> FrameDescription:
-    """Describe a frame; a response against its ``request`` frame where given. Never raises for any bytes.
+    """Describe a frame; a reply against its ``request`` frame where given. Never raises for any bytes.
 
     Without ``direction`` byte 2 decides: 01 and 02 are requests. In a C frame they may also be the state digit of a
     reply, which ``interpretations`` then lists.
@@ -192,7 +192,7 @@ def _frequency_fields(word: int, coding: FrequencyCoding) -> dict[str, float]:
 
 
 def _canonical_request(request: Dzb100Request) -> bytes | None:
-    """Return the frame of a correct host for this request; None where the codec refuses to encode it."""
+    """Return the canonical frame of this request; None where the codec can't encode it."""
     try:
         return _CODEC.encode_request(request)
     except ValueError:
@@ -218,7 +218,7 @@ def _control_hazards(request: Dzb100Control, options: Dzb100DecodeOptions) -> tu
     if request.command.is_stop or request.command is Dzb100Command.RESET:
         return (note("protocols.dzb100.hazard.carries_frequency", found=request.data),) if request.data else ()
     hz = _frequency_fields(request.data, options.setpoint_coding).get("frequency_hz", 0.0)
-    if options.setpoint_settled or hz <= MAINS_HZ:
+    if options.setpoint_coding_known or hz <= MAINS_HZ:
         return ()
     others = (
         f"{value:g} ({coding})"

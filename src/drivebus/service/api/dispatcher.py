@@ -154,7 +154,7 @@ class Dispatcher:
         drive, group = getattr(params, "drive", None), getattr(params, "group", None)
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
         followers = self.plant.followers(params.drive) if isinstance(params, RunParams | SetFrequencyParams) else ()
-        return [*(self.plant.drive(id) for id in drives), *(follower for _, follower in followers)]
+        return [*(self.plant.drive_runtime(id) for id in drives), *(follower for _, follower in followers)]
 
     # --- audit records ---------------------------------------------------------------------------------------------
 

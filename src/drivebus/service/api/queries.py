@@ -56,10 +56,10 @@ class Queries:
         return {"drives": found}
 
     async def get_drive(self, params: DriveParams, actor: Actor) -> Json:
-        return drive_view(self.plant, self.plant.drive(params.drive)).as_json()
+        return drive_view(self.plant, self.plant.drive_runtime(params.drive)).as_json()
 
     async def get_profile(self, params: DriveParams, actor: Actor) -> Json:
-        return profile_json(self.plant.drive(params.drive).profile)
+        return profile_json(self.plant.drive_runtime(params.drive).profile)
 
     async def list_groups(self, params: NoParams, actor: Actor) -> Json:
         return {"groups": [self.groups.group_view(group) for group in self.plant.config.groups]}
@@ -72,10 +72,10 @@ class Queries:
         return {"buses": found}
 
     async def get_bus(self, params: BusParams, actor: Actor) -> Json:
-        return bus_view(self.plant, self.plant.bus(params.bus))
+        return bus_view(self.plant, self.plant.bus_runtime(params.bus))
 
     async def list_frames(self, params: FramesParams, actor: Actor) -> Json:
-        bus = self.plant.bus(params.bus)
+        bus = self.plant.bus_runtime(params.bus)
         frames = [
             frame
             for frame in bus.frames
@@ -88,5 +88,5 @@ class Queries:
         }
 
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
-        drive = self.plant.drive(params.drive)
+        drive = self.plant.drive_runtime(params.drive)
         return {"parameters": readings_json(drive.profile, await drive.drive.read(params.names))}

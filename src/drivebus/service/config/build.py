@@ -59,7 +59,7 @@ class ParsedPlant:
         found = self.raw.get(table)
         return [str(name) for name in found] if isinstance(found, Mapping) else []
 
-    def drives_on(self, bus: str) -> Iterator[tuple[str, DriveTable]]:
+    def drive_tables_of(self, bus: str) -> Iterator[tuple[str, DriveTable]]:
         """Yield the drives of a bus in the order of the file, which is the order of the cable."""
         return ((name, drive) for name, drive in self.file.drive.items() if drive.bus == bus)
 
@@ -143,27 +143,27 @@ def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
     )
 
 
-def unpaced_drives(parsed: ParsedPlant) -> frozenset[str]:
+def drives_without_periods(parsed: ParsedPlant) -> frozenset[str]:
     """Return the drives without configured periods: they share what their bus has left."""
     return frozenset(id for id, one in parsed.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
 
 
-def drives_on_bus(parsed: ParsedPlant, of: BusConfig) -> list[DriveConfig]:
+def drives_on_bus(parsed: ParsedPlant, bus: BusConfig) -> list[DriveConfig]:
     """Return the drives of a bus with a dialect, with poll intervals that the bus can carry."""
     drives = [
         (drive_config(parsed, id, one), parsed.dialects[id])
-        for id, one in parsed.drives_on(of.id)
+        for id, one in parsed.drive_tables_of(bus.id)
         if id in parsed.dialects
     ]
     return (
-        with_sufficient_interval(drives, serial_settings_of(of, drives[0][1].profile), unpaced_drives(parsed))
+        with_sufficient_interval(drives, serial_settings_of(bus, drives[0][1].profile), drives_without_periods(parsed))
         if drives
         else []
     )
 
 
 def _drives(parsed: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveConfig, ...]:
-    found = {one.id: one for each in buses for one in drives_on_bus(parsed, each)}
+    found = {drive.id: drive for bus in buses for drive in drives_on_bus(parsed, bus)}
     return tuple(found[id] for id in parsed.file.drive)
 
 

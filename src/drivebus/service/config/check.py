@@ -26,7 +26,7 @@ def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     yield from check_rules.rule_problems(parsed)
 
 
-_ALLOWED_IN_EXPRESSIONS = re.compile(r"[\n\t]")
+_EXPRESSION_WHITESPACE = re.compile(r"[\n\t]")
 """An expression may be written on several lines."""
 
 
@@ -43,10 +43,10 @@ def _check_value(value: Any, path: KeyPath) -> Iterator[Issue]:
         for inner in value:
             yield from _check_value(inner, path)
     elif isinstance(value, str):
-        text = _ALLOWED_IN_EXPRESSIONS.sub(" ", value) if path[-1:] == ("require",) else value
+        text = _EXPRESSION_WHITESPACE.sub(" ", value) if path[-1:] == ("require",) else value
         found = CONTROL_CHARACTERS.search(text)
         if found is not None:
-            yield issue("control", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
+            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
 
 
 def path_problems(parsed: ParsedPlant) -> Iterator[Issue]:
@@ -85,10 +85,10 @@ def _check_history(parsed: ParsedPlant) -> Iterator[Issue]:
         yield issue("history_url", ("history", "url"), redact_url(history.url))
     retention = history.retention.model_dump()
     for shorter, longer in pairwise(retention):
-        least, found = retention[shorter], retention[longer]
-        if found < least:
+        minimum_days, days = retention[shorter], retention[longer]
+        if days < minimum_days:
             path, also = ("history", "retention", longer), (("history", "retention", shorter),)
-            yield issue("retention", path, found, shorter=shorter, least=f"{least:g}", related=also)
+            yield issue("retention", path, days, shorter=shorter, least=f"{minimum_days:g}", related=also)
 
 
 def _is_postgres(url: str) -> bool:

@@ -215,7 +215,7 @@ SettingPath = tuple[str | int, ...]
 
 def bus_load_problems(parsed: ParsedPlant) -> Iterator[Issue]:
     for bus in parsed.file.bus:
-        drives = [(id, one) for id, one in parsed.drives_on(bus) if id in parsed.profiles]
+        drives = [(id, one) for id, one in parsed.drive_tables_of(bus) if id in parsed.profiles]
         faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))
         yield from faults
         clear = bus in parsed.links and not faults

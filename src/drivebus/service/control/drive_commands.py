@@ -26,7 +26,7 @@ from drivebus.service.api.operations.drives import (
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
-from drivebus.service.control.permissives import check_start
+from drivebus.service.control.start_blockers import check_start
 from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.runtime.drive import DriveRuntime
@@ -60,7 +60,7 @@ class DriveCommands:
 
     def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
         """Return a drive that the actor controls. Raises NotFound, ControlNotHeld."""
-        runtime = self.plant.drive(drive)
+        runtime = self.plant.drive_runtime(drive)
         self.plant.leases.require(drive, actor, self.plant.now())
         return runtime
 
@@ -80,19 +80,19 @@ class DriveCommands:
     # --- control ------------------------------------------------------------------------------------------------
 
     async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime, now = self.plant.drive(params.drive), self.plant.now()
+        runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
         taken = self.plant.leases.take(runtime.id, actor, now)
         if taken is not None:
             self.plant.publish_event("lease", runtime.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
         return self._lease_json(runtime)
 
     async def renew_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         self.plant.leases.renew(runtime.id, actor, self.plant.now())
         return self._lease_json(runtime)
 
     async def release_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         self.plant.leases.release(runtime.id, actor, self.plant.now())
         return {}
 
@@ -177,7 +177,7 @@ class DriveCommands:
 
     async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         self.plant.note_stop(runtime)
         ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
@@ -205,13 +205,15 @@ class DriveCommands:
         self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
         return {}
 
-    def publish_outcome(self, runtime: DriveRuntime, word: str, outcome: Outcome, actor: Actor, **params: Any) -> Json:
+    def publish_outcome(
+        self, runtime: DriveRuntime, command: str, outcome: Outcome, actor: Actor, **params: Any
+    ) -> Json:
         """Publish the outcome of a command as an event and return it as JSON."""
-        answer = outcome_json(outcome, self.plant.command_id(word))
+        answer = outcome_json(outcome, self.plant.command_id(command))
         self.plant.publish_event(
-            "stop" if word == "stop" else "command",
+            "stop" if command == "stop" else "command",
             runtime.id,
-            f"plant.did_{word}",
+            f"plant.did_{command}",
             actor=actor.name,
             outcome=str(outcome.status),
             **params,
@@ -235,7 +237,7 @@ class DriveCommands:
     # --- waivers and limits -----------------------------------------------------------------------------------------
 
     async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         text = f"{params.reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
         await self._store_value(f"waiver/{runtime.id}", waiver.to_json())
@@ -248,7 +250,7 @@ class DriveCommands:
         await asyncio.to_thread(self.plant.store.put, key, value)
 
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         await self._store_value(f"waiver/{runtime.id}", "")
         runtime.waiver, runtime.waiver_of_another = None, None
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
@@ -256,7 +258,7 @@ class DriveCommands:
 
     async def set_limits(self, params: LimitsParams, actor: Actor) -> Json:
         """Set limits narrower than those of the configuration. Raises LimitError for wider ones."""
-        runtime = self.plant.drive(params.drive)
+        runtime = self.plant.drive_runtime(params.drive)
         own = DriveLimits(params.minimum_hz, params.maximum_hz, params.forward, params.reverse)
         lowest, highest = max(own.minimum_hz, runtime.configured_range_hz[0]), runtime.configured_range_hz[1]
         maximum = highest if own.maximum_hz is None else own.maximum_hz

@@ -17,7 +17,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.drive_commands import DriveCommands, follower_hz
 from drivebus.service.control.leases import ARM_TTL_S
-from drivebus.service.control.permissives import check_start
+from drivebus.service.control.start_blockers import check_start
 from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler, check_not_superseded
 from drivebus.service.live.views import text_json
 from drivebus.service.runtime.drive import DriveRuntime

@@ -11,7 +11,7 @@ from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
 from drivebus.service.api.operations.drives import ActiveJogParams, JogParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
-from drivebus.service.control.permissives import check_start
+from drivebus.service.control.start_blockers import check_start
 from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -24,7 +24,7 @@ class ActiveJog:
 
     drive: DriveRuntime
     actor: Actor
-    lease: JogSession
+    session: JogSession
 
 
 class RemoteJogs:
@@ -45,29 +45,29 @@ class RemoteJogs:
         """Start a jog, which needs everything that a start needs."""
         runtime = self.commands.require_control(params.drive, actor)
         check_start(self.plant, runtime)
-        lease = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
+        session = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
         self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
-        await self.commands.run_motion(runtime, lease.start())
+        await self.commands.run_motion(runtime, session.start())
         id = secrets.token_urlsafe(12)
-        self._active[id] = ActiveJog(runtime, actor, lease)
-        assert lease.start_outcome is not None
-        answer = self.commands.publish_outcome(runtime, "jog", lease.start_outcome, actor)
-        return {"jog": id, "lease_s": lease.lease_s, **answer}
+        self._active[id] = ActiveJog(runtime, actor, session)
+        assert session.start_outcome is not None
+        answer = self.commands.publish_outcome(runtime, "jog", session.start_outcome, actor)
+        return {"jog": id, "lease_s": session.lease_s, **answer}
 
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped."""
         jog = self._find(params)
         if jog.actor.session != actor.session:
             raise ControlNotHeld("plant.not_owner", drive=jog.drive.id, owner=jog.actor.name)
-        jog.lease.renew()
-        return {"lease_s": jog.lease.lease_s}
+        jog.session.renew()
+        return {"lease_s": jog.session.lease_s}
 
     async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:
         """End a jog, also one of another session: only the right to stop is needed."""
         jog = self._find(params)
         self._active.pop(params.jog, None)
         self.plant.note_stop(jog.drive)
-        outcome = await self.commands.finish_stop(jog.drive, jog.lease.stop())
+        outcome = await self.commands.finish_stop(jog.drive, jog.session.stop())
         return self.commands.publish_outcome(jog.drive, "stop", outcome, actor)
 
     def _find(self, params: ActiveJogParams) -> ActiveJog:
@@ -79,7 +79,7 @@ class RemoteJogs:
     def expire(self) -> None:
         """Remove jogs that were not renewed in time. Their stop is on its way; its outcome becomes an event."""
         for id, jog in tuple(self._active.items()):
-            if jog.lease.expired:
+            if jog.session.expired:
                 del self._active[id]
                 self.plant.note_stop(jog.drive)
                 self.plant.publish_event("lease", jog.drive.id, "plant.jog_lost", actor=jog.actor.name)
@@ -89,7 +89,7 @@ class RemoteJogs:
 
     async def _finish_expired(self, jog: ActiveJog) -> None:
         try:
-            outcome = await self.commands.finish_stop(jog.drive, jog.lease.stop())
+            outcome = await self.commands.finish_stop(jog.drive, jog.session.stop())
         except DrivebusError:
             return  # an unconfirmed stop has raised its alarm and is being repeated
         self.commands.publish_outcome(jog.drive, "stop", outcome, jog.actor)
@@ -97,4 +97,4 @@ class RemoteJogs:
     async def close(self) -> None:
         """End all jogs."""
         jogs, self._active = tuple(self._active.values()), {}
-        await asyncio.gather(*(jog.lease.stop() for jog in jogs), *self._stop_tasks, return_exceptions=True)
+        await asyncio.gather(*(jog.session.stop() for jog in jogs), *self._stop_tasks, return_exceptions=True)

@@ -73,7 +73,7 @@ class StopCommands:
     async def stop_group(self, params: GroupParams, actor: Actor) -> Json:
         """Stop every drive of a group at once, and end a group start that is under way."""
         group = self.plant.group(params.group)
-        return {"outcomes": await self.stop_many([self.plant.drive(id) for id in group.drives], actor)}
+        return {"outcomes": await self.stop_many([self.plant.drive_runtime(id) for id in group.drives], actor)}
 
     async def stop_many(self, runtimes: Iterable[DriveRuntime], actor: Actor) -> Json:
         """Stop drives at once; return the outcome or error of each."""

@@ -6,17 +6,11 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivebus.drives.operations.context import CHECKS_TIMEOUT_S
 from drivebus.errors import Superseded
 from drivebus.service.auth.actor import Actor
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
-
-START_DEADLINE_S = CHECKS_TIMEOUT_S
-"""Longest time from the arrival of a start command to the first bit of the frame that moves the motor.
-
-Audit record, the turn of the bus and the checks share it; the gate and the bus enforce it."""
 
 
 @dataclass(frozen=True, slots=True)

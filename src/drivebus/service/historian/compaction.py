@@ -2,8 +2,8 @@
 
 Samples of a tag are numbered 0, 1, 2 … in order of arrival. When the wall clock is set back, later samples have larger
 numbers and earlier times, and none is lost or moved.
-Age is the running time of the service since a row was stored, plus at most a day of each pause, so that a jump of the
-wall clock makes no row older.
+The age clock counts the running time of the service; pauses of the service count for at most one day each. The age of
+a row is read from it, so that a jump of the wall clock makes no row older.
 """
 
 from __future__ import annotations
@@ -114,34 +114,34 @@ MergedBlockLookup = Callable[[ResolutionLevel, int, int], bytes | None]
 """Lookup of the block of a merged level's partition: level, tag, start (ms)."""
 
 
-def compact_samples(tag: int, first: int, samples: SampleColumns, found: MergedBlockLookup) -> Compaction:
+def compact_samples(tag: int, first: int, samples: SampleColumns, find_block: MergedBlockLookup) -> Compaction:
     """Return all blocks that these samples create or change. ``first`` is the number of the first sample."""
-    made = list(_raw_blocks(tag, first, samples))
+    blocks_made = list(_raw_blocks(tag, first, samples))
     points = points_of_samples(*samples)
     for level in (ResolutionLevel.SECOND, ResolutionLevel.MINUTE, ResolutionLevel.HOUR):
         points = roll_up(points, RESOLUTIONS[level].width_ms)
-        made += _rollup_blocks(level, tag, first, points, found)
-    return Compaction(tag, first + len(samples[0]), made)
+        blocks_made += _rollup_blocks(level, tag, first, points, find_block)
+    return Compaction(tag, first + len(samples[0]), blocks_made)
 
 
 def _raw_blocks(tag: int, first: int, samples: SampleColumns) -> Iterator[Block]:
     """Yield raw blocks in order of arrival: a clock that jumps to another hour and back makes a block each time."""
     time, value, quality = samples
     length = RESOLUTIONS[ResolutionLevel.RAW].partition_ms
-    at = 0
+    index = 0
     for hour, run in groupby(moment // length for moment in time):
-        end = at + sum(1 for _ in run)
-        data = blocks.encode_samples(hour * length, time[at:end], value[at:end], quality[at:end])
-        yield Block(ResolutionLevel.RAW, tag, hour * length, first + at, data)
-        at = end
+        end = index + sum(1 for _ in run)
+        data = blocks.encode_samples(hour * length, time[index:end], value[index:end], quality[index:end])
+        yield Block(ResolutionLevel.RAW, tag, hour * length, first + index, data)
+        index = end
 
 
 def _rollup_blocks(
-    level: ResolutionLevel, tag: int, first: int, points: Points, found: MergedBlockLookup
+    level: ResolutionLevel, tag: int, first: int, points: Points, find_block: MergedBlockLookup
 ) -> Iterator[Block]:
     resolution = RESOLUTIONS[level]
     for start_ms, part in split_partitions(points, resolution.partition_ms):
-        stored = found(level, tag, start_ms) if resolution.merged else None
+        stored = find_block(level, tag, start_ms) if resolution.merged else None
         if stored is not None:
             part = roll_up(
                 concat([blocks.decode_points(start_ms, resolution.width_ms, stored), part]), resolution.width_ms
@@ -160,7 +160,7 @@ MIN_RETENTION_MS = 2 * HOUR_MS
 """The size limit deletes nothing younger, so that the chart of the last hour is never empty."""
 
 
-def clock_at_start(saved: tuple[int, int] | None, wall_ms: int) -> int:
+def age_clock_at_start(saved: tuple[int, int] | None, wall_ms: int) -> int:
     """Return the age clock at the start. ``saved``: age clock and wall clock when they were last saved."""
     if saved is None:
         return 0

@@ -319,7 +319,7 @@ class HistoryWriter:
         else:
             self._replay(contents)
             self._clock_ms, self._clock_s = (
-                compaction.clock_at_start(contents.clock, self._wall_ms()),
+                compaction.age_clock_at_start(contents.clock, self._wall_ms()),
                 self._monotonic_s(),
             )
         self._is_open = self._was_open = True

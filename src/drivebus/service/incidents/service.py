@@ -80,7 +80,7 @@ class IncidentService(PlantListener):
 
     async def _read_parameters(self, drive: str) -> Mapping[str, Json]:
         """Read the parameters that help to explain a trip. Reads wait behind every command."""
-        runtime = self._plant.drive(drive)
+        runtime = self._plant.drive_runtime(drive)
         return readings_json(runtime.profile, await runtime.drive.read(incident_parameters(runtime.profile)))
 
     async def close(self) -> None:

@@ -33,8 +33,8 @@ LOG = logging.getLogger("drivebus.service")
 class SocketServer:
     """Server of ``plant.sock``."""
 
-    def __init__(self, plant: ServiceClient, path: Path) -> None:
-        self._service, self.path = plant, path
+    def __init__(self, service: ServiceClient, path: Path) -> None:
+        self._service, self.path = service, path
         self._server: asyncio.Server | None = None
         self._connections: set[asyncio.Task[None]] = set()
 
@@ -64,8 +64,8 @@ class SocketServer:
 class _ClientConnection:
     """Connection of one client."""
 
-    def __init__(self, plant: ServiceClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._service, self._reader, self._writer = plant, reader, writer
+    def __init__(self, service: ServiceClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._service, self._reader, self._writer = service, reader, writer
         self._request_tasks: set[asyncio.Task[None]] = set()
         self._live_tasks: dict[Any, asyncio.Task[None]] = {}
 
@@ -164,8 +164,8 @@ async def _too_busy() -> Json:
 class StopServer:
     """Server of ``stop.sock``: the answer is an acknowledgement at once, then the outcome."""
 
-    def __init__(self, plant: ServiceClient, path: Path) -> None:
-        self._service, self.path = plant, path
+    def __init__(self, service: ServiceClient, path: Path) -> None:
+        self._service, self.path = service, path
         self._server: asyncio.Server | None = None
         self._stops = 0
 

@@ -9,7 +9,7 @@ from drivebus.drives.state import DriveStatus
 from drivebus.service.api.errors import localized
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.groups import GroupCommands
-from drivebus.service.control.permissives import start_blockers_json
+from drivebus.service.control.start_blockers import start_blockers_json
 from drivebus.service.live.views import DriveView, SignalView, fault_json, text_json
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime

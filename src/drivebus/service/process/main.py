@@ -31,7 +31,7 @@ async def run_service(
     config: PlantConfig,
     *,
     without: Collection[str] = (),
-    announce: AddressOutput = "plain",
+    address_output: AddressOutput = "plain",
     on_ready: Callable[[], None] = lambda: None,
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
@@ -53,15 +53,15 @@ async def run_service(
             for server in servers:
                 await server.open()
                 stack.push_async_callback(server.close)
-            gateways = GatewaySupervisor(service.plant, without=without, address_output=announce)
+            gateways = GatewaySupervisor(service.plant, without=without, address_output=address_output)
             gateways.start()
             relax_gc()
             notify.send("READY=1")
             on_ready()
             await ending.wait()
             notify.send("STOPPING=1")
-            found, _ = await asyncio.gather(service.stop(), gateways.close())
-    return found
+            outcomes, _ = await asyncio.gather(service.stop(), gateways.close())
+    return outcomes
 
 
 async def _reload(service: Service) -> None:
@@ -97,9 +97,9 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
 
 
 def terminal_is_gone() -> bool:
-    """Return whether the terminal was closed: no Ctrl-C can come. A systemd unit has no terminal."""
+    """Return whether the terminal was closed, so that no Ctrl-C can come."""
     try:
         os.tcgetpgrp(0)
     except OSError as error:
-        return error.errno == errno.EIO
+        return error.errno == errno.EIO  # another error: there never was one, as in a systemd unit
     return False

@@ -29,27 +29,27 @@ class DriveRuntime:
 
     def __init__(
         self,
-        setting: DriveConfig,
+        config: DriveConfig,
         bus: Bus,
         *,
         on_status: Callable[[DriveRuntime, DriveStatus], None],
         store: Store | None = None,
     ) -> None:
-        self.config, self.bus, self._on_status = setting, bus, on_status
-        self.id = setting.id
-        self.profile = profile_of(setting)
-        self.signals = polled_names(setting, self.profile)
+        self.config, self.bus, self._on_status = config, bus, on_status
+        self.id = config.id
+        self.profile = profile_of(config)
+        self.signals = polled_names(config, self.profile)
         """Polled signals: those that the configuration names, else all of the profile."""
         self.drive = Drive(
             bus,
             self.profile,
-            setting.address,
-            encoding=setting.encoding,
-            limits=setting.limits,
-            options=setting.options,
+            config.address,
+            encoding=config.encoding,
+            limits=config.limits,
+            options=config.options,
             store=store,
         )
-        self.polls = polls_of(setting, self.drive.dialect)
+        self.polls = polls_of(config, self.drive.dialect)
         self.monitor: Monitor | None = None
         self.comm_loss_read = CommLossView("unknown", None, COMM_LOSS_NOT_READ)
         self.comm_loss_read_at: float | None = None

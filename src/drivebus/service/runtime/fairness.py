@@ -27,11 +27,11 @@ class _TurnQueue:
         self._kinds: deque[deque[asyncio.Future[None]]] = deque((deque(), deque()))
         self._queues = dict(zip((False, True), self._kinds, strict=True))
 
-    def wait(self, loop: asyncio.AbstractEventLoop, own: bool) -> asyncio.Future[None]:
+    def wait(self, loop: asyncio.AbstractEventLoop, internal: bool) -> asyncio.Future[None]:
         turn = loop.create_future()
         if not any(self._kinds):
             loop.call_soon(self._next, loop)
-        self._queues[own].append(turn)
+        self._queues[internal].append(turn)
         return turn
 
     def _next(self, loop: asyncio.AbstractEventLoop) -> None:

@@ -185,11 +185,11 @@ class Plant:
             for listener in self._listeners:
                 listener.on_samples(samples)
 
-    def drive(self, id: str) -> DriveRuntime:
+    def drive_runtime(self, id: str) -> DriveRuntime:
         """Return the runtime of a drive. Raises NotFound."""
         return _lookup(self.drives, "drive", id)
 
-    def bus(self, id: str) -> BusRuntime:
+    def bus_runtime(self, id: str) -> BusRuntime:
         """Return the runtime of a bus. Raises NotFound."""
         return _lookup(self.buses, "bus", id)
 
@@ -206,7 +206,11 @@ class Plant:
     def followers(self, leader: str) -> list[tuple[GroupConfig, DriveRuntime]]:
         """Return the drives that follow a leader's frequency: those of its group that this service started."""
         found = [(group, id) for group in self.groups_of(leader) if group.leader == leader for id in group.drives]
-        return [(group, self.drive(id)) for group, id in found if id != leader and self.drive(id).started_by_service]
+        return [
+            (group, self.drive_runtime(id))
+            for group, id in found
+            if id != leader and self.drive_runtime(id).started_by_service
+        ]
 
     def command_id(self, word: str) -> str:
         """Return an id for a command, unique while the service runs."""

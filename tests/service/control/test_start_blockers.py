@@ -10,7 +10,7 @@ import pytest
 
 from drivebus.errors import DrivebusError
 from drivebus.service.config.model import InterlockConfig
-from drivebus.service.control.permissives import check_start, start_blockers_json
+from drivebus.service.control.start_blockers import check_start, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
 from drivebus.testing.virtual_time import run

@@ -14,7 +14,7 @@ from drivebus.types import Json
 
 
 def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:
-    """Yield every reason against a start now. The gate of the drive checks again before the first frame."""
+    """Yield every reason against a start now. ``grant_permit`` checks again before the first frame."""
     if plant.state != "running":
         yield ServiceUnavailable("plant.stopping")
         return
