@@ -32,7 +32,7 @@ class DriveVariant:
     min_timeout_characters: float = 8
     """… plus this number of characters."""
     max_reply_lateness_s: float = 0.5
-    """Longest lateness of a reply of this family, in seconds."""
+    """Longest lateness of a reply of this model, in seconds."""
     identical_probe_quarantine_s: float = 0.0
     """Quarantine after an unanswered read of the same register count, in seconds: the sync probes of the DF800 differ
     only in that count."""
@@ -141,7 +141,7 @@ def character_s(line: SerialSettings) -> float:
 
 
 class TimingBounds:
-    """One family on one line. All in seconds."""
+    """One model on one bus. All in seconds."""
 
     def __init__(self, kind: DriveVariant, line: SerialSettings) -> None:
         self.kind, self.frames = kind, FRAME_LENGTHS[kind.name]

@@ -1,4 +1,4 @@
-"""Load of a bus per family, from the product's own estimate: the table of the timing page."""
+"""Load of a bus per model, from the product's own estimate: the table of the timing page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HEADS = {
 
 
 def bus_load_table(language: str) -> str:
-    """Return status read, load of 1, 10 and 31 drives, and stop bound of each family at factory settings."""
+    """Return status read, load of 1, 10 and 31 drives, and stop bound of each model at factory settings."""
     loads = [localized(HEADS["load"], language).replace("{n}", str(count)) for count in COUNTS]
     heads = [localized(HEADS[name], language) for name in ("model", "serial", "status")]
     return table([*heads, *loads, localized(HEADS["stop"], language)], [_row(model) for model in MODELS_WITH_PAGE])

@@ -66,7 +66,7 @@ class StationTiming:
     gap_floor_s: float = 0.0
     """The gap is never shorter than this (e.g. 1.75 ms above 19,200 baud for Modbus RTU)."""
     reply_delay_s: float = 0.1
-    """Longest time from our last bit to the first byte of the reply, as the family specifies it."""
+    """Longest time from our last bit to the first byte of the reply, as the manual specifies it."""
     reply_delay_characters: float = 0.0
     """The same where the manual counts in characters (C320: 8); both are added."""
     adapter_latency_s: float = 0.02
@@ -74,7 +74,7 @@ class StationTiming:
     turnaround_s: float = 0.1
     """Silence after a broadcast, which no station answers."""
     max_reply_lateness_s: float = 0.5
-    """Quarantine after a timeout: the latest reply of this family."""
+    """Quarantine after a timeout: the latest reply of this model."""
     tolerate_leading_noise: bool = False
     """Accept one stray byte before a reply (a driver-enable glitch), in Modbus ASCII a few."""
 

@@ -1,4 +1,4 @@
-"""All four families on simulated buses in virtual time: at every line quality each poll gets its own reply."""
+"""All four models on simulated buses in virtual time: at every line quality each poll gets its own reply."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ LINE_QUALITIES = ("clean", "bytes", "lossy", "late", "batches", "echo", "echo,by
 
 
 def reads(dialect: Any) -> list[Any]:
-    """Return two typical polls of the family."""
+    """Return two typical polls of the model."""
     sync_requests = [dialect.station_config.sync_request(n) for n in range(4)]
     return sync_requests[:2] if not dialect.state_reads() else list(dialect.state_reads())
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("line_quality", LINE_QUALITIES)
-def test_every_family_is_polled_at_every_line_quality(model: str, line_quality: str) -> None:
+def test_every_model_is_polled_at_every_line_quality(model: str, line_quality: str) -> None:
     async def main() -> None:
         profile = profiles.load(model)
         port = open_port(f"sim://{model}@1-3?line_quality={line_quality}&seed=5&echo=detect")

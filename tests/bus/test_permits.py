@@ -167,10 +167,10 @@ def test_the_start_inhibit_is_checked_again_when_the_first_bit_goes_out() -> Non
 
 
 @pytest.mark.parametrize(
-    ("write_class", "attempts"),
+    ("retry_policy", "attempts"),
     [(RetryPolicy.IDEMPOTENT, 3), (RetryPolicy.EDGE_TRIGGERED, 1), (RetryPolicy.EEPROM, 1), (RetryPolicy.READ, 1)],
 )
-def test_only_absolute_writes_are_resent_each_after_a_sync_probe(write_class: RetryPolicy, attempts: int) -> None:
+def test_only_absolute_writes_are_resent_each_after_a_sync_probe(retry_policy: RetryPolicy, attempts: int) -> None:
     """The station receives everything, replies to loop-backs and never to writes."""
     station = FakeStation()
     inner = wire_to(station)
@@ -182,7 +182,7 @@ def test_only_absolute_writes_are_resent_each_after_a_sync_probe(write_class: Re
     script = BusScript(make_core(1), mute_for_writes)
     script.submit(read_request(), "read")
     script.result("read")
-    script.submit(write_request(script.core, retry_policy=write_class), "write")
+    script.submit(write_request(script.core, retry_policy=retry_policy), "write")
     answer = script.result("write")
     assert isinstance(answer.error, NoReply) and answer.attempts == attempts
     kinds = [frame[1] for frame in script.frames[1:]]
@@ -336,7 +336,7 @@ def test_a_limited_number_of_reads_is_cached_and_no_write() -> None:
     assert len(station.encode_cache) == 1
 
 
-def job(given: Permit | None, register: int = COMMAND, value: int = START) -> PreparedRequest:
+def prepared_write(given: Permit | None, register: int = COMMAND, value: int = START) -> PreparedRequest:
     ask = BusRequest(
         1, modbus.WriteRegister(1, register, value), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, given
     )
@@ -345,7 +345,7 @@ def job(given: Permit | None, register: int = COMMAND, value: int = START) -> Pr
 
 def test_a_permit_is_valid_until_its_expiry_and_the_rejection_reports_the_lateness() -> None:
     """A permit is valid at exactly its expiry."""
-    start = job(permit(expires_at=10.0))
+    start = prepared_write(permit(expires_at=10.0))
     assert start.permit_error(10.0) is None
     rejection = start.permit_error(10.0015)
     assert rejection is not None and rejection.key == "bus.permit_expired"
@@ -356,13 +356,13 @@ def test_a_permit_is_valid_until_its_expiry_and_the_rejection_reports_the_latene
 
 def test_a_permit_of_another_stop_epoch_is_invalid() -> None:
     for stop_epoch, refused in ((4, True), (5, False), (6, True)):
-        start = job(permit(stop_epoch=stop_epoch))
+        start = prepared_write(permit(stop_epoch=stop_epoch))
         start.station.stop_epoch = 5
         assert (start.permit_error(0.0) is not None) is refused
 
 
 def test_an_inhibited_station_rejects_motion_only() -> None:
-    start, setting = job(permit()), job(permit(effect=Effect.SETTING), 0x2001)
+    start, setting = prepared_write(permit()), prepared_write(permit(effect=Effect.SETTING), 0x2001)
     for prepared, key in ((start, "bus.start_inhibited"), (setting, None)):
         prepared.station.start_inhibited = True
         rejection = prepared.permit_error(0.0)
@@ -370,15 +370,15 @@ def test_an_inhibited_station_rejects_motion_only() -> None:
 
 
 def test_a_rejection_names_the_station_and_the_permit() -> None:
-    rejection = job(permit(station=2, effect=Effect.SETTING)).permit_error(0.0)
+    rejection = prepared_write(permit(station=2, effect=Effect.SETTING)).permit_error(0.0)
     assert rejection is not None
     assert rejection.params == {"station": 1, "effect": "motion", "granted": 2, "granted_effect": "setting"}
-    rejection = job(None).permit_error(0.0)
+    rejection = prepared_write(None).permit_error(0.0)
     assert rejection is not None and rejection.params == {"station": 1, "effect": "motion"}
 
 
 def test_a_stop_and_a_read_are_never_rejected_and_a_stop_never_expires() -> None:
-    stop = job(permit(station=2, expires_at=-1.0, stop_epoch=9), COMMAND, STOP)
+    stop = prepared_write(permit(station=2, expires_at=-1.0, stop_epoch=9), COMMAND, STOP)
     stop.station.start_inhibited = True
     assert stop.permit_error(1e9) is None
     ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), RequestPriority.COMMAND, expires_at=1.0)

@@ -24,14 +24,14 @@ def prepare(request: BusRequest, *, is_sync_probe: bool = False) -> PreparedRequ
     return PreparedRequest(request, "token", station(), SETTINGS, is_sync_probe=is_sync_probe)
 
 
-def permit(write_class: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit:
-    return Permit(station=1, effect=effect, retry_policy=write_class, expires_at=100.0, stop_epoch=0)
+def permit(retry_policy: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit:
+    return Permit(station=1, effect=effect, retry_policy=retry_policy, expires_at=100.0, stop_epoch=0)
 
 
 def write(
-    register: int, value: int, write_class: RetryPolicy, given: Permit | None = None, address: int = 1
+    register: int, value: int, retry_policy: RetryPolicy, given: Permit | None = None, address: int = 1
 ) -> BusRequest:
-    return BusRequest(1, modbus.WriteRegister(address, register, value), RequestPriority.PARAMETER, write_class, given)
+    return BusRequest(1, modbus.WriteRegister(address, register, value), RequestPriority.PARAMETER, retry_policy, given)
 
 
 ATTEMPTS = [

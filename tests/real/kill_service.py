@@ -1,10 +1,11 @@
-"""``kill -9`` of a whole plant process at random points, and checks of the state that its successor finds.
+"""``kill -9`` of a whole service process at random points, and checks of the state that its successor finds.
 
     PYTHONPATH=tests python -m real.kill_service --kills 1000 --write
 
-One plant process after the other owns the same line and state directory, receives commands without pause and is killed
-at a random moment; the process of the simulated drives records the wire. Checked after every kill: the successor sends
-only reads, every answered command is in the audit trail with its outcome, and the trail and the database are intact.
+One service process after the other owns the same line and state directory, receives commands without pause and is
+killed at a random moment; the process of the simulated drives records the wire. Checked after every kill: the successor
+sends only reads, every answered command is in the audit trail with its outcome, and the trail and the database are
+intact.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class KillResults:
 
 
 class KilledService:
-    """Plant processes that are started and killed one after the other on one line and state directory."""
+    """Service processes that are started and killed one after the other on one line and state directory."""
 
     def __init__(self, folder: Path, drives: RecordedPlant, seed: int) -> None:
         self.drives, self.state, self.file = drives, folder / "state", folder / "plant.toml"

@@ -59,7 +59,7 @@ def test_a_run_does_not_depend_on_the_hash_seed() -> None:
 def test_late_replies_during_newer_requests_are_never_accepted(
     kind: DriveVariant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Replies later than the family's longest lateness arrive during newer requests and are never accepted."""
+    """Replies later than the model's longest lateness arrive during newer requests and are never accepted."""
     many_late_replies(monkeypatch)
     campaign_run, found = run_bus(kind, 500)
     assert campaign_run.violations == []

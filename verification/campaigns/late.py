@@ -1,7 +1,7 @@
 """``late``: 0 to 20 % of all replies are late by up to 5 s; none may be accepted for another request (I5).
 
 Stations reply in the order of the requests, however late: no sync probe could detect a drive that does not. The figures
-give the number of replies that came later than the family's longest lateness.
+give the number of replies that came later than the model's longest lateness.
 
 Two judges decide: the oracle (the request that caused the delivered frame) and ``ReplyLog`` (the station made exactly
 this reply between request and reception, and never repeats its values). A baseline host on the same bus shows that

@@ -48,7 +48,7 @@ class CellRun:
         return scenario
 
     def random_hz(self, low: float = 5.0, high: float = 20.0) -> float:
-        """Return a random frequency in steps of 0.1 Hz, which every family can represent."""
+        """Return a random frequency in steps of 0.1 Hz, which every model can represent."""
         return self.rng.randrange(round(low * 10), round(high * 10)) / 10.0
 
     def close(self) -> None:
@@ -128,7 +128,7 @@ def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, add
 
 
 def check_quarantine(scenario: MatrixScenario, mark: int) -> None:
-    """Check that the family's longest lateness of silence and a sync probe follow the request at ``mark``."""
+    """Check that the model's longest lateness of silence and a sync probe follow the request at ``mark``."""
     first, second = scenario.requests[mark : mark + 2]
     scenario.expect(is_sync_probe(scenario.kind, second.data), f"{second.data.hex()} is no sync probe")
     scenario.expect(

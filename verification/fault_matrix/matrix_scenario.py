@@ -203,7 +203,7 @@ class MatrixScenario(Scenario):
         )
 
     def monitored(self, address: int) -> Any:
-        """Return a monitor of a signal that this family always reports, after some good readings."""
+        """Return a monitor of a signal that this model always reports, after some good readings."""
         monitor = self.monitor(address, (self._count_events,))
         self.run(2.0)
         return monitor

@@ -194,7 +194,7 @@ def _check_unanswered_stop(run: CellRun) -> None:
 # --- late replies and other addresses ---------------------------------------------------------------------------------
 
 REPLY_LATENESS_S = {"c320": (0.06, 0.15), "dzb100": (0.2, 0.5), "vc660": (0.08, 0.17), "df800": (0.2, 0.5)}
-"""Lateness after the deadline and within the family's longest lateness, in seconds."""
+"""Lateness after the deadline and within the model's longest lateness, in seconds."""
 UNUSED_ADDRESS = 9
 PROBE_INTERVAL_S = 8.0
 """Time until the next sync probe of a DF800 counts, in seconds: its sync probes are identical."""
@@ -310,7 +310,7 @@ ERROR_CODES = {"c320": (1, 2, 3, 4, 6, 7, 8), "dzb100": (7,), "vc660": (1, 2, 3,
 
 
 def error_reply(kind: Any, code: int | None, request: Any) -> Any:
-    """Return the family's error reply with this code."""
+    """Return the model's error reply with this code."""
     if kind.model == "c320":
         return sunfar.SunfarReply(
             1, sunfar.SunfarResponse(code or 0), sunfar.SunfarState.STOPPED, request.group, request.item, 0

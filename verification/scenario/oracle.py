@@ -254,7 +254,7 @@ def _station_state(station: Any) -> tuple[object, ...]:
 # --- readings and memory ----------------------------------------------------------------------------------------------
 
 LONGEST_REPLY_TIMEOUT_S = 0.4
-"""Longest reply timeout of any family at the campaigns' baud rates, in seconds."""
+"""Longest reply timeout of any model at the campaigns' baud rates, in seconds."""
 MAX_RETAINED = {"frames are remembered": 300, "entries are kept in one place": 600}
 """Limits of I12 for a bus of 31 drives."""
 MAX_ALIVE = {"tasks": 400, "queued requests": 400, "events on the wire": 4000}

@@ -330,7 +330,7 @@ UNSENT_ERRORS = frozenset(
 )
 """Errors that guarantee that no acting frame was sent."""
 FREQUENCY_RESOLUTION_HZ = 0.11
-"""Tolerance of frequencies, in Hz: the coarsest setpoint of the families is 0.1 Hz."""
+"""Tolerance of frequencies, in Hz: the coarsest setpoint of the models is 0.1 Hz."""
 ReportViolation = Callable[[str], None]
 
 

@@ -30,7 +30,8 @@ Which code decides that a reply is accepted:
 6. ``Transaction`` takes only a complete frame that the codec decodes as the reply to the one open request, without a
    line error, received after the last bit of our own frame and apart from its echo, and followed by the gap of silence.
 7. ``_reject_reason`` then rejects a reply that may be our own echo, and any reply of a suspect station except to a
-   sync probe. ``_accept_reply`` is the only place where a reply becomes a result.
+   sync probe. It is skipped only where neither is possible: the echo is ruled out and the station is trusted.
+   ``_accept_reply`` is the only place where a reply becomes a result.
 
 Why no late reply can be credited to another request:
 
@@ -38,7 +39,7 @@ Why no late reply can be credited to another request:
    (``_handle_failure``), and so does the loss of the port. The only exception is a damaged reply: exactly as many bytes
    as the reply, with a checksum, character or line error, while no late reply is due on the bus. Then it has come.
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
-   reply lateness of its family.
+   reply lateness of its model (``[timing]`` of the profile).
 10. The reply to its sync probe must not match any unanswered request of the last ``MAX_REPLY_LATENESS_S``
     (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
@@ -482,8 +483,8 @@ class BusCore:
         station = prepared.station
         station.last_request_answered = transaction.received_count >= prepared.reply_bytes
         error = transaction.final_error()
-        echo_excluded = transaction.echo is None and self.echo.ruled_out
-        if error is not None or not echo_excluded or station.state.is_suspect:
+        echo_ruled_out = transaction.echo is None and self.echo.ruled_out
+        if error is not None or not echo_ruled_out or station.state.is_suspect:
             if error is None and not prepared.is_broadcast:
                 error = self._reject_reason(transaction)
             self.echo.observe(transaction)

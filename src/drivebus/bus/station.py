@@ -48,7 +48,7 @@ class StationState(Enum):
     """State of a station; the transitions are drawn at the top of this module."""
 
     NEVER_SEEN = Presence.NEVER_SEEN, "trusted"
-    """Never replied, no late reply possible: may be addressed."""
+    """Never replied: may be addressed. Assumed: no late reply to an earlier process is on its way."""
     NEVER_SEEN_SUSPECT = Presence.NEVER_SEEN, "suspect"
     """Never replied correctly, but invalid bytes or bytes of unknown origin were received."""
     ABSENT = Presence.NEVER_SEEN, "no contact"

@@ -7,7 +7,8 @@
                             ├ line error, collision, wrong reply ▶ invalid, ends when the bus is silent/ at the deadline
                             └ deadline (absolute) ▶ no reply (NoReply)
 
-Received bytes never move the deadline. Bytes received before our own last stop bit are no reply.
+Received bytes never move the deadline; ``BusCore.on_data`` still adds bytes that a busy host reads up to 0.2 s after
+it, because they may have come in time. Bytes received before our own last stop bit are no reply.
 """
 
 from __future__ import annotations

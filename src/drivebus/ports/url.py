@@ -16,7 +16,7 @@ from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
 
-DEFAULT_SETTINGS = SerialSettings(9600)  # factory baud rate of all four families, or the first that they offer
+DEFAULT_SETTINGS = SerialSettings(9600)  # factory baud rate of all four models, or the first that they offer
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
 PORT_URL_EXAMPLES = (
     "/dev/ttyUSB0, COM3, serial:///dev/ttyUSB0?baud=9600&format=8E1, tcp://192.168.1.50:4001, sim://c320@1"

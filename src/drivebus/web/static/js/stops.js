@@ -43,7 +43,7 @@ export async function stop(kind, id = null, how = "stop") {
   batch(() => change(mine, result));
 }
 
-/** No answer, no plant process, or the CSRF token of an earlier server process: the stop is repeated. */
+/** No answer, no service process, or the CSRF token of an earlier server process: the stop is repeated. */
 const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
 async function sendUntilAnswered(mine, path, body) {
