@@ -29,7 +29,7 @@ def modules_of(package: str, *names: str) -> list[str]:
 COMMAND_MODULES = [
     *modules_of("service/api", "dispatcher"),
     *modules_of("service/auth", "actor"),
-    *modules_of("service/control", "leases", "permissives", "tickets", "waivers"),
+    *modules_of("service/control", "leases", "start_blockers", "tickets", "waivers"),
     *modules_of("service/process", "tuning"),
 ]
 COMMAND_TESTS = ("api", "control", "runtime", "test_service.py")
