@@ -48,7 +48,7 @@ def test_no_text_forges_a_line_of_the_log_or_sends_escape_sequences() -> None:
 
 
 def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def ended(setting: Any, *, without: Any, announce: str, on_ready: Any) -> dict[str, Any]:
+    async def ended(setting: Any, *, without: Any, address_output: str, on_ready: Any) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"status": "confirmed"}}
 
     lines: list[str] = []
