@@ -30,11 +30,17 @@ def cases() -> dict[str, tuple[Codec, Any, Any]]:
     values = (5000, 3998, 128, 3100)
     read, registers = modbus.ReadRegisters(1, 0x3001, 4), modbus.RegisterValues(1, 3, values)
     monitor = sunfar.ReadMonitor(3, 0)
-    status = sunfar.SunfarReply(3, sunfar.SunfarResponse(0), state=sunfar.SunfarState(1), group=0, item=0, data=999)
+    status = sunfar.SunfarReply(
+        address=3, response=sunfar.SunfarResponse(0), state=sunfar.SunfarState(1), group=0, item=0, data=999
+    )
     return {
         "c320 ascii": (sunfar.SunfarCodec("ascii"), monitor, status),
         "c320 hex": (sunfar.SunfarCodec("hex"), monitor, status),
-        "dzb100": (dzb100.Dzb100Codec(), dzb100.Dzb100Query(7, 1), dzb100.Dzb100Reply("Q", 7, 1, 100, True, None)),
+        "dzb100": (
+            dzb100.Dzb100Codec(),
+            dzb100.Dzb100Query(7, 1),
+            dzb100.Dzb100Reply(head="Q", address=7, index=1, data=100, accepted=True, digit=None),
+        ),
         "modbus rtu": (modbus.ModbusRtuCodec(), read, registers),
         "modbus ascii": (modbus.ModbusAsciiCodec(), read, registers),
     }

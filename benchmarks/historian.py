@@ -210,12 +210,12 @@ def _rollup(level: ResolutionLevel, tag: int, start: int, per_point: int, values
     noise = values.pool[place + 1 : place + len(times) + 1]
     means = [value + other / 977 for value, other in zip(middle, noise, strict=True)]
     points = Points(
-        times,
-        [per_point] * len(times),
-        [round(value - 0.4, 2) for value in middle],
-        means,
-        [round(value + 0.5, 2) for value in middle],
-        bytes(len(times)),
+        time=times,
+        count=[per_point] * len(times),
+        low=[round(value - 0.4, 2) for value in middle],
+        mean=means,
+        high=[round(value + 0.5, 2) for value in middle],
+        quality=bytes(len(times)),
     )
     return Block(level, tag, start, 0, encode_points(start, grain.width_ms, points))
 

@@ -20,7 +20,7 @@ QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class WireRequest:
-    """A request on a line: seconds of its first bit and of its reply's last (None: no reply)."""
+    """Request on a bus: seconds of its first bit and of its reply's last (None: no reply)."""
 
     at: float
     replied: float | None
@@ -33,7 +33,7 @@ class WireRequest:
 
 
 def read_frames(path: Path) -> dict[int, list[WireRequest]]:
-    """Return the requests that ``station.c`` recorded, by line."""
+    """Return the requests that ``station.c`` recorded, by bus."""
     found: dict[int, list[WireRequest]] = defaultdict(list)
     for words in map(str.split, path.read_text().splitlines()):
         replied = int(words[2]) / 1e9 if int(words[2]) else None
@@ -67,13 +67,13 @@ def quantiles(values: Iterable[float]) -> dict[str, float]:
 
 
 def find_stop_frame(call: StopCall, frames: list[WireRequest]) -> int | None:
-    """Return the index of the call's stop among the frames of its line; None where the far end recorded none."""
+    """Return the index of the call's stop among the frames of its bus; None where the far end recorded none."""
     first = bisect_left(frames, call.at, key=lambda frame: frame.at)
     return next((n for n in range(first, len(frames)) if frames[n].stopped_address == call.address), None)
 
 
 MatchedStop = tuple[StopCall, WireRequest, WireRequest]
-"""A call, its stop at the far end, and the frame before that stop on its line."""
+"""A call, its stop at the far end, and the frame before that stop on its bus."""
 
 
 def match_stops(calls: Iterable[StopCall], frames: Mapping[int, list[WireRequest]]) -> list[MatchedStop]:
@@ -94,7 +94,7 @@ def lateness_beyond_bound(stops: Iterable[MatchedStop], bound_s: float, lost: in
 
 
 def after_free_ms(stops: Iterable[MatchedStop], line: Mapping[str, float], request_s: float) -> dict[str, float]:
-    """Return the milliseconds from the moment when the line was free to the stop's first bit."""
+    """Return the milliseconds from the moment when the bus was free to the stop's first bit."""
     return quantiles((stop.at - max(call.at, _free_at(before, line, request_s))) * 1e3 for call, stop, before in stops)
 
 
@@ -135,6 +135,6 @@ def figures_of(
 
 
 def _free_at(before: WireRequest, line: Mapping[str, float], request_s: float) -> float:
-    """Return when the line was free: the reply or timeout of the frame before, plus the gap."""
+    """Return when the bus was free: the reply or timeout of the frame before, plus the gap."""
     over = before.replied if before.replied is not None else before.at + request_s + line["timeout_s"]
     return over + line["gap_s"]

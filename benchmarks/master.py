@@ -1,4 +1,4 @@
-"""CPU time of a transaction and use of one line and of sixty-four lines, each beside its peers in one run."""
+"""CPU time of a transaction and use of one bus and of sixty-four buses, each beside its peers in one run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def transaction_cpu(seconds: float, rounds: int) -> Figures:
 
 
 def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
-    """Measure the share of one line's legal capacity that each client uses, recorded at the stations."""
+    """Measure the share of one bus's legal capacity that each client uses, recorded at the stations."""
     found: Figures = {}
     for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
         with CStations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
@@ -45,7 +45,7 @@ def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[i
 
 
 def many_lines(seconds: float, lines: int = 64, baud: int = 19_200) -> Figures:
-    """Measure many lines in one process: use of the wire, short gaps, share of a core, memory."""
+    """Measure many buses in one process: use of the wire, short gaps, share of a core, memory."""
     with CStations(lines, baud=baud, delay_us=2000) as stations:
         client = run_client("drivebus_lines", stations, seconds, baud)
     keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")

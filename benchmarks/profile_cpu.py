@@ -1,4 +1,4 @@
-"""CPU profile of one process that polls a line as fast as it can; ``--write`` writes docs/reports/profile.json.
+"""CPU profile of one process that polls a bus as fast as it can; ``--write`` writes docs/reports/profile.json.
 
 The profiler adds its own cost to every call, so packages of many small functions look more expensive than they are:
 the shares show where to look, the benchmarks show the gain.

@@ -53,7 +53,7 @@ def markdown(found: Figures) -> str:
         )
         page += _report_row(f"CPU a transaction, {how} / libmodbus", "reported", ratio[f"{way}_to_libmodbus"])
     page += _report_row(
-        "use of a 19,200-baud line, 31 stations",
+        "use of a 19,200-baud bus, 31 stations",
         "≥ 0.98, no gap < 3.5",
         f"{ours['utilisation']}, smallest gap {ours['smallest_gap']}",
     )
@@ -63,16 +63,16 @@ def markdown(found: Figures) -> str:
     )
     page += _report_row("the same with 1 of 31 dead", "≥ 0.90", ours_dead["utilisation"])
     page += _report_row(
-        "64 lines × 31 drives, use of the wire",
+        "64 buses × 31 drives, use of the wire",
         "≥ 0.97, no short gap",
         f"{many['utilisation']}, short gaps {many['short_gaps']}",
     )
-    page += _report_row("64 lines × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
+    page += _report_row("64 buses × 31 drives, cores", "≤ 0.7", f"{many['cores']} ({many['peak_mib']} MiB)")
     page += _report_row("RTU request + reply / pymodbus' framer", "≤ 0.5", found["codecs"]["ratio_to_pymodbus"])
     page += _report_row("late replies accepted by drivebus, all runs", "0", wrong + many["wrong"] + cpu["wrong"])
     page += _report_row("pure core, transactions a second", "≥ 10,000", found["virtual"]["bare_transactions_per_s"])
     page += _report_row(
-        "31 simulated drives on one line, times real time", "reported", found["virtual"]["real_time_factor"]
+        "31 simulated drives on one bus, times real time", "reported", found["virtual"]["real_time_factor"]
     )
     page += (
         "\nGaps are in characters, measured at the stations. “wrong”: accepted values that belong to another request.\n"
@@ -82,8 +82,8 @@ def markdown(found: Figures) -> str:
     page = page.replace(
         "\nGaps are", _report_row("1,000 simulated motors, one step", "≤ 20 ms", f"{slowest} ms") + "\nGaps are", 1
     )
-    page += _client_table("One line, 19,200 baud, every station alive", line)
-    page += _client_table("One line, 115,200 baud", found["line_115200"])
+    page += _client_table("One bus, 19,200 baud, every station alive", line)
+    page += _client_table("One bus, 115,200 baud", found["line_115200"])
     page += _client_table("One of 31 stations dead", dead)
     page += _client_table("Two replies in a hundred 150 ms late", found["late"])
     page += (

@@ -20,7 +20,7 @@ from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
 
 PLANT_SIZES = {12: (3, 4), 300: (10, 30)}
-"""Number of drives: lines, and drives on each. The plant process simulates them, so its figures include them."""
+"""Number of drives: buses, and drives on each. The service simulates them, so its figures include them."""
 BAUD = 19_200
 WEBSOCKETS = 50
 REQUESTS_S = 8.0

@@ -1,14 +1,16 @@
-"""The whole service on a busy machine, its size and its pace: ``python -m benchmarks.service --write``.
+"""The whole service on a busy machine, its size and its pace: ``python -m benchmarks.service --write`` (six minutes).
 
-A real ``drivebus serve``, plant and web process, on full lines whose far end (``station.c``) keeps the time of each
-byte; the last station of each line is silent. ``normal``: 200 questions a second over REST and 50 WebSockets that take
-everything. ``loaded``: the same, and a burner for each core. ``flood``: 1,000 questions a second, 500 unread
-WebSockets, slow heads, bodies of 100 MB and bombs. The service has the priority that its systemd unit gives it.
-Drives are stopped at random instants over the plant's socket and over the web; a stop's latency is from the client's
-call to its first bit as the far end sees it. The bound is the plant's own. ``stop_all`` is the same for the first
-broadcast of "stop all". Then (``benchmarks.scaling``) how soon, how large and how quick the service is with 12 and with
-300 simulated drives. ``busy`` is the machine's load when it began: latencies of a busy machine are upper bounds. All of
-it is on this machine's loopback. Some six minutes.
+A real ``drivebus serve`` with its web process polls full buses whose far end (``station.c``) times each byte;
+the last station of each is silent. Drives are stopped at random instants over socket and web; a stop's latency is from
+the client's call to its first bit at the far end, and its bound is the one that the service reports.
+
+    normal     200 requests a second over REST and 50 WebSockets that take everything
+    loaded     the same, and a burner for each core
+    flood      1,000 requests a second, 500 unread WebSockets, slow heads, bodies of 100 MB, JSON bombs
+    stop_all   the first broadcast of "stop all", beside the clients of ``normal``
+
+``benchmarks.scaling`` measures start, memory and requests with 12 and with 300 simulated drives. ``busy`` is the
+machine's load at the start: latencies of a busy machine are upper bounds.
 """
 
 from __future__ import annotations

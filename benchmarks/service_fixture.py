@@ -23,7 +23,7 @@ START_TIMEOUT_S = 180.0
 
 
 def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, baud: int) -> str:
-    """Return ``plant.toml``: VC660s at 1 to ``drives`` of each line, polled at the interval that the plant chooses."""
+    """Return ``plant.toml``: VC660s at 1 to ``drives`` of each bus, polled at the interval that the plant chooses."""
     parts = [
         f'format = 1\n[plant]\nid = "bench"\ntitle = "Benchmark"\ndirectory = {json.dumps(str(directory))}',
         f"[gateway.web]\nport = {port}",
@@ -41,7 +41,7 @@ def drive_id(line: int, address: int) -> str:
     return f"d{line}-{address}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BenchmarkService:
     """Directory, port and process ids of a running service, and the monotonic seconds of its start."""
 
@@ -96,7 +96,15 @@ def running_service(
             socket_at = _wait_until(lambda: (directory / "plant.sock").exists(), process, folder)
             on_socket(directory)
             web_at = _wait_until(lambda: _web_answers(port), process, folder)
-            yield BenchmarkService(directory, port, process.pid, _child_of(process.pid), begun, socket_at, web_at)
+            yield BenchmarkService(
+                directory=directory,
+                port=port,
+                plant=process.pid,
+                web=_child_of(process.pid),
+                begun=begun,
+                socket_at=socket_at,
+                web_at=web_at,
+            )
         finally:
             process.terminate()
             try:
@@ -125,7 +133,15 @@ def _add_token(directory: Path) -> None:
 
     user = User("bench", Role.ADMINISTRATOR, "never used", 0)
     rights = (Right.VIEW, Right.STOP, Right.OPERATE)
-    token = Token("1", "bench", "bench", rights, secret_digest(BENCHMARK_TOKEN), 0, 4_000_000_000_000)
+    token = Token(
+        id="1",
+        name="bench",
+        user="bench",
+        rights=rights,
+        digest=secret_digest(BENCHMARK_TOKEN),
+        created_ms=0,
+        expires_ms=4_000_000_000_000,
+    )
     UserFile(directory / "users.json").change(lambda _: UserDatabase().with_user(user).with_token(token))
 
 

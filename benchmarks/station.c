@@ -6,7 +6,7 @@
  * when the request's last bit would have arrived (BITS a character) plus DELAY_US, and its bytes are delivered one by
  * one, each when its last bit would have arrived. DEAD: that address never answers. LATE_PERMILLE of the replies come
  * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply accepted for another request is detected.
- * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each complete request: its line,
+ * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each complete request: its bus,
  * the nanosecond (CLOCK_MONOTONIC) at which its first byte arrived, that of its reply's last byte (0: none), its bytes.
  * Ends at end of file on stdin and prints counts as JSON; "gap" is the silence before a request, in characters,
  * measured here: from the last bit of the last reply to the moment the request is seen.

@@ -1,11 +1,9 @@
 """Latency of a stop in a busy process on a busy machine: ``python -m benchmarks.stop --write``.
 
-Every line is full: one bus polls its stations without a pause, the last of which is silent. The lines are ptys whose
-far end (``station.c``) keeps the time of each byte, with the highest priority that this user may give.
-The same loop answers 200 requests a second of other work, and as many processes as there are cores do nothing but use
-them. Stops are given at random instants; a stop's latency is from the call of ``Drive.stop`` to its first bit as the
-far end sees it, the way through the kernel's pty included. Then runs are ended with SIGTERM
-(``benchmarks.terminate``).
+The buses are full, the last station of each is silent, and the far end (``station.c``) keeps the time of each byte. The
+loop answers 200 other requests a second, beside a burner for each core. A stop's latency is from the call of
+``Drive.stop`` to its first bit at the far end, the kernel's pty included; ``benchmarks.terminate`` then ends runs with
+SIGTERM.
 """
 
 from __future__ import annotations

@@ -19,6 +19,8 @@ TERMINATE_PROFILE = """\
 format = 1
 extends = "c320"
 model = "slow_adapter"
+[options]
+setpoint_step.value = "0.01"
 [timing]
 adapter_latency_s = 0.3
 evidence = "user"

@@ -68,7 +68,7 @@ async def _line(seconds: float) -> int:
 
 
 def run_virtual_time(transactions: int = 30_000, seconds: float = 120.0) -> Figures:
-    """Measure the bus core alone, and 31 simulated VC660 with motors on one 9,600-baud line (``real_time_factor``)."""
+    """Measure the bus core alone, and 31 simulated VC660 with motors on one 9,600-baud bus (``real_time_factor``)."""
 
     began = time.perf_counter()
     received = virtual_time.run(_line(seconds))

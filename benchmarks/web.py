@@ -1,9 +1,9 @@
 """Age of live values at many pages: ``python -m benchmarks.web`` (about two minutes).
 
-Three processes: a hub with the plant's socket, the real web process, and the pages. Every drive of the hub gets ten
-new values once a second, evenly spread; each value holds the monotonic second at which it was published, so that its
-age is known on arrival. The second part adds a program that requests single drives over REST as fast as they are
-answered. Nothing is polled. ``busy`` is the machine's load at the start: figures of a busy machine are upper bounds.
+Three processes: a hub with the plant's socket, the real web process, and the pages. Each drive of the hub gets ten
+values once a second, each with the monotonic second of its publication; the second part adds a program that requests
+single drives over REST without a pause. ``busy`` is the machine's load at the start: its figures are then upper
+bounds.
 """
 
 from __future__ import annotations
@@ -117,11 +117,19 @@ async def start_web(directory: Path) -> None:
 
     access = AuthService(directory)
     user = User("bench", Role.ADMINISTRATOR, "never used", 0)
-    token = Token("1", "bench", "bench", (Right.VIEW,), secret_digest(WEB_TOKEN), 0, 4_000_000_000_000)
+    token = Token(
+        id="1",
+        name="bench",
+        user="bench",
+        rights=(Right.VIEW,),
+        digest=secret_digest(WEB_TOKEN),
+        created_ms=0,
+        expires_ms=4_000_000_000_000,
+    )
     access.user_file.change(lambda _: UserDatabase().with_user(user).with_token(token))
     listener = bind_listener("127.0.0.1", 0)
     setting = WebConfig(port=listener.getsockname()[1])
-    server = EmbeddedServer(server_config(make_app(SocketClient(directory / "plant.sock"), access, setting), setting))
+    server = EmbeddedServer(server_config(make_app(SocketClient(directory / "plant.sock"), access, setting)))
     print(setting.port, flush=True)
     await server.serve([listener])
 

@@ -1,4 +1,4 @@
-"""Stops and polls of a service as the far end of its lines recorded them."""
+"""Stops and polls of a service as the far end of its buses recorded them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def calls_by_interface(path: Path) -> dict[str, list[AnsweredCall]]:
 
 
 def line_times(baud: int) -> dict[str, float]:
-    """Return the timeout and gap of the line in seconds, as the plant computes them."""
+    """Return the timeout and gap of the bus in seconds, as the plant computes them."""
     line, timing = SerialSettings.parse(baud, "8N1"), create_dialect(profiles.load("vc660"), 1).station_config.timing
     return {"timeout_s": timing.timeout_s(line, LONGEST_REPLY), "gap_s": timing.gap_s(line)}
 

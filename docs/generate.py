@@ -1,6 +1,7 @@
 """Write the generated parts of the docs: `python docs/generate.py`; `--check` only lists pages out of date (exit 1).
 
-A page is written by hand except for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`.
+A page is written by hand except for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`, and for the links
+from the ids of traps and invariants to their definitions.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ HISTORY_LOAD_S = 3.0  # until the trend is drawn
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """One image: page, language, colour scheme and size."""
+    """Image: page, language, colour scheme and size."""
 
     name: str
     page: str

@@ -1,7 +1,8 @@
-"""The architecture page against the code: the layers and the packages."""
+"""The architecture page against the code: the layers and the packages; and the shape of records."""
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -36,3 +37,32 @@ def test_every_path_that_a_page_names_exists(page: Path) -> None:
     named = re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", page.read_text(encoding="utf-8"))
     assert len(named) > 5
     assert [path for path in named if not (ROOT / path).exists() and not (SOURCE / path).exists()] == []
+
+
+def positional_fields(record: ast.ClassDef) -> list[str]:
+    """Fields that the constructor takes by position."""
+    fields: list[str] = []
+    for statement in record.body:
+        if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):
+            continue
+        if "KW_ONLY" in ast.unparse(statement.annotation):
+            break
+        value = ast.unparse(statement.value) if statement.value else ""
+        if "ClassVar" not in ast.unparse(statement.annotation) and not re.search(r"init=False|kw_only=True", value):
+            fields.append(statement.target.id)
+    return fields
+
+
+@pytest.mark.parametrize("tree", ["src", "verification", "tests", "benchmarks"])
+def test_a_record_of_more_than_five_fields_is_keyword_only(tree: str) -> None:
+    wide = []
+    for path in sorted((ROOT / tree).rglob("*.py")):
+        for record in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(record, ast.ClassDef):
+                continue
+            decorators = [ast.unparse(decorator) for decorator in record.decorator_list]
+            is_record = any("dataclass" in decorator for decorator in decorators)
+            keyword_only = any("kw_only=True" in decorator for decorator in decorators)
+            if is_record and not keyword_only and len(fields := positional_fields(record)) > 5:
+                wide.append(f"{path.relative_to(ROOT)}: {record.name}({', '.join(fields)})")
+    assert wide == []

@@ -16,6 +16,7 @@ from drivebus.cli.click_ext import LazyGroup
 from drivebus.cli.main import cli
 from test_examples import run
 
+README = Path(__file__).resolve().parents[1] / "README.md"
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = sorted(page for folder in ("tutorials", "how-to", "explanation") for page in (DOCS / folder).glob("*.md"))
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -64,14 +65,41 @@ def test_every_command_line_of_a_page_parses(page: Path) -> None:
         check(words)
 
 
-RUNNING = [(page, words) for page in PAGES if ".zh" not in page.name for words in command_lines(page, "sh")]
-
-
-@pytest.mark.parametrize(("page", "words"), RUNNING, ids=[" ".join(words[1:3]) for _, words in RUNNING])
-def test_a_command_that_needs_no_hardware_runs(page: Path, words: list[str], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "drivebus", *words[1:]]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=90, check=False)
+def run_in_fresh_shell(script: str, home: Path) -> str:
+    """Run commands one after another as a newcomer does, in an empty folder; return what they print."""
+    path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+    environment = {"PATH": path, "HOME": str(home), "LANG": "C.UTF-8"}
+    done = subprocess.run(
+        ["sh", "-e", "-c", script], cwd=home, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+RUNNING = [page for page in PAGES if ".zh" not in page.name and command_lines(page, "sh")]
+
+
+@pytest.mark.parametrize("page", RUNNING, ids=[page.name for page in RUNNING])
+def test_the_commands_of_a_page_that_need_no_hardware_run_in_their_order(page: Path, tmp_path: Path) -> None:
+    printed = run_in_fresh_shell("\n".join(text for language, text in blocks(page) if language == "sh"), tmp_path)
+    if page.name == "first-bus.md":
+        assert "HAZARD" in printed, "the manual's read example starts the motor"
+
+
+@pytest.mark.parametrize("page", [README, README.with_name("README.zh.md")], ids=["en", "zh"])
+def test_the_commands_of_the_readme_parse_and_those_that_only_look_run(page: Path, tmp_path: Path) -> None:
+    lines = command_lines(page)
+    for words in lines:
+        check(words)
+    looking = [words for words in lines if words[1] in ("ports", "status", "decode")]
+    script = "\n".join(shlex.join(words) for words in looking).replace("/dev/ttyUSB0", "sim://c320@3")
+    printed = run_in_fresh_shell(script, tmp_path)
+    assert len(looking) == 3 and "537 V" in printed and "HAZARD" in printed
+
+
+def test_the_readme_tells_where_the_demo_puts_the_command() -> None:
+    assert ".venv/bin/drivebus" in README.read_text(encoding="utf-8")
+    assert "BIN := $(VENV)/bin" in (README.parent / "Makefile").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

@@ -16,6 +16,7 @@ import pytest
 
 from drivebus import errors, i18n
 from drivebus.service.api.operations import OPERATIONS
+from drivebus.web.operations import WEB_OPERATIONS
 
 SOURCE = Path(i18n.__file__).parents[1]
 CATALOGUES = Path(i18n.__file__).parent
@@ -124,7 +125,7 @@ def test_every_key_in_the_code_has_a_text() -> None:
     """Prefixes of keys in f-strings and names of modules, files and operations are no keys."""
     known = i18n.catalogue("en").keys()
     starts = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
-    starts |= OPERATIONS.keys()
+    starts |= OPERATIONS.keys() | WEB_OPERATIONS.keys()
     missing = {(file, key) for file, key in named_keys() if key not in known and key not in starts}
     missing = {(file, key) for file, key in missing if key.rpartition(".")[2] not in FILES}
     missing = {(file, key) for file, key in missing if not (key[-1] == "_" and any(k.startswith(key) for k in known))}
@@ -141,6 +142,7 @@ def test_a_text_within_a_text_is_in_the_same_language() -> None:
 
 KEY_PREFIX = re.compile(r"""["'`]([a-z][a-z0-9_]*\.[a-z0-9_.]*)(?:\$?\{|["'`])""")
 COMPUTED_PREFIXES = {
+    "signal.",
     "drives.kind_",
     "page.by_",
     "page.size_",

@@ -1,4 +1,4 @@
-"""No identifier and no first sentence of a docstring has one of nine words that no reader could look up."""
+"""No name, first sentence of a docstring or English message has one of nine words that no reader could look up."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 WORDS = frozenset({"told", "said", "heard", "wish", "wished", "whoever", "nobody", "somebody", "anew"})
+OPENINGS = re.compile(r"(?:One|What|Who|Whoever|Somebody|So many)\b(?!-)")
+"""Openings that hide the subject of a docstring: it begins with a noun phrase or an imperative."""
 FOLDERS = ("src", "tests", "verification", "benchmarks", "docs/generator", "examples")
 SUFFIXES = (".py", ".js", ".mjs", ".css", ".json", ".toml")
 
@@ -63,7 +65,9 @@ def first_sentences(tree: ast.AST) -> Iterator[str]:
 def python_findings(source: str) -> set[str]:
     tree = ast.parse(source)
     found = {name for name in [*assigned_names(tree), *cli_options(tree)] if has_word(name)}
-    return found | {text for text in first_sentences(tree) if set(re.findall(r"[a-z]+", text.lower())) & WORDS}
+    sentences = list(first_sentences(tree))
+    found |= {text for text in sentences if OPENINGS.match(text)}
+    return found | {text for text in sentences if set(re.findall(r"[a-z]+", text.lower())) & WORDS}
 
 
 def js_findings(source: str) -> set[str]:
@@ -78,8 +82,9 @@ def css_findings(source: str) -> set[str]:
 
 
 def json_findings(source: str) -> set[str]:
-    """Return the keys of a message catalogue that have one of the words."""
-    return {key for key in json.loads(source) if has_word(key)}
+    """Return the keys of a message catalogue that have one of the words in their name or text."""
+    texts: dict[str, str] = json.loads(source)
+    return {key for key, text in texts.items() if has_word(key) or set(re.findall(r"[a-z]+", text.lower())) & WORDS}
 
 
 def toml_findings(source: str) -> set[str]:
@@ -110,6 +115,11 @@ def test_no_name_and_no_first_sentence_has_one_of_the_words() -> None:
     assert {file: names for file, names in found.items() if names} == {}
 
 
+def test_a_docstring_whose_opening_hides_its_subject_is_found() -> None:
+    assert python_findings('class Bus:\n    """One bus. More."""') == {"One bus."}
+    assert python_findings('class Secret:\n    """One-time secret."""') == set()
+
+
 @pytest.mark.parametrize("word", sorted(WORDS))
 def test_the_check_finds_each_word(word: str) -> None:
     camel = word.capitalize()
@@ -120,7 +130,10 @@ def test_the_check_finds_each_word(word: str) -> None:
     assert js_findings(f"const last{camel} = 1;") == {f"last{camel}"}
     assert js_findings(f'html`<p class="{word}-at">`') == {f"{word}-at"}
     assert css_findings(f".last-{word} {{ color: red }}") == {f".last-{word}"}
-    assert json_findings(f'{{"drives.{word}_at": ""}}') == {f"drives.{word}_at"}
+    assert json_findings(f'{{"drives.{word}_at": "", "drives.a": "{camel} controls it"}}') == {
+        f"drives.{word}_at",
+        "drives.a",
+    }
     assert toml_findings(f"{word}_at = 1") == {f"{word}_at"}
 
 

@@ -33,7 +33,13 @@ def main(arguments: list[str] | None = None) -> int:
     for name in CAMPAIGN_NAMES if "all" in chosen.campaigns else chosen.campaigns:
         campaign = load_campaign(name)
         budget = chosen.budget or (campaign.ci_budget if chosen.slice else campaign.full_budget)
-        run = CampaignRun(name, chosen.seed, budget, _progress(campaign, budget), commit=report.current_commit())
+        run = CampaignRun(
+            campaign=name,
+            seed=chosen.seed,
+            budget=budget,
+            progress=_progress(campaign, budget),
+            commit=report.current_commit(),
+        )
         if chosen.trace is None:
             run_campaign(campaign, run)
         else:

@@ -49,7 +49,7 @@ class Campaign:
     ci_budget: int
     run: Callable[[CampaignRun], None]
     summary: Mapping[str, str]
-    """One sentence in each language, "en" and "zh"."""
+    """Summary: a sentence in each language, "en" and "zh"."""
 
     @property
     def report_name(self) -> str:
@@ -57,7 +57,7 @@ class Campaign:
         return f"campaign-{self.name}.json"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PartResult:
     """Result of one part of a run."""
 
@@ -71,9 +71,9 @@ class PartResult:
     digest: str
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class CampaignRun:
-    """One run of a campaign: its seed, its budget and its results."""
+    """Run of a campaign: its seed, its budget and its results."""
 
     campaign: str
     seed: int
@@ -142,14 +142,14 @@ class CampaignRun:
     def result(self) -> PartResult:
         """Return the result as values, for a part that ran in another process."""
         return PartResult(
-            self.seed,
-            self.trials,
-            self.counts,
-            self.figures,
-            self.machine,
-            self.violations,
-            self.violation_count,
-            self.digest,
+            seed=self.seed,
+            trials=self.trials,
+            counts=self.counts,
+            figures=self.figures,
+            machine=self.machine,
+            violations=self.violations,
+            violation_count=self.violation_count,
+            digest=self.digest,
         )
 
 

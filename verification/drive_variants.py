@@ -12,9 +12,9 @@ from typing import Any
 from drivebus.serial_settings import SerialSettings
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveVariant:
-    """One drive model in one encoding, with the times that its manual gives or, where it gives none, the product's page
+    """Drive model in one encoding, with the times that its manual gives or, where it gives none, the product's page
     on timing."""
 
     name: str
@@ -22,7 +22,7 @@ class DriveVariant:
     encoding: str
     baud: int
     drive_options: Mapping[str, Any] = field(default_factory=dict)
-    """Undocumented options that the host takes as determined."""
+    """Undocumented options that the master takes as determined."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Options of the simulated drives that match ``drive_options``."""
     gap_characters: float = 3.5
@@ -47,10 +47,10 @@ _CODINGS = {"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_
 _DIRECTION_CALIBRATED = {"direction_calibrated": True}
 
 C320 = DriveVariant(
-    "c320-ascii",
-    "c320",
-    "ascii",
-    9600,
+    name="c320-ascii",
+    model="c320",
+    encoding="ascii",
+    baud=9600,
     gap_characters=5,
     min_timeout_s=0.0,
     min_timeout_characters=26,
@@ -58,38 +58,52 @@ C320 = DriveVariant(
     broadcast=31,
 )
 C320_HEX = DriveVariant(
-    "c320-hex",
-    "c320",
-    "hex",
-    9600,
+    name="c320-hex",
+    model="c320",
+    encoding="hex",
+    baud=9600,
     gap_characters=5,
     min_timeout_s=0.0,
     min_timeout_characters=26,
     max_reply_lateness_s=0.18,
     broadcast=31,
 )
-DZB100 = DriveVariant("dzb100", "dzb100", "ascii", 4800, _CODINGS, min_timeout_characters=11, maximum_hz=400.0)
+DZB100 = DriveVariant(
+    name="dzb100",
+    model="dzb100",
+    encoding="ascii",
+    baud=4800,
+    drive_options=_CODINGS,
+    min_timeout_characters=11,
+    maximum_hz=400.0,
+)
 VC660 = DriveVariant(
-    "vc660", "vc660", "rtu", 9600, gap_floor_s=0.00175, min_timeout_s=0.004, max_reply_lateness_s=0.204
+    name="vc660",
+    model="vc660",
+    encoding="rtu",
+    baud=9600,
+    gap_floor_s=0.00175,
+    min_timeout_s=0.004,
+    max_reply_lateness_s=0.204,
 )
 DF800 = DriveVariant(
-    "df800-rtu",
-    "df800",
-    "rtu",
-    9600,
-    _DIRECTION_CALIBRATED,
+    name="df800-rtu",
+    model="df800",
+    encoding="rtu",
+    baud=9600,
+    drive_options=_DIRECTION_CALIBRATED,
     gap_floor_s=0.00175,
     identical_probe_quarantine_s=5.0,
     reports_running=False,
     maximum_hz=400.0,
 )
 DF800_ASCII = DriveVariant(
-    "df800-ascii",
-    "df800",
-    "ascii",
-    9600,
-    _DIRECTION_CALIBRATED,
-    {"encoding": "ascii"},
+    name="df800-ascii",
+    model="df800",
+    encoding="ascii",
+    baud=9600,
+    drive_options=_DIRECTION_CALIBRATED,
+    options={"encoding": "ascii"},
     min_timeout_characters=15,
     reports_running=False,
     identical_probe_quarantine_s=5.0,
@@ -113,7 +127,7 @@ class FrameLengths:
     """Characters of one family's frames in one encoding, and when its stations reply."""
 
     request: int
-    """The longest request that a host sends."""
+    """The longest request that a master sends."""
     reply: int
     """The longest reply to any of them."""
     stop: int
@@ -136,12 +150,12 @@ FRAME_LENGTHS: Mapping[str, FrameLengths] = {
 
 
 def character_s(line: SerialSettings) -> float:
-    """One start bit, the data bits, the parity bit where there is one, and the stop bits."""
+    """Return the time of a character in seconds: start bit, data bits, parity bit where there is one, stop bits."""
     return (1 + line.data_bits + (line.parity != "N") + line.stop_bits) / line.baud
 
 
 class TimingBounds:
-    """One model on one bus. All in seconds."""
+    """Bounds of a model on a bus, in seconds."""
 
     def __init__(self, kind: DriveVariant, line: SerialSettings) -> None:
         self.kind, self.frames = kind, FRAME_LENGTHS[kind.name]

@@ -54,6 +54,9 @@ TITLES = {
 MEASURES = {
     "files": ("Python files of the package", "软件包的 Python 文件数"),
     "lines": ("lines of the package", "软件包的行数"),
+    "product_files": ("files without the campaigns (`lab` before)", "不含验证活动（之前的 `lab`）的文件数"),
+    "product_lines": ("lines without the campaigns", "不含验证活动的行数"),
+    "product_statements": ("statements without the campaigns, docstrings excluded", "不含验证活动和文档字符串的语句数"),
     "median_lines": ("median lines of a file", "文件行数中位数"),
     "longest_lines": ("lines of the longest file", "最长文件的行数"),
     "longest_file": ("longest file", "最长的文件"),
@@ -97,6 +100,7 @@ def measure(root: Path, column: str) -> dict[str, object]:
     """Measure one checkout; ``column`` selects its walks."""
     package = sorted((root / "src" / "drivebus").rglob("*.py"))
     lines = {path: _line_count(path) for path in package}
+    product = [path for path in package if "lab" not in path.parts]
     tests = sorted((root / "tests").rglob("*.py"))
     others = [*(root / "benchmarks").rglob("*.py"), *(root / "verification").rglob("*.py")]
     longest = max(package, key=lambda path: lines[path])
@@ -107,6 +111,9 @@ def measure(root: Path, column: str) -> dict[str, object]:
         ).strip(),
         "files": len(package),
         "lines": sum(lines.values()),
+        "product_files": len(product),
+        "product_lines": sum(lines[path] for path in product),
+        "product_statements": sum(map(_statement_count, product)),
         "median_lines": round(median(lines.values())),
         "longest_lines": lines[longest],
         "longest_file": longest.relative_to(root / "src" / "drivebus").as_posix(),
@@ -127,6 +134,15 @@ def measure(root: Path, column: str) -> dict[str, object]:
 
 def _line_count(path: Path) -> int:
     return path.read_bytes().count(b"\n")
+
+
+def _statement_count(path: Path) -> int:
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return sum(isinstance(node, ast.stmt) and not _is_string(node) for node in nodes)
+
+
+def _is_string(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 # --- import cycles ----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""drivebus polling many lines in one process as fast as the wire allows; PATH is a comma-separated list."""
+"""drivebus polling many buses in one process as fast as the wire allows; PATH is a comma-separated list."""
 
 from __future__ import annotations
 

@@ -23,7 +23,11 @@ async def main() -> None:
         while not meter.is_over():
             station, register = 1 + meter.done % STATIONS, meter.done % 50
             answer = await bus.transact(
-                BusRequest(station, ReadRegisters(station, register, REGISTERS), RequestPriority.PARAMETER)
+                BusRequest(
+                    station=station,
+                    request=ReadRegisters(station, register, REGISTERS),
+                    priority=RequestPriority.PARAMETER,
+                )
             )
             if answer.error is not None:
                 meter.failed += 1

@@ -1,4 +1,4 @@
-"""Host whose stops are measured: all lines full, other work on the same loop, stops at random instants.
+"""Process whose stops are measured: all buses full, other work on the same loop, stops at random instants.
 
     stop_host.py PATHS STATIONS SECONDS BAUD DEAD SEED CALLS
 
@@ -27,9 +27,9 @@ from drivebus.protocols.modbus import ReadRegisters
 from verification.drive_variants import VC660, TimingBounds
 
 PERIOD_S = 0.01
-"""Poll period: shorter than a line allows, so that a poll is always due."""
+"""Poll period: shorter than a bus allows, so that a poll is always due."""
 PAUSE_S = 0.1
-"""Longest pause between a confirmed stop and the next stop on its line."""
+"""Longest pause between a confirmed stop and the next stop on its bus."""
 WARM_UP_S = 1.0
 LONGEST_REPLY = 13
 """Bytes of a reply to FC03 of four registers."""

@@ -1,11 +1,11 @@
-"""Load of stops: fills the lines of a plant and stops its drives at random instants over its socket and over the web.
+"""Load of stops: fills the buses of a plant and stops its drives at random instants over its socket and over the web.
 
     python -m benchmarks.clients.stop_load DIRECTORY PORT LINES STATIONS SECONDS ROUNDS SEED CALLS
 
-Parameter reads over the plant's socket fill what the polls leave of each line, so that a read is always due. The last
-station of each line is silent. Single drives are stopped for SECONDS, then everything ROUNDS times. CALLS gets a line
-for each stop: interface, line, address (0: all), nanosecond (CLOCK_MONOTONIC) of the call, and its outcome or error
-key. Prints the stop bound, occupation and errors of the lines as JSON.
+Parameter reads over the plant's socket fill what the polls leave of each bus, so that a read is always due. The last
+station of each bus is silent. Single drives are stopped for SECONDS, then everything ROUNDS times. CALLS gets a line
+for each stop: interface, bus, address (0: all), nanosecond (CLOCK_MONOTONIC) of the call, and its outcome or error
+key. Prints the stop bound, occupation and errors of the buses as JSON.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from drivebus.types import Json
 
 STOP_LOAD_ACTOR = local_actor("bench", "stop_load")
 READERS = 1
-"""Readers of each line: one fills it, more would delay its polls by seconds."""
+"""Readers of each bus: one fills it, more would delay its polls by seconds."""
 SIGNALS = ["output_voltage", "output_power", "dc_bus_voltage", "temperature", "set_speed"] * 6
 PAUSE_S = 0.2
-"""Longest pause between the result of a stop and the next stop on its line."""
+"""Longest pause between the result of a stop and the next stop on its bus."""
 WARM_UP_S, ONLINE_TIMEOUT_S = 2.0, 20.0
 LONGEST_LINE = 4 * 1024 * 1024
 TimedStop = tuple[str, int, int, int, str]
 
 
 class LoadedService:
-    """Client of the measured plant: fills its lines and stops its drives."""
+    """Client of the measured plant: fills its buses and stops its drives."""
 
     def __init__(self, directory: Path, port: int, lines: int, stations: int) -> None:
         self.directory, self.port, self.lines = directory, port, range(lines)
@@ -75,7 +75,7 @@ class LoadedService:
                 await asyncio.sleep(0.01)
 
     async def stops(self, line: int, until: float, seed: str) -> list[TimedStop]:
-        """Stop drives of one line one after the other, because a stop queued behind another has a longer bound."""
+        """Stop drives of one bus one after the other, because a stop queued behind another has a longer bound."""
         chance, calls = random.Random(f"{seed}/{line}"), list[TimedStop]()
         interfaces = {"socket": _SocketStops(self.directory), "web": _WebStops(self.port)}
         while time.monotonic() < until:

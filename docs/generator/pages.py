@@ -22,6 +22,7 @@ from generator import (
     rest_reference,
     verification,
 )
+from verification import ids
 
 PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
     "serial": profile_tables.serial_settings,
@@ -37,40 +38,46 @@ PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
 
 
 def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
-    """Yield every page with generated parts and its up-to-date text."""
+    """Yield every page with generated parts and its up-to-date text, in which each id links to its definition."""
     for language in LANGUAGES:
-        suffix = "" if language == "en" else f".{language}"
-        readme = root / f"README{suffix}.md"
-        yield readme, _fill_marks(readme, {"drives": drives.table(language)})
-        page = root / "docs" / "explanation" / f"verification{suffix}.md"
-        yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
-        page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
-        yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
-        page = root / "docs" / "explanation" / f"timing{suffix}.md"
-        yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
-        page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
-        yield (
-            page,
-            _fill_marks(
-                page, {name: profile_tables.keypad(profiles.load(name), language) for name in drives.MODELS_WITH_PAGE}
-            ),
-        )
-        reference = root / "docs" / "reference"
-        page = reference / f"command-line{suffix}.md"
-        yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
-        page = reference / f"errors{suffix}.md"
-        yield page, _fill_marks(page, {"errors": error_reference.page(language)})
-        page = reference / f"plant-toml{suffix}.md"
-        yield page, _fill_marks(page, plant_reference.page(language))
-        page = reference / f"rest-api{suffix}.md"
-        yield page, _fill_marks(page, rest_reference.parts(language))
-        page = reference / f"python{suffix}.md"
-        yield page, _fill_marks(page, {"names": python_reference.page(language)})
-        page = reference / f"metrics{suffix}.md"
-        yield page, _fill_marks(page, metrics_reference.parts(language))
-        for model in drives.MODELS_WITH_PAGE:
-            page = root / "docs" / "protocols" / f"{model}{suffix}.md"
-            yield page, _fill_marks(page, _parts(root, model, language))
+        definitions = ids.definitions(root, language)
+        for page, text in _filled_pages(root, language):
+            yield page, ids.link_ids(text, page, definitions)
+
+
+def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
+    suffix = "" if language == "en" else f".{language}"
+    readme = root / f"README{suffix}.md"
+    yield readme, _fill_marks(readme, {"drives": drives.table(language)})
+    page = root / "docs" / "explanation" / f"verification{suffix}.md"
+    yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
+    page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
+    yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
+    page = root / "docs" / "explanation" / f"timing{suffix}.md"
+    yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
+    page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
+    yield (
+        page,
+        _fill_marks(
+            page, {name: profile_tables.keypad(profiles.load(name), language) for name in drives.MODELS_WITH_PAGE}
+        ),
+    )
+    reference = root / "docs" / "reference"
+    page = reference / f"command-line{suffix}.md"
+    yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
+    page = reference / f"errors{suffix}.md"
+    yield page, _fill_marks(page, {"errors": error_reference.page(language)})
+    page = reference / f"plant-toml{suffix}.md"
+    yield page, _fill_marks(page, plant_reference.page(language))
+    page = reference / f"rest-api{suffix}.md"
+    yield page, _fill_marks(page, rest_reference.parts(language))
+    page = reference / f"python{suffix}.md"
+    yield page, _fill_marks(page, {"names": python_reference.page(language)})
+    page = reference / f"metrics{suffix}.md"
+    yield page, _fill_marks(page, metrics_reference.parts(language))
+    for model in drives.MODELS_WITH_PAGE:
+        page = root / "docs" / "protocols" / f"{model}{suffix}.md"
+        yield page, _fill_marks(page, _parts(root, model, language))
 
 
 def _parts(root: Path, model: str, language: str) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import CommandBit, OpenQuestion, Parameter, Signal
@@ -85,31 +84,34 @@ def _step(entry: Signal | Parameter, language: str) -> str:
 
 
 def parameters(profile: DriveProfile, language: str) -> str:
-    heads = ("notation", "meaning", "step", "values", "source")
-    rows: list[tuple[object, ...]] = [
+    """Return the parameters, and behind them those whose address the manual does not give."""
+    unplaced = [one.parameter for _, one in sorted(profile.unplaced.items())]
+    heads = ["notation", "meaning", "step", "values", "factory", "source"]
+    made = table([term(head, language) for head in heads], _parameter_rows(profile.parameters.values(), language))
+    if not unplaced:
+        return made
+    rows = table([term(head, language) for head in heads], _parameter_rows(unplaced, language))
+    return f"{made}\n{term('index_unknown', language)}\n\n{rows}"
+
+
+def _parameter_rows(shown: Iterable[Parameter], language: str) -> list[tuple[object, ...]]:
+    return [
         (
             p.notation,
             localized(p.text, language),
             _step(p, language),
             _values(p, language),
+            "–" if p.factory is None else f"{p.factory:g}",
             evidence(p.evidence, language),
         )
-        for p in profile.parameters.values()
+        for p in shown
     ]
-    rows += [
-        (notation, term("index_unknown", language), "–", "–", localized(why, language))
-        for notation, why in _unplaced(profile)
-    ]
-    return table([term(head, language) for head in heads], rows)
-
-
-def _unplaced(profile: DriveProfile) -> list[tuple[str, Any]]:
-    return sorted(profile.unplaced.items())
 
 
 def _values(parameter: Parameter, language: str) -> str:
     if parameter.choices:
-        return "; ".join(f"{raw} = {localized(text, language)}" for raw, text in parameter.choices.items())
+        shown = [f"{raw} = {localized(text, language)}" for raw, text in parameter.choices.items()]
+        return "; ".join([*shown, *([] if parameter.choices_complete else [term("others", language)])])
     if parameter.minimum is None or parameter.maximum is None:
         return "–"
     return f"{parameter.minimum:g}–{parameter.maximum:g}"

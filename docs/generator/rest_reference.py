@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
-from drivebus.service.api.operations import API_PREFIX, OPERATIONS, Operation
+from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.api.operations.operation import ApiObject
+from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 from drivebus.types import Json
 from drivebus.values import Text
 from drivebus.web.api.openapi import STATUS_MEANINGS
 from drivebus.web.app import declared_routes
+from drivebus.web.operations import WEB_OPERATIONS
 from generator.terms import localized, table
 
 HEADS = {
@@ -27,12 +29,20 @@ YES, NO = Text("yes", "是"), Text("no", "否")
 RIGHT = Text("Right: `{right}`.", "权限：`{right}`。")
 AUDITED = Text(" Written into the audit trail.", "记入审计记录。")
 RESULT = Text("Result: {keys}.", "结果：{keys}。")
-FILE = Text("Result: the file itself.", "结果：文件本身。")
+ACCESS: dict[RequiredAccess, Text] = {
+    AccessLevel.PUBLIC: Text("Needs no credential.", "无需凭证。"),
+    AccessLevel.SESSION: Text("Needs the session of a browser.", "需要浏览器会话。"),
+}
 
 
 def parts(language: str) -> dict[str, str]:
     """Return the generated parts of ``docs/reference/rest-api.md``."""
-    return {"errors": _errors(language), "operations": _operations(language), "account": _account(language)}
+    return {
+        "errors": _errors(language),
+        "operations": _operations(OPERATIONS.values(), language),
+        "account": _operations(WEB_OPERATIONS.values(), language),
+        "exempt": _exempt(language),
+    }
 
 
 def _errors(language: str) -> str:
@@ -40,9 +50,9 @@ def _errors(language: str) -> str:
     return table(_heads("status", "meaning", language=language), rows)
 
 
-def _account(language: str) -> str:
-    """Return the table of routes that are no operations: page, session, users, tokens, live values, metrics."""
-    operations = {(one.method, API_PREFIX + one.path) for one in OPERATIONS.values()}
+def _exempt(language: str) -> str:
+    """Return the table of routes that are no operations: files of the page, live values."""
+    operations = {(one.method, one.address) for one in (*OPERATIONS.values(), *WEB_OPERATIONS.values())}
     rows = [
         (f"`{route.method} {route.path}`", f"`{route.access}`")
         for route in declared_routes()
@@ -51,13 +61,13 @@ def _account(language: str) -> str:
     return table(_heads("path", "access", language=language), rows)
 
 
-def _operations(language: str) -> str:
-    return "\n".join(part for operation in OPERATIONS.values() for part in _operation(operation, language))
+def _operations(operations: Iterable[Operation], language: str) -> str:
+    return "\n".join(part for operation in operations for part in _operation(operation, language))
 
 
 def _operation(operation: Operation, language: str) -> Iterator[str]:
-    yield f"### `{operation.method} {API_PREFIX}{operation.path}`\n"
-    right = localized(RIGHT, language).format(right=operation.right)
+    yield f"### `{operation.method} {operation.address}`\n"
+    right = localized(ACCESS.get(operation.right, RIGHT), language).format(right=operation.right)
     audited = localized(AUDITED, language) if operation.mutates else ""
     stop, blank = (".", " ") if language == "en" else ("。", "")
     summary = localized(operation.summary, language)
@@ -67,16 +77,14 @@ def _operation(operation: Operation, language: str) -> Iterator[str]:
 
 
 def _result(operation: Operation, language: str) -> str:
-    if operation.download:
-        return localized(FILE, language)
-    if operation.response is ApiObject:
+    if operation.response is ApiObject and not operation.media_types:
         return ""
-    keys = ", ".join(f"`{name}`" for name in operation.response.model_fields)
+    keys = ", ".join(f"`{name}`" for name in operation.media_types or operation.response.model_fields)
     return localized(RESULT, language).format(keys=keys)
 
 
 def _rows(operation: Operation, language: str) -> Iterator[list[str]]:
-    schemas = operation.params.model_json_schema().get("properties", {})
+    schemas = operation.all_param_schemas()
     required = operation.required_params()
     for name in operation.path_params:
         yield [f"`{name}`", localized(PLACES["path"], language), _value(schemas[name]), localized(YES, language)]

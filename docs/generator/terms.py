@@ -51,7 +51,7 @@ TERMS = {
     "what": Text("property", "项目"),
     "value": Text("value", "值"),
     "source": Text("source", "依据"),
-    "notation": Text("notation", "写法"),
+    "notation": Text("notation", "编号"),
     "name": Text("name", "名称"),
     "meaning": Text("meaning", "含义"),
     "unit": Text("unit", "单位"),
@@ -82,7 +82,13 @@ TERMS = {
     "frame": Text("frame", "帧"),
     "nothing": Text("nothing published", "未公布"),
     "no_status": Text("no status register is published", "未公布状态寄存器"),
-    "index_unknown": Text("index not published", "索引未公布"),
+    "index_unknown": Text(
+        "The manual does not give the index of these; they can be used once `[group_sizes]` in a profile of your own "
+        "gives it:",
+        "手册未给出下列参数的索引；在自己的型号文件 `[group_sizes]` 中给出各组大小后即可使用：",
+    ),
+    "factory": Text("factory", "出厂值"),
+    "others": Text("others not published", "其余未公布"),
     "baud_rates": Text("baud rates", "波特率"),
     "formats": Text("formats", "字符格式"),
     "gap": Text("silence before a frame", "帧前静默"),

@@ -1,5 +1,25 @@
-"""``python -m drivebus``: the command line."""
+"""Entry point of the command line: the command ``drivebus`` and ``python -m drivebus``."""
 
-from drivebus.cli.main import main
+from __future__ import annotations
 
-main()
+import sys
+
+from drivebus.cli.extras import require_extra
+from drivebus.errors import ConfigurationError
+from drivebus.i18n import preferred
+
+
+def main() -> None:
+    """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2."""
+    try:
+        require_extra("cli")
+    except ConfigurationError as error:
+        print(error.text(preferred()), file=sys.stderr)
+        sys.exit(2)
+    from drivebus.cli.main import main
+
+    main()
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,8 @@
         drive.run(25.0, wait=True)
         drive.stop()
 
-The bus runs on an event loop in a thread of its own; every call waits there for its result.
+The bus runs on an event loop in a thread of its own; every call waits there for its result. Each class has the name of
+its asynchronous twin in ``drivebus``, so that a script changes only its import and its ``await``.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from drivebus.drives.context import DriveLimits, Preflight
 from drivebus.drives.dialects.base import Identity
 from drivebus.drives.jog_session import JogSession as AsyncJogSession
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
@@ -39,7 +41,7 @@ T = TypeVar("T")
 
 
 class Bus:
-    """One bus on a thread of its own, opened by ``open_bus``. A context manager."""
+    """Bus on a thread of its own, opened by ``open_bus``. A context manager."""
 
     def __init__(self, factory: Callable[[], AsyncBus]) -> None:
         self._loop = asyncio.new_event_loop()
@@ -199,7 +201,7 @@ class Monitor:
 
 
 class Drive:
-    """One drive, with the methods of ``drivebus.Drive``: same results, same errors, each returns when it is done."""
+    """Drive with the methods of ``drivebus.Drive``: same results, same errors, each returns when it is done."""
 
     def __init__(self, bus: Bus, profile: DriveProfile | str | Path, address: int, **options: Any) -> None:
         self._bus = bus
@@ -224,8 +226,10 @@ class Drive:
         wait: bool = False,
         timeout_s: float | None = None,
         requested_at: float | None = None,
+        on_progress: Callable[[DriveStatus], None] | None = None,
     ) -> Outcome:
-        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, requested_at))
+        """Run at ``frequency_hz``. ``on_progress`` is called on the bus's thread: be quick there, and call no drive."""
+        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, requested_at, on_progress))
 
     def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:
         return self._bus.run(self.drive.set_frequency(frequency_hz, requested_at))
@@ -294,11 +298,14 @@ class Drive:
     def read(self, names: Iterable[str]) -> dict[str, Reading]:
         return self._bus.run(self.drive.read(names))
 
-    def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
-        return self._bus.run(self.drive.write(values, save))
+    def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+        return self._bus.run(self.drive.write(values, save, force))
 
     def identify(self) -> Identity:
         return self._bus.run(self.drive.identify())
+
+    def loopback_test(self, count: int = 10) -> LoopbackReport:
+        return self._bus.run(self.drive.loopback_test(count))
 
     def preflight(self) -> Preflight:
         return self._bus.run(self.drive.preflight())

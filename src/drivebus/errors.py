@@ -18,15 +18,16 @@
     │       └── PortLost        was open and is gone
     ├── DriveError
     │   ├── DriveRejected       the drive rejected the request, with its error code
-    │   ├── CapabilityError     this family or model can't do that: rejected before sending
-    │   ├── LimitError          outside the drive's limits: rejected before sending
+    │   ├── CapabilityError     this family or model can't do that: refused before sending
+    │   ├── LimitError          outside the drive's limits: refused before sending
+    │   ├── ConfirmationRequired the user must confirm this write: refused before sending
     │   ├── PreflightError      the drive is not set to obey the bus: what to set on the keypad
     │   ├── StartInhibited      no motion now: stale status, foreign master, bad link, no control
     │   ├── TargetNotReached    the drive reports another state than requested
     │   ├── OutcomeUnknown      sent, and it is not known whether it was done (exit 4)
     │   ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
     │   └── EepromBudgetExceeded too many EEPROM writes of that parameter today
-    └── ServiceError            the service that owns the buses rejected the request; nothing was sent
+    └── ServiceError            the service that owns the buses refused the request; nothing was sent
         ├── NotFound            no such operation, drive, group, bus, alarm or incident
         ├── InvalidParameters   wrong parameters: each with its path, found and expected
         ├── PermissionDenied    the right is missing
@@ -200,6 +201,10 @@ class CapabilityError(DriveError):
 
 class LimitError(DriveError):
     """Outside the drive's limits; nothing was sent."""
+
+
+class ConfirmationRequired(DriveError):
+    """The user must confirm this write, which may move the motor or make the drive unreachable; nothing was sent."""
 
 
 class PreflightError(DriveError):

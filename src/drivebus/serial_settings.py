@@ -57,7 +57,7 @@ class SerialSettings:
         return f"{self.baud} {self.format}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StationTiming:
     """Timing rules of a station. Seconds unless the name says characters."""
 

@@ -36,7 +36,7 @@ def _os_error() -> OSError:
 
 
 class TimerFd:
-    """One kernel timer; ``fd`` is readable once it has expired. Raises OSError where the system has none.
+    """Kernel timer; ``fd`` is readable once it has expired. Raises OSError where the system has none.
 
     Each timer has its own structure for the kernel: buses of several threads arm theirs at the same time.
     """

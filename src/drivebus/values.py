@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
 Coding = Literal["binary", "signed", "bcd"]
+HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4})[hH]", re.ASCII)
+"""Hexadecimal notation of the manuals and of programmers: ``0010H``, ``0x10``."""
+
+
+def parse_hex_word(text: str) -> int | None:
+    """Return the 16-bit word of a hexadecimal notation; None for another notation or above FFFFH."""
+    match = HEX_WORD.fullmatch(text)
+    word = int(match[1] or match[2], 16) if match else None
+    return word if word is not None and word <= 0xFFFF else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +35,7 @@ class Quality(StrEnum):
     BAD = "bad"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
     """A value with its unit, quality and the monotonic second at which its request was answered.
 
@@ -47,7 +57,7 @@ class Reading:
 
 def missing_reading(reason: str, unit: str = "") -> Reading:
     """Return a reading without a value; ``reason`` is a message key."""
-    return Reading(None, unit, Quality.BAD, reason=reason)
+    return Reading(value=None, unit=unit, quality=Quality.BAD, reason=reason)
 
 
 @dataclass(frozen=True, slots=True)

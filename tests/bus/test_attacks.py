@@ -37,9 +37,9 @@ from fixtures.bus import (
 def wire_of(*stations: FakeStation) -> Any:
     def wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
         for station in stations:
-            answer = station.reply_to(frame, ended_at)
-            if answer is not None:
-                yield ended_at + station.delay_s + CHARACTER_S * len(answer), answer
+            reply = station.reply_to(frame, ended_at)
+            if reply is not None:
+                yield ended_at + station.delay_s + CHARACTER_S * len(reply), reply
 
     return wire
 
@@ -77,8 +77,8 @@ def test_no_callback_runs_between_a_permit_check_and_its_frame() -> None:
         before = len(port.sent)
         await bus.transact(start_request(bus.core))
         assert left == [before + 1], "the start was held back until the sink had latched the bus"
-        answer = await bus.transact(start_request(bus.core))
-        assert isinstance(answer.error, NotPermitted)
+        result = await bus.transact(start_request(bus.core))
+        assert isinstance(result.error, NotPermitted)
         await bus.close()
 
     run(main())
@@ -105,7 +105,7 @@ def test_a_stop_whose_caller_is_cancelled_is_still_sent() -> None:
 def test_a_stop_whose_caller_is_cancelled_is_still_repeated_without_a_reply() -> None:
     core = BusCore(SETTINGS, echo="off")
     core.add_station(station_config())
-    book = BusScript(core, lambda frame, at: [(at + 0.01, answer)] if (answer := station.reply_to(frame, at)) else [])
+    book = BusScript(core, lambda frame, at: [(at + 0.01, reply)] if (reply := station.reply_to(frame, at)) else [])
     station = FakeStation()
     book.submit(read_request(), "first")
     book.result("first")
@@ -125,8 +125,8 @@ def test_a_permit_does_not_outlive_a_stop_by_registering_the_station_again() -> 
         await bus.transact(stop_request())
         bus.remove_station(1)
         bus.add_station(station_config())
-        answer = await bus.transact(old)
-        assert isinstance(answer.error, NotPermitted) and station.start_count == 0
+        result = await bus.transact(old)
+        assert isinstance(result.error, NotPermitted) and station.start_count == 0
         await bus.close()
 
     run(main())
@@ -218,11 +218,11 @@ def test_a_suspect_station_gets_its_sync_probe_during_a_parameter_backup_of_anot
     """After four parameters in a row other requests have their turn; otherwise its values would be stale meanwhile."""
 
     async def main() -> None:
-        first, second = FakeStation(1), FakeStation(2)
+        first, second = FakeStation(address=1), FakeStation(address=2)
         bus, _ = await opened(first, second)
         good: list[float] = []
         bus.start_polling(
-            2, [Poll(read(2), 0.5)], lambda answer: good.append(bus.now()) if answer.error is None else None
+            2, [Poll(read(2), 0.5)], lambda result: good.append(bus.now()) if result.error is None else None
         )
 
         async def backup() -> None:
@@ -363,9 +363,9 @@ def test_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
     script.wire = lambda frame, ended_at: [(ended_at + 0.010, frame[:5]), (ended_at + 0.026, frame[5:])]
     ask = write_request(core, 1, register, value, retry_policy=RetryPolicy.EEPROM)
     script.submit(ask, "write")
-    answer = script.result("write")
-    assert answer.sent[:5] == error_reply, "the reply begins like an error reply"
-    assert answer.error is None and isinstance(answer.reply, modbus.WriteAck)
+    result = script.result("write")
+    assert result.sent[:5] == error_reply, "the reply begins like an error reply"
+    assert result.error is None and isinstance(result.reply, modbus.WriteAck)
 
 
 def make_online_script(*stations: FakeStation, **options: Any) -> BusScript:
@@ -397,7 +397,7 @@ def test_only_exactly_the_bytes_of_a_reply_are_a_damaged_reply(more: int, suspec
 
 def test_garbage_may_be_the_late_reply_of_another_suspect_station() -> None:
     """While the reply of another station is overdue, damaged bytes may be that reply."""
-    first, second = FakeStation(1), FakeStation(2)
+    first, second = FakeStation(address=1), FakeStation(address=2)
     script = make_online_script(first, second)
     second.alive = False
     script.submit(read_request(2), "lost")
@@ -498,8 +498,8 @@ def test_cancelled_polls_use_no_memory() -> None:
     async def main() -> None:
         bus, _ = await opened(FakeStation())
         for _ in range(50):
-            bus.start_polling(1, [Poll(read(), 3600.0)], lambda answer: None).cancel()
-        assert len(bus.core.scheduler.poll_schedule) == 0
+            bus.start_polling(1, [Poll(read(), 3600.0)], lambda result: None).cancel()
+        assert len(bus.core.scheduler.poll_schedule.heap) == 0
         await bus.close()
 
     run(main())

@@ -41,9 +41,9 @@ def test_a_transaction_in_virtual_time_takes_exactly_its_time() -> None:
         bus, _ = bus_with(FakeStation(delay_s=0.005))
         async with bus:
             await asyncio.sleep(1)
-            answer = await bus.transact(read_request())
-            assert answer.sent_at == 1.0
-            assert answer.received_at == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S)
+            result = await bus.transact(read_request())
+            assert result.sent_at == 1.0
+            assert result.received_at == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S)
             assert bus.now() == pytest.approx(1.0 + 8 * CHARACTER_S + 0.005 + 16.5 * CHARACTER_S)
 
     run(main())
@@ -59,8 +59,8 @@ def test_polls_are_delivered_until_they_are_cancelled() -> None:
             watch.cancel()
             watch.cancel()
             await asyncio.sleep(5)
-        assert len(results) == 5 and {answer.bus_request.tag for answer in results} == {"status"}
-        assert [round(answer.sent_at or 0, 3) for answer in results[1:]] == [0.5, 1.0, 1.5, 2.0]
+        assert len(results) == 5 and {result.bus_request.tag for result in results} == {"status"}
+        assert [round(result.sent_at or 0, 3) for result in results[1:]] == [0.5, 1.0, 1.5, 2.0]
 
     run(main())
 
@@ -71,7 +71,7 @@ def test_a_callback_that_fails_does_not_stop_the_bus() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: reports.append(context))
         bus, _ = bus_with(FakeStation())
         async with bus:
-            bus.start_polling(1, [Poll(read(), 0.5)], lambda answer: 1 / 0)
+            bus.start_polling(1, [Poll(read(), 0.5)], lambda result: 1 / 0)
             await asyncio.sleep(1.2)
             assert (await bus.transact(read_request())).error is None
         assert len(reports) >= 2
@@ -126,7 +126,7 @@ def test_unplugging_fails_pending_requests_and_replays_none() -> None:
             await asyncio.sleep(0.02)
             port.unplug()
             answers = [await task for task in waiting]
-            assert all(isinstance(answer.error, PortLost) for answer in answers)
+            assert all(isinstance(result.error, PortLost) for result in answers)
             assert bus.presence(1) is Presence.OFFLINE and not bus.is_open
             assert isinstance((await bus.transact(read_request())).error, PortLost)
             count, started = len(results), station.start_count

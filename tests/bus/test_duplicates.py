@@ -35,7 +35,7 @@ def reply(number: int) -> bytes:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("skew_s", [0.01, 0.1])
 def test_a_second_reply_is_accepted_once_at_most(seed: int, skew_s: float) -> None:
-    """One reply in ten comes twice on a port without line timing; none is accepted for another request."""
+    """A tenth of the replies comes twice on a port without line timing; none is accepted for another request."""
     chance, station, copies = random.Random(seed), FakeStation(delay_s=0.004), 0
 
     def doubled(reply_frame: bytes, begins_at: float) -> Iterable[tuple[float, bytes]]:
@@ -45,11 +45,11 @@ def test_a_second_reply_is_accepted_once_at_most(seed: int, skew_s: float) -> No
             copies += 1
             yield from whole(reply_frame, begins_at + len(reply_frame) * CHARACTER_S + chance.random() * skew_s)
 
-    answers = wire_to(station, deliver=doubled)
+    replies_to = wire_to(station, deliver=doubled)
     made: dict[float, int] = {}
 
     def lines(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
-        received = list(answers(frame, ended_at))
+        received = list(replies_to(frame, ended_at))
         made[round(ended_at - SETTINGS.seconds(len(frame)), 9)] = station.read_count
         return received
 
@@ -61,8 +61,8 @@ def test_a_second_reply_is_accepted_once_at_most(seed: int, skew_s: float) -> No
     copies = 0
     script.start_polling(1, [Poll(read(), 0.0)])
     script.run_until(60)
-    accepted = [answer for answer in script.results["polls"] if answer.error is None]
-    wrong = [answer for answer in accepted if answer.reply.values[0] != made[round(answer.sent_at or 0, 9)]]
+    accepted = [result for result in script.results["polls"] if result.error is None]
+    wrong = [result for result in accepted if result.reply.values[0] != made[round(result.sent_at or 0, 9)]]
     assert copies > 80 and len(accepted) > 800
     assert len(wrong) <= copies
 

@@ -51,8 +51,8 @@ def test_an_echo_is_detected_and_removed(paced: bool, pieces: bool) -> None:
     assert script.core.echo.state is EchoState.ON
     assert script.core.echo.echo_count == 5
     script.submit(write_request(script.core), "write")
-    answer = script.result("write")
-    assert answer.error is None and answer.received == answer.sent, "the echo is removed and the equal reply accepted"
+    result = script.result("write")
+    assert result.error is None and result.received == result.sent, "the echo is removed and the equal reply accepted"
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -78,7 +78,7 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
     """With a right or wrong setting, an immediate or late echo, and another drive that replies or not."""
     chance = random.Random(5)
     for alive in (True, False):
-        alone = wire_to(FakeStation(2)) if alive else wire_to()
+        alone = wire_to(FakeStation(address=2)) if alive else wire_to()
         script = BusScript(
             make_core(1, 2, has_line_timing=paced, echo=setting), echoing(alone, late_s) if real else alone
         )
@@ -87,8 +87,8 @@ def test_a_write_to_an_absent_drive_is_never_acknowledged(setting: str, real: bo
                 script.submit(read_request(2), ("read", number))
                 script.run_until(script.now + chance.random())
             script.submit(write_request(script.core, 1, value=chance.randrange(0x10000), until=script.now + 60), number)
-            answer = script.result(number)
-            assert answer.reply is None and answer.error is not None
+            result = script.result(number)
+            assert result.reply is None and result.error is not None
             script.run_until(script.now + chance.random() * 2)
 
 
@@ -195,7 +195,7 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
         address=1,
         codec=codec,
         timing=TIMING,
-        effect_of=lambda frame: Effect.SETTING,
+        effect_of=lambda frame: Effect.SETTING if frame == codec.encode_request(request) else Effect.NONE,
         sync_request=lambda n: sunfar.SunfarReadParameter(1, 1 + n % 9, 0),
     )
     bus = BusCore(SerialSettings(9600, parity="E"), has_line_timing=False, echo="off")
@@ -203,6 +203,15 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
     script = BusScript(bus, echoing(wire_to(), 0.004))
     for number in range(5):
         permit = Permit(station=1, effect=Effect.SETTING, retry_policy=RetryPolicy.EEPROM, expires_at=1e9, stop_epoch=0)
-        script.submit(BusRequest(1, request, RequestPriority.PARAMETER, RetryPolicy.EEPROM, permit), number)
-        answer = script.result(number)
-        assert answer.reply is None and answer.error is not None
+        script.submit(
+            BusRequest(
+                station=1,
+                request=request,
+                priority=RequestPriority.PARAMETER,
+                retry_policy=RetryPolicy.EEPROM,
+                permit=permit,
+            ),
+            number,
+        )
+        result = script.result(number)
+        assert result.reply is None and result.error is not None

@@ -42,9 +42,9 @@ def test_every_model_is_polled_at_every_line_quality(model: str, line_quality: s
             statistics = bus.statistics()
             for address in (1, 2, 3):
                 answers = results[address]
-                accepted = [answer for answer in answers if answer.error is None]
+                accepted = [result for result in answers if result.error is None]
                 assert len(accepted) > 0.5 * len(answers) and len(accepted) > 25, statistics
-                assert all(answer.reply is not None for answer in accepted)
+                assert all(result.reply is not None for result in accepted)
                 assert bus.presence(address) is not Presence.NEVER_SEEN
                 assert not bus.health(address).foreign_master, statistics.counters
             if line_quality in ("clean", "bytes", "echo", "echo,bytes"):

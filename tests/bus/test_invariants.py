@@ -53,7 +53,7 @@ class CheckedScript(BusScript):
             assert permit.stop_epoch == transaction.prepared.station.stop_epoch, "no stop since the permit"
         if transaction.prepared.priority != 0:
             assert self.now >= self.silent_since + GAP - 1e-9, "a frame left within the gap"
-            assert not any(job.priority == 0 for job in self.core.scheduler.queues[0]), "a stop was waiting"
+            assert not any(prepared.priority == 0 for prepared in self.core.scheduler.queues[0]), "a stop was waiting"
         super()._send(frame)
         self.silent_since = self.now + len(frame) * CHARACTER_S
 
@@ -61,13 +61,13 @@ class CheckedScript(BusScript):
         if self._incoming and self._incoming[0][0] <= max(self.now, at):
             self.silent_since = max(self.silent_since, at)
         super()._step(at)
-        jobs = [job for lane in self.core.scheduler.queues for job in lane]
-        assert len(jobs) == len({id(job) for job in jobs})
+        requests = [prepared for lane in self.core.scheduler.queues for prepared in lane]
+        assert len(requests) == len({id(prepared) for prepared in requests})
 
 
 def run_scenario(seed: int, line: str, paced: bool) -> CheckedScript:
     chance = random.Random(seed)
-    stations = [FakeStation(address) for address in (1, 2, 3)]
+    stations = [FakeStation(address=address) for address in (1, 2, 3)]
     script = CheckedScript(
         make_core(1, 2, 3, has_line_timing=paced, echo="detect"), wire_to(*stations, deliver=DELIVERIES[line]())
     )
@@ -90,7 +90,7 @@ def run_scenario(seed: int, line: str, paced: bool) -> CheckedScript:
             case 9:
                 script.receive(chance.randbytes(chance.randrange(1, 30)), line_errors=chance.randrange(2))
             case 10:
-                script.submit(BusRequest(0, modbus.WriteRegister(0, COMMAND, STOP)), number)
+                script.submit(BusRequest(station=0, request=modbus.WriteRegister(0, COMMAND, STOP)), number)
             case 11 if chance.random() < 0.2:
                 script.lose_port(PortLost("ports.lost"))
                 script.run_until(script.now + chance.random())
@@ -104,10 +104,10 @@ def run_scenario(seed: int, line: str, paced: bool) -> CheckedScript:
 def test_the_invariants_hold_in_random_scenarios(line: str, paced: bool) -> None:
     for seed in range(5):
         script = run_scenario(seed, line, paced)
-        for token, answers in script.results.items():
-            assert isinstance(token, str) or len(answers) == 1, "each request has exactly one result"
-            for answer in answers:
-                assert answer.error is None or isinstance(answer.error, DrivebusError), "an unexpected exception"
+        for token, results in script.results.items():
+            assert isinstance(token, str) or len(results) == 1, "each request has exactly one result"
+            for result in results:
+                assert result.error is None or isinstance(result.error, DrivebusError), "an unexpected exception"
         assert len(script.core.scheduler) <= 2, "no request stays in the queues"
 
 
@@ -141,7 +141,8 @@ def test_a_million_virtual_seconds_of_a_silent_bus_need_no_memory() -> None:
     bus: BusCore = script.core
     assert (
         len(bus.scheduler) == 0
-        and len(bus.scheduler.poll_schedule) + len(bus.scheduler.poll_schedule.suspended.get(bus.stations[1], ())) == 1
+        and len(bus.scheduler.poll_schedule.heap) + len(bus.scheduler.poll_schedule.suspended.get(bus.stations[1], ()))
+        == 1
     )
     assert len(bus.scheduler.untrusted_stations) == 1
 
@@ -163,10 +164,10 @@ def test_commands_execute_at_most_once_each_with_lost_frames_either_way() -> Non
     for number in range(1500):
         script.submit(start_request(script.core, until=script.now + 2), ("start", number))
         before = station.start_count
-        answer = script.result(("start", number))
+        result = script.result(("start", number))
         submitted += 1
         assert station.start_count - before <= 1
-        if answer.sent == b"":
+        if result.sent == b"":
             assert station.start_count == before
         script.submit(stop_request(), ("stop", number))
         script.result(("stop", number))

@@ -32,15 +32,15 @@ def receive_after_noise(junk: bytes, deliver: Delivery, timing: StationTiming) -
 @pytest.mark.parametrize("deliver", [whole, byte_by_byte])
 @pytest.mark.parametrize("junk", [b"\x00", b"\xff", b"\x01", b"\x02"])
 def test_a_stray_byte_is_skipped_where_the_profile_tolerates_it(junk: bytes, deliver: Delivery) -> None:
-    answer = receive_after_noise(junk, deliver, GLITCHING).result()
-    assert answer.error is None
-    assert len(answer.reply.values) == 4
+    result = receive_after_noise(junk, deliver, GLITCHING).result()
+    assert result.error is None
+    assert len(result.reply.values) == 4
 
 
 @pytest.mark.parametrize("address", [1, 7, 48])
 def test_a_meaning_of_the_bytes_with_the_stray_byte_is_ignored(address: int) -> None:
     """With the stray byte the address is in the place of the function, and an unknown function has no known length."""
-    station = FakeStation(address)
+    station = FakeStation(address=address)
     script = BusScript(make_core(address, timing=GLITCHING), wire_to(station, deliver=behind(b"\x02", whole)))
     script.submit(read_request(address))
     assert script.result().error is None

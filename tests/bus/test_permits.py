@@ -53,11 +53,15 @@ def test_a_start_without_its_own_valid_permit_never_leaves(given: Permit | None,
     script = make_script(station)
     script.submit(
         BusRequest(
-            1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, given
+            station=1,
+            request=modbus.WriteRegister(1, COMMAND, START),
+            priority=RequestPriority.COMMAND,
+            retry_policy=RetryPolicy.EDGE_TRIGGERED,
+            permit=given,
         )
     )
-    answer = script.result()
-    assert isinstance(answer.error, NotPermitted) and answer.error.key == key
+    result = script.result()
+    assert isinstance(result.error, NotPermitted) and result.error.key == key
     assert script.sent == [] and station.start_count == 0
 
 
@@ -69,16 +73,27 @@ def test_a_permit_without_an_end_can_not_be_made() -> None:
 def test_a_read_label_on_a_start_does_not_help() -> None:
     """The effect comes from the bytes, not from the request's own fields."""
     script = make_script(FakeStation())
-    script.submit(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.POLL, RetryPolicy.READ))
+    script.submit(
+        BusRequest(
+            station=1,
+            request=modbus.WriteRegister(1, COMMAND, START),
+            priority=RequestPriority.POLL,
+            retry_policy=RetryPolicy.READ,
+        )
+    )
     assert isinstance(script.result().error, NotPermitted)
 
 
 def test_a_request_for_another_station_than_was_named_never_leaves() -> None:
     """A permit for drive 1 can't start drive 2."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.submit(
         BusRequest(
-            1, modbus.WriteRegister(2, COMMAND, START), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit()
+            station=1,
+            request=modbus.WriteRegister(2, COMMAND, START),
+            priority=RequestPriority.COMMAND,
+            retry_policy=RetryPolicy.EDGE_TRIGGERED,
+            permit=permit(),
         )
     )
     error = script.result().error
@@ -86,7 +101,7 @@ def test_a_request_for_another_station_than_was_named_never_leaves() -> None:
 
 
 def test_a_station_that_is_not_registered_can_not_be_addressed() -> None:
-    script = make_script(FakeStation(1))
+    script = make_script(FakeStation(address=1))
     script.submit(read_request(9))
     error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.unregistered"
@@ -102,8 +117,8 @@ def test_expiry_is_checked_when_the_first_bit_goes_out() -> None:
     station.alive = False
     script.submit(read_request(), "busy")
     script.submit(start_request(script.core, until=script.now + 0.03), "start")
-    answer = script.result("start")
-    assert isinstance(answer.error, Expired) and answer.sent == b""
+    result = script.result("start")
+    assert isinstance(result.error, Expired) and result.sent == b""
     assert station.start_count == 0
 
 
@@ -116,9 +131,9 @@ def test_a_repetition_that_expires_does_not_hide_that_the_frame_was_sent() -> No
     station.alive = False
     script.submit(write_request(script.core, until=script.now + 0.1), "write")
     script.run_until(script.now + 5)
-    answer = script.result("write")
-    assert isinstance(answer.error, Expired)
-    assert (answer.sent, answer.sent_at, answer.attempts) == (script.sent[1][1], script.sent[1][0], 1)
+    result = script.result("write")
+    assert isinstance(result.error, Expired)
+    assert (result.sent, result.sent_at, result.attempts) == (script.sent[1][1], script.sent[1][0], 1)
 
 
 def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
@@ -183,8 +198,8 @@ def test_only_absolute_writes_are_resent_each_after_a_sync_probe(retry_policy: R
     script.submit(read_request(), "read")
     script.result("read")
     script.submit(write_request(script.core, retry_policy=retry_policy), "write")
-    answer = script.result("write")
-    assert isinstance(answer.error, NoReply) and answer.attempts == attempts
+    result = script.result("write")
+    assert isinstance(result.error, NoReply) and result.attempts == attempts
     kinds = [frame[1] for frame in script.frames[1:]]
     assert kinds == ([6, 8] * attempts)[: 2 * attempts - 1]
 
@@ -212,8 +227,8 @@ def test_a_retry_checks_the_permit_again() -> None:
     script.run_until(script.now + 0.05)
     station.alive = True
     script.core.stations[1].stop_epoch += 1
-    answer = script.result("write")
-    assert isinstance(answer.error, NotPermitted) and answer.attempts == 1
+    result = script.result("write")
+    assert isinstance(result.error, NotPermitted) and result.attempts == 1
     assert [frame[1] for frame in script.frames].count(6) == 1
 
 
@@ -270,7 +285,7 @@ def test_a_drive_registered_again_inherits_its_start_inhibits() -> None:
 
 
 def test_a_start_inhibit_of_all_includes_removed_stations() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     for on in (True, False):
         script._perform(script.core.remove_station(1, script.now))
         script.core.set_start_inhibit(None, on)
@@ -293,10 +308,14 @@ def test_a_second_reply_of_a_removed_drive_counts_for_its_successor() -> None:
 @pytest.mark.parametrize(("value", "key"), [(STOP, None), (START, "bus.broadcast")])
 def test_a_broadcast_frame_is_checked_as_a_broadcast_whatever_station_is_named(value: int, key: str | None) -> None:
     """The request names drive 1 and has its permit, but address 0 in the bytes addresses all."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.submit(
         BusRequest(
-            1, modbus.WriteRegister(0, COMMAND, value), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit()
+            station=1,
+            request=modbus.WriteRegister(0, COMMAND, value),
+            priority=RequestPriority.COMMAND,
+            retry_policy=RetryPolicy.EDGE_TRIGGERED,
+            permit=permit(),
         )
     )
     error = script.result().error
@@ -305,8 +324,8 @@ def test_a_broadcast_frame_is_checked_as_a_broadcast_whatever_station_is_named(v
 
 
 def test_the_broadcast_address_can_not_be_named_for_a_frame_with_a_reply() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
-    script.submit(BusRequest(0, modbus.WriteRegister(1, COMMAND, STOP), RequestPriority.STOP))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
+    script.submit(BusRequest(station=0, request=modbus.WriteRegister(1, COMMAND, STOP), priority=RequestPriority.STOP))
     error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.broadcast_answered" and error.params["station"] == 0
     assert script.sent == []
@@ -316,7 +335,9 @@ def test_a_request_that_cannot_be_cached_is_still_sent() -> None:
     """A list of values can't be hashed."""
     script = BusScript(make_core(1))
     values: tuple[int, ...] = [7]  # type: ignore[assignment]
-    script.submit(BusRequest(1, modbus.WriteRegisters(1, 0x3000, values), permit=permit(effect=Effect.SETTING)))
+    script.submit(
+        BusRequest(station=1, request=modbus.WriteRegisters(1, 0x3000, values), permit=permit(effect=Effect.SETTING))
+    )
     script.run_until(0.01)
     assert script.frames == [modbus.ModbusRtuCodec().encode_request(modbus.WriteRegisters(1, 0x3000, (7,)))]
 
@@ -338,7 +359,11 @@ def test_a_limited_number_of_reads_is_cached_and_no_write() -> None:
 
 def prepared_write(given: Permit | None, register: int = COMMAND, value: int = START) -> PreparedRequest:
     ask = BusRequest(
-        1, modbus.WriteRegister(1, register, value), RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, given
+        station=1,
+        request=modbus.WriteRegister(1, register, value),
+        priority=RequestPriority.COMMAND,
+        retry_policy=RetryPolicy.EDGE_TRIGGERED,
+        permit=given,
     )
     return PreparedRequest(ask, None, make_core(1).stations[1], SETTINGS)
 
@@ -381,5 +406,7 @@ def test_a_stop_and_a_read_are_never_rejected_and_a_stop_never_expires() -> None
     stop = prepared_write(permit(station=2, expires_at=-1.0, stop_epoch=9), COMMAND, STOP)
     stop.station.start_inhibited = True
     assert stop.permit_error(1e9) is None
-    ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), RequestPriority.COMMAND, expires_at=1.0)
+    ask = BusRequest(
+        station=1, request=modbus.WriteRegister(1, COMMAND, STOP), priority=RequestPriority.COMMAND, expires_at=1.0
+    )
     assert PreparedRequest(ask, None, stop.station, SETTINGS).expires_at is None

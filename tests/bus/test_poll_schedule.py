@@ -9,7 +9,7 @@ import pytest
 from drivebus import profiles
 from drivebus.bus import BusStatistics, Poll, StationStatistics, estimate_bus_load
 from drivebus.bus.messages import RequestPriority, StationConfig
-from drivebus.bus.scheduler import PollSchedule
+from drivebus.bus.scheduler import NEVER, PollSchedule
 from drivebus.bus.statistics import percentiles
 from drivebus.drives import create_dialect
 from drivebus.errors import PortLost
@@ -37,7 +37,7 @@ def test_a_poll_keeps_its_period_exactly() -> None:
 
 
 def test_phases_are_spread() -> None:
-    stations = [FakeStation(address) for address in range(1, 11)]
+    stations = [FakeStation(address=address) for address in range(1, 11)]
     script = make_script(*stations)
     for station in stations:
         script.start_polling(station.address, [Poll(read(station.address), 1.0)], station.address)
@@ -49,7 +49,7 @@ def test_phases_are_spread() -> None:
 
 def test_late_polls_do_not_pile_up() -> None:
     """A poll that could not be sent for ten periods is sent once, then in phase again."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.start_polling(1, [Poll(read(), 0.1, phase_s=0.0)])
     script.run_until(1.0)
     for place in range(400):
@@ -60,7 +60,7 @@ def test_late_polls_do_not_pile_up() -> None:
 
 
 def test_the_most_overdue_goes_first() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.start_polling(1, [Poll(read(1), 1.0, phase_s=0.010)], 1)
     script.start_polling(2, [Poll(read(2), 1.0, phase_s=0.005)], 2)
     script.submit(read_request(1), "busy")
@@ -69,7 +69,7 @@ def test_the_most_overdue_goes_first() -> None:
 
 
 def test_polls_that_are_due_together_keep_their_order() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     for address in (1, 2):
         script.start_polling(address, [Poll(read(address), 0.5, phase_s=0.0)], address)
     script.run_until(2.9)
@@ -78,18 +78,18 @@ def test_polls_that_are_due_together_keep_their_order() -> None:
 
 def test_a_flood_of_parameters_does_not_starve_the_polls() -> None:
     """The values stay current during a parameter backup."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.start_polling(1, [Poll(read(1), 0.1)])
     for number in range(500):
         script.submit(read_request(2), number)
     script.run_until(10)
-    received = [answer.received_at or 0 for answer in script.results["polls"]]
+    received = [result.received_at or 0 for result in script.results["polls"]]
     assert max(later - earlier for earlier, later in pairwise(received)) < 0.3
 
 
 def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
     """The read that confirms a stop has parameter priority."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     for number in range(200):
         script.submit(read_request(2, priority=RequestPriority.COMMAND), f"command {number}")
     script.submit(read_request(1), "parameter")
@@ -101,7 +101,7 @@ def test_a_flood_of_commands_does_not_starve_the_parameters() -> None:
 
 
 def test_priorities_are_served_in_their_order() -> None:
-    script = make_script(FakeStation(1))
+    script = make_script(FakeStation(address=1))
     script.submit(read_request(), "busy")
     script.submit(read_request(register=4, priority=RequestPriority.PROBE), "probe")
     script.submit(read_request(register=3, priority=RequestPriority.POLL), "poll")
@@ -112,7 +112,7 @@ def test_priorities_are_served_in_their_order() -> None:
 
 
 def test_a_scan_gets_its_turns_on_a_full_bus() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.start_polling(1, [Poll(read(1), 0.0)])
     for number in range(20):
         script.submit(read_request(2, priority=RequestPriority.PROBE), number)
@@ -128,11 +128,11 @@ def test_a_cancelled_subscription_is_silent_even_with_its_frame_out() -> None:
     script._perform(script.core.stop_polling("polls", script.now))
     script.run_until(5)
     assert "polls" not in script.results and len(script.sent) == 1
-    assert len(script.core.scheduler.poll_schedule) == 0
+    assert len(script.core.scheduler.poll_schedule.heap) == 0
 
 
 def test_a_removed_stations_polls_and_requests_end() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.start_polling(1, [Poll(read(), 0.1)])
     script.submit(read_request(2), "busy")
     script.submit(read_request(1), "waiting")
@@ -149,7 +149,7 @@ def test_a_period_must_be_a_time() -> None:
 
 
 def test_an_empty_poll_schedule_has_nothing_due() -> None:
-    assert PollSchedule().next_due_at() is None and PollSchedule().next_due(1.0) is None
+    assert PollSchedule().next_due_at() == NEVER and PollSchedule().next_due(1.0) is None
 
 
 def test_the_stop_bound_is_that_of_the_documented_table() -> None:
@@ -179,7 +179,7 @@ def test_the_stop_bound_is_that_of_the_documented_table() -> None:
 def test_the_computed_load_is_the_measured_load() -> None:
     """With stations that reply at their limit, cycle and load are the computed ones."""
     limit = 0.02 - 1e-4
-    stations = [FakeStation(address, delay_s=limit) for address in range(1, 5)]
+    stations = [FakeStation(address=address, delay_s=limit) for address in range(1, 5)]
     script = make_script(*stations)
     polls = [Poll(read(address), 0.0) for address in range(1, 5)]
     plan = [(station_config(address), [poll]) for address, poll in zip(range(1, 5), polls, strict=True)]
@@ -195,7 +195,7 @@ def test_the_computed_load_is_the_measured_load() -> None:
 
 
 def test_statistics_have_rates_times_and_errors_of_bus_and_drive() -> None:
-    stations = [FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008)]
+    stations = [FakeStation(address=1, delay_s=0.004), FakeStation(address=2, delay_s=0.008)]
     script = make_script(*stations)
     for station in stations:
         script.start_polling(station.address, [Poll(read(station.address), 0.1)], station.address)
@@ -251,7 +251,9 @@ def test_each_line_error_is_counted_once_for_the_bus_and_for_the_addressed_drive
 
 def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() -> None:
     """In 30 s the first drive has 300 transactions, the second 30, the third none."""
-    script = make_script(FakeStation(1, delay_s=0.004), FakeStation(2, delay_s=0.008), FakeStation(3))
+    script = make_script(
+        FakeStation(address=1, delay_s=0.004), FakeStation(address=2, delay_s=0.008), FakeStation(address=3)
+    )
     script.start_polling(1, [Poll(read(1), 0.1, phase_s=0.05)], 1)
     script.start_polling(2, [Poll(read(2), 1.0, phase_s=0.5)], 2)
     script.run_until(30)
@@ -266,7 +268,7 @@ def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() ->
     script.run_until(99)  # the window is the time since the end of the 512th last transaction, less than a minute
     found = script.core.statistics(script.now)
     ends = sorted(
-        (answer.received_at or 0) + 3.5 * CHARACTER_S for address in (1, 2) for answer in script.results[address]
+        (result.received_at or 0) + 3.5 * CHARACTER_S for address in (1, 2) for result in script.results[address]
     )
     assert found.transactions_per_s == pytest.approx(511 / (99 - ends[-512]))
     assert found.stations[2].transactions_per_s == pytest.approx(46 / (99 - ends[-512]))
@@ -274,7 +276,7 @@ def test_each_drive_has_its_own_load_and_rate_and_together_they_are_the_bus() ->
 
 
 def test_the_recent_figures_of_a_slow_bus_look_back_a_minute() -> None:
-    script = make_script(FakeStation(1))
+    script = make_script(FakeStation(address=1))
     script.start_polling(1, [Poll(read(1), 2.0, phase_s=0.5)], 1)
     script.run_until(100)
     assert script.core.statistics(script.now).stations[1].transactions_per_s == pytest.approx(30 / 60)
@@ -284,7 +286,7 @@ def test_the_recent_figures_of_a_slow_bus_look_back_a_minute() -> None:
 
 
 def test_the_counters_of_a_removed_drive_stay_with_the_bus_and_not_with_its_successor() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     for address in (1, 2):
         script.start_polling(address, [Poll(read(address), 0.1)], address)
     script.run_until(10)
@@ -318,7 +320,7 @@ def test_a_subscription_that_was_cancelled_while_its_station_was_silent_stays_ca
 
 def test_a_station_removed_while_its_frame_is_out_is_forgotten() -> None:
     station = FakeStation(alive=False)
-    script = make_script(station, FakeStation(2))
+    script = make_script(station, FakeStation(address=2))
     script.submit(read_request(1), "gone")
     script.run_until(0.02)
     script._perform(script.core.remove_station(1, script.now))

@@ -31,7 +31,13 @@ def permit(retry_policy: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit
 def write(
     register: int, value: int, retry_policy: RetryPolicy, given: Permit | None = None, address: int = 1
 ) -> BusRequest:
-    return BusRequest(1, modbus.WriteRegister(address, register, value), RequestPriority.PARAMETER, retry_policy, given)
+    return BusRequest(
+        station=1,
+        request=modbus.WriteRegister(address, register, value),
+        priority=RequestPriority.PARAMETER,
+        retry_policy=retry_policy,
+        permit=given,
+    )
 
 
 ATTEMPTS = [
@@ -67,11 +73,13 @@ def test_a_sync_probe_is_sent_once() -> None:
 
 def test_a_stop_has_the_stop_priority_and_nothing_else_has() -> None:
     for priority in RequestPriority:
-        ask = BusRequest(1, modbus.WriteRegister(1, COMMAND, STOP), priority)
+        ask = BusRequest(station=1, request=modbus.WriteRegister(1, COMMAND, STOP), priority=priority)
         assert prepare(ask).priority is RequestPriority.STOP
-        assert priority_of(BusRequest(1, None, priority), Effect.NONE) is (priority or RequestPriority.COMMAND)
+        assert priority_of(BusRequest(station=1, request=None, priority=priority), Effect.NONE) is (
+            priority or RequestPriority.COMMAND
+        )
         assert (
-            prepare(BusRequest(1, modbus.WriteRegister(1, COMMAND, START), priority)).priority
+            prepare(BusRequest(station=1, request=modbus.WriteRegister(1, COMMAND, START), priority=priority)).priority
             is not RequestPriority.STOP
         )
 
@@ -96,7 +104,7 @@ def test_only_a_stop_loses_its_expiry() -> None:
         (modbus.WriteRegister(1, COMMAND, START), 7.0),
         (read_request().request, 7.0),
     ):
-        assert prepare(BusRequest(1, request, expires_at=7.0)).expires_at == expires_at
+        assert prepare(BusRequest(station=1, request=request, expires_at=7.0)).expires_at == expires_at
 
 
 class FixedSizeCodec(modbus.ModbusRtuCodec):

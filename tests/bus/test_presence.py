@@ -14,7 +14,7 @@ from fixtures.bus import CHARACTER_S, TIMING, FakeStation, make_script, read, re
 
 
 def full_bus(count: int = 31) -> tuple[BusScript, list[FakeStation]]:
-    stations = [FakeStation(address) for address in range(1, count + 1)]
+    stations = [FakeStation(address=address) for address in range(1, count + 1)]
     script = make_script(*stations)
     for station in stations:
         script.start_polling(station.address, [Poll(read(station.address), 0.0)], station.address)
@@ -130,8 +130,8 @@ def test_a_request_to_an_offline_station_is_tried_at_once() -> None:
     submitted_at = script.now
     count = len(script.sent)
     script.submit(read_request(), "third")
-    answer = script.result("third")
-    assert isinstance(answer.error, NoReply) and answer.sent == b"" and answer.attempts == 0
+    result = script.result("third")
+    assert isinstance(result.error, NoReply) and result.sent == b"" and result.attempts == 0
     assert script.now - submitted_at < 0.1 and len(script.sent) == count + 1
     station.alive = True
     script.run_until(script.now + 1)
@@ -143,8 +143,8 @@ def test_a_never_seen_station_is_addressed_once_without_retry() -> None:
     """A scan must not wait twice for every empty address."""
     script = make_script(FakeStation(alive=False))
     script.submit(read_request())
-    answer = script.result()
-    assert isinstance(answer.error, NoReply) and answer.attempts == 1 and len(script.sent) == 1
+    result = script.result()
+    assert isinstance(result.error, NoReply) and result.attempts == 1 and len(script.sent) == 1
 
 
 def test_health_counts_failures_of_the_last_minutes() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from drivebus.bus import Poll, Presence
 from drivebus.bus.core import BusCore
-from drivebus.errors import NoReply
+from drivebus.errors import NoReply, PortLost
 from drivebus.protocols import modbus
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
@@ -43,15 +44,15 @@ def test_after_a_timeout_a_station_must_answer_a_sync_probe_before_its_next_requ
     sent_at = script.now
     script.run_until(sent_at + 0.1)
     station.alive = True
-    answer = script.result("second")
-    assert answer.error is None and answer.attempts == 2
+    result = script.result("second")
+    assert result.error is None and result.attempts == 2
     (lost_at, lost), (probe_at, probe), (_, again) = script.sent[1:]
     assert probe[1] == 8 and again == lost
     assert probe_at - lost_at == pytest.approx(8 * CHARACTER_S + TIMEOUT + TIMING.max_reply_lateness_s)
 
 
 def test_other_stations_are_served_during_a_quarantine() -> None:
-    stations = [FakeStation(1), FakeStation(2)]
+    stations = [FakeStation(address=1), FakeStation(address=2)]
     script = make_script(*stations)
     for address in (1, 2):
         script.submit(read_request(address), address)
@@ -84,7 +85,7 @@ def test_a_late_reply_is_not_accepted_for_the_next_request() -> None:
 
 
 def test_a_late_reply_received_during_another_stations_turn_is_counted_late() -> None:
-    stations = [FakeStation(1), FakeStation(2, delay_s=0.019)]
+    stations = [FakeStation(address=1), FakeStation(address=2, delay_s=0.019)]
     script = make_script(*stations)
     for address in (1, 2):
         script.submit(read_request(address), address)
@@ -108,9 +109,41 @@ def test_an_unanswered_sync_probe_takes_the_station_offline_and_fails_waiting_re
     script.result("first")
     station.alive = False
     script.submit(read_request(), "second")
-    answer = script.result("second")
-    assert isinstance(answer.error, NoReply) and answer.error.key == "bus.offline"
+    result = script.result("second")
+    assert isinstance(result.error, NoReply) and result.error.key == "bus.offline"
     assert script.core.presence(1) is Presence.OFFLINE
+
+
+def noisy_script(station: FakeStation) -> BusScript:
+    """Return a script after a read whose reply had a stray byte before it."""
+    script = BusScript(make_core(1), wire_to(station, deliver=lambda reply, at: whole(b"\x00" + reply, at)))
+    script.submit(read_request(), "noisy")
+    script.result("noisy")
+    return script
+
+
+def errors_of_two_reads(script: BusScript) -> list[Any]:
+    for token in ("a", "b"):
+        script.submit(read_request(), token)
+    return [script.result(token).error for token in ("a", "b")]
+
+
+def test_requests_that_wait_for_one_sync_probe_have_an_error_each() -> None:
+    """Their receivers add the outcomes of their commands to it."""
+    first, second = errors_of_two_reads(noisy_script(FakeStation()))
+    assert first.key == second.key == "bus.stray_before" and first.params == second.params
+    assert first is not second
+
+
+@pytest.mark.parametrize(("port_lost", "key"), [(False, "bus.stray_before"), (True, "bus.offline")])
+def test_the_bytes_before_a_lost_port_do_not_name_the_failure_after_it(port_lost: bool, key: str) -> None:
+    station = FakeStation()
+    script = noisy_script(station)
+    station.alive = False
+    if port_lost:
+        script.lose_port(PortLost("bus.closed"))
+        script.reopen()
+    assert [error.key for error in errors_of_two_reads(script)] == [key, key]
 
 
 def test_two_sync_probes_in_a_row_are_never_the_same() -> None:
@@ -202,7 +235,7 @@ class LateStation(FakeStation):
     """Station that replies in order, with some replies late by up to ``longest_s``."""
 
     def __init__(self, address: int, chance: random.Random, share: float, longest_s: float) -> None:
-        super().__init__(address)
+        super().__init__(address=address)
         self.chance, self.share, self.longest_s, self.free_at = chance, share, longest_s, 0.0
 
     def speak(self, frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
@@ -262,13 +295,13 @@ def test_no_late_reply_is_ever_misattributed(
 
 @pytest.mark.parametrize("line", DELIVERIES)
 def test_polls_keep_coming_on_every_line(line: str) -> None:
-    stations = [FakeStation(1), FakeStation(2)]
+    stations = [FakeStation(address=1), FakeStation(address=2)]
     script = make_script(*stations, deliver=DELIVERIES[line]())
     for station in stations:
         script.start_polling(station.address, [Poll(read(station.address), 0.1)], station.address)
     script.run_until(60)
     for station in stations:
-        accepted = [answer for answer in script.results[station.address] if answer.error is None]
+        accepted = [result for result in script.results[station.address] if result.error is None]
         assert len(accepted) > (550 if line in ("clean", "byte by byte") else 100)
 
 

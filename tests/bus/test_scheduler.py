@@ -24,7 +24,10 @@ def station(address: int = 1) -> Station:
 
 def make_read(target: Station, priority: RequestPriority = RequestPriority.PARAMETER, **more: Any) -> PreparedRequest:
     return PreparedRequest(
-        BusRequest(target.address, read(target.address), priority, **more), "token", target, SETTINGS
+        BusRequest(station=target.address, request=read(target.address), priority=priority, **more),
+        "token",
+        target,
+        SETTINGS,
     )
 
 
@@ -32,7 +35,9 @@ def stop(
     target: Station, priority: RequestPriority = RequestPriority.STOP, address: int | None = None
 ) -> PreparedRequest:
     request = modbus.WriteRegister(target.address if address is None else address, COMMAND, STOP)
-    return PreparedRequest(BusRequest(target.address, request, priority), "token", target, SETTINGS)
+    return PreparedRequest(
+        BusRequest(station=target.address, request=request, priority=priority), "token", target, SETTINGS
+    )
 
 
 def write(
@@ -48,7 +53,14 @@ def write(
     )
     request = modbus.WriteRegister(target.address, register, START)
     return PreparedRequest(
-        BusRequest(target.address, request, priority, RetryPolicy.EDGE_TRIGGERED, permit, until),
+        BusRequest(
+            station=target.address,
+            request=request,
+            priority=priority,
+            retry_policy=RetryPolicy.EDGE_TRIGGERED,
+            permit=permit,
+            expires_at=until,
+        ),
         "token",
         target,
         SETTINGS,
@@ -59,20 +71,20 @@ def poll(target: Station, period_s: float = 0.0, due: float = 0.0) -> PreparedPo
     return PreparedPoll(Poll(read(target.address), period_s), "polls", target, SETTINGS, due)
 
 
-def filled(*jobs: PreparedRequest) -> Scheduler:
+def filled(*requests: PreparedRequest) -> Scheduler:
     made = Scheduler(SETTINGS)
-    for job in jobs:
-        made.enqueue(job)
+    for prepared in requests:
+        made.enqueue(prepared)
     return made
 
 
 def taken(scheduler: Scheduler, count: int, now: float = 0.0) -> list[PreparedRequest]:
     found = []
     for _ in range(count):
-        job = scheduler.next(now)
-        assert job is not None
-        scheduler.on_sent(job, now)
-        found.append(job)
+        prepared = scheduler.next(now)
+        assert prepared is not None
+        scheduler.on_sent(prepared, now)
+        found.append(prepared)
     return found
 
 
@@ -88,7 +100,7 @@ def test_an_empty_queue_has_no_next_request() -> None:
 
 def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None:
     first = station()
-    jobs = [
+    requests = [
         make_read(first, priority)
         for priority in (
             RequestPriority.PROBE,
@@ -98,10 +110,10 @@ def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None
         )
         for _ in range(2)
     ]
-    scheduler = filled(*jobs)
+    scheduler = filled(*requests)
     assert len(scheduler) == 8
-    assert taken(scheduler, 4) == [*jobs[6:], *jobs[4:6]]
-    assert taken(scheduler, 4) == [*jobs[2:4], *jobs[:2]]
+    assert taken(scheduler, 4) == [*requests[6:], *requests[4:6]]
+    assert taken(scheduler, 4) == [*requests[2:4], *requests[:2]]
     assert len(scheduler) == 0
 
 
@@ -183,20 +195,20 @@ def test_a_broadcast_stop_goes_first_then_the_drive_stopped_longest_ago() -> Non
     taken(scheduler, 1, 1.0)
     scheduler.enqueue(stop(second))
     taken(scheduler, 1, 2.0)
-    jobs = [stop(second), stop(first), stop(third), stop(first, address=0)]
-    for job in jobs:
-        scheduler.enqueue(job)
-    assert taken(scheduler, 4, 3.0) == [jobs[3], jobs[2], jobs[1], jobs[0]]
+    requests = [stop(second), stop(first), stop(third), stop(first, address=0)]
+    for prepared in requests:
+        scheduler.enqueue(prepared)
+    assert taken(scheduler, 4, 3.0) == [requests[3], requests[2], requests[1], requests[0]]
 
 
 def test_a_broadcast_is_no_stations_own_stop() -> None:
     first, second = station(), station(2)
     scheduler = filled(stop(first, address=0))
     taken(scheduler, 1, 1.0)
-    jobs = [stop(first), stop(second)]
-    for job in jobs:
-        scheduler.enqueue(job)
-    assert taken(scheduler, 2, 2.0) == jobs
+    requests = [stop(first), stop(second)]
+    for prepared in requests:
+        scheduler.enqueue(prepared)
+    assert taken(scheduler, 2, 2.0) == requests
 
 
 def test_a_station_removed_and_registered_again_has_no_earlier_stop() -> None:
@@ -204,10 +216,10 @@ def test_a_station_removed_and_registered_again_has_no_earlier_stop() -> None:
     scheduler = filled(stop(first))
     taken(scheduler, 1, 1.0)
     scheduler.remove_station(first)
-    jobs = [stop(first), stop(second)]
-    for job in jobs:
-        scheduler.enqueue(job)
-    assert taken(scheduler, 2, 2.0) == jobs
+    requests = [stop(first), stop(second)]
+    for prepared in requests:
+        scheduler.enqueue(prepared)
+    assert taken(scheduler, 2, 2.0) == requests
 
 
 def test_another_attempt_is_first_in_its_priority_but_a_stop_is_last() -> None:
@@ -229,8 +241,8 @@ def test_a_frame_leaves_up_to_its_last_moment_and_not_later() -> None:
     assert scheduler.next(10.0) is start and scheduler.rejected == []
     assert scheduler.next_wake_at == pytest.approx(10.001)
     assert scheduler.next(10.0125) is None
-    ((job, error),) = scheduler.rejected
-    assert job is start and isinstance(error, Expired) and len(scheduler) == 0
+    ((prepared, error),) = scheduler.rejected
+    assert prepared is start and isinstance(error, Expired) and len(scheduler) == 0
     assert error.key == "bus.expired" and error.params == {"station": 1, "late_ms": 12}
 
 
@@ -240,18 +252,21 @@ def test_a_frame_that_lost_its_permit_is_rejected_and_the_next_goes() -> None:
     first.stop_epoch += 1
     scheduler = filled(start, after)
     assert scheduler.next(0.0) is after
-    ((job, error),) = scheduler.rejected
-    assert job is start and isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
+    ((prepared, error),) = scheduler.rejected
+    assert prepared is start and isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
 
 
 def test_a_frame_without_a_permit_is_rejected_although_it_is_first() -> None:
     first = station()
     bare = PreparedRequest(
-        BusRequest(1, modbus.WriteRegister(1, COMMAND, START), RequestPriority.COMMAND), "token", first, SETTINGS
+        BusRequest(station=1, request=modbus.WriteRegister(1, COMMAND, START), priority=RequestPriority.COMMAND),
+        "token",
+        first,
+        SETTINGS,
     )
     scheduler = filled(bare)
     assert scheduler.next(0.0) is None
-    assert [(job, error.key) for job, error in scheduler.rejected] == [(bare, "bus.no_permit")]  # type: ignore[attr-defined]
+    assert [(prepared, error.key) for prepared, error in scheduler.rejected] == [(bare, "bus.no_permit")]  # type: ignore[attr-defined]
 
 
 def test_a_read_with_an_expiry_that_is_first_in_its_priority_expires_too() -> None:
@@ -346,7 +361,7 @@ def test_a_cancelled_poll_is_never_sent() -> None:
     scheduler = Scheduler(SETTINGS)
     scheduler.poll_schedule.add(polled)
     polled.cancelled = True
-    assert scheduler.next(1.0) is None and len(scheduler.poll_schedule) == 0
+    assert scheduler.next(1.0) is None and len(scheduler.poll_schedule.heap) == 0
 
 
 def test_removed_requests_are_returned_and_a_removed_poll_is_no_retry_any_more() -> None:
@@ -355,7 +370,7 @@ def test_removed_requests_are_returned_and_a_removed_poll_is_no_retry_any_more()
     polled.retry_queued = True
     mine, others = make_read(first), make_read(other)
     scheduler = filled(mine, polled, others)
-    assert scheduler.remove_if(lambda job: job.station is first) == [mine, polled]
+    assert scheduler.remove_if(lambda prepared: prepared.station is first) == [mine, polled]
     assert not polled.retry_queued and len(scheduler) == 1
 
 
@@ -413,7 +428,7 @@ def test_only_stops_count_for_whose_stop_is_next() -> None:
     taken(scheduler, 1, 2.0)
     for each in (stop(first), stop(second)):
         scheduler.enqueue(each)
-    assert [job.station for job in taken(scheduler, 2, 3.0)] == [second, first]
+    assert [prepared.station for prepared in taken(scheduler, 2, 3.0)] == [second, first]
 
 
 def test_only_commands_bring_a_waiting_parameter_its_turn() -> None:
@@ -421,7 +436,10 @@ def test_only_commands_bring_a_waiting_parameter_its_turn() -> None:
     scheduler = filled(make_read(first), *(stop(first) for _ in range(MAX_COMMANDS_IN_ROW)))
     taken(scheduler, MAX_COMMANDS_IN_ROW)
     scheduler.enqueue(write(first))
-    assert [job.priority for job in taken(scheduler, 2)] == [RequestPriority.COMMAND, RequestPriority.PARAMETER]
+    assert [prepared.priority for prepared in taken(scheduler, 2)] == [
+        RequestPriority.COMMAND,
+        RequestPriority.PARAMETER,
+    ]
 
 
 def test_lateness_is_reported_in_milliseconds() -> None:

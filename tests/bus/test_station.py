@@ -176,7 +176,7 @@ def test_the_bus_makes_every_drawn_transition_and_no_other(transitions: set[Tran
         a_new_station_when_the_port_is_replugged,
         an_absent_station_beside_one_that_replies,
     ):
-        first, second = FakeStation(1), FakeStation(2)
+        first, second = FakeStation(address=1), FakeStation(address=2)
         scenario(BusScript(make_core(1), wire_to(first, second)), first)
     assert transitions == {(state, event, after) for (state, event), after in TRANSITIONS.items()}
 

@@ -21,6 +21,7 @@ from fixtures.bus import (
     STOP,
     TIMING,
     FakeStation,
+    effect,
     make_core,
     make_script,
     read,
@@ -37,7 +38,7 @@ STOP_FRAME = CODEC.encode_request(stop_request().request)
 
 @pytest.mark.parametrize("line", DELIVERIES)
 def test_a_stop_is_the_next_frame_of_every_family(line: str) -> None:
-    stations = [FakeStation(address) for address in (1, 2, 3)]
+    stations = [FakeStation(address=address) for address in (1, 2, 3)]
     script = make_script(*stations, deliver=DELIVERIES[line]())
     for address in (1, 2, 3):
         script.start_polling(address, [Poll(read(address), 0.0)], f"w{address}")
@@ -54,7 +55,7 @@ def test_a_stop_is_the_next_frame_of_every_family(line: str) -> None:
 
 def test_at_any_instant_of_a_full_bus_with_silent_stations_a_stop_leaves_within_its_bound() -> None:
     """The delay is within the computed stop bound without host time, because time is virtual."""
-    stations = [FakeStation(address, delay_s=0.019) for address in range(1, 6)]
+    stations = [FakeStation(address=address, delay_s=0.019) for address in range(1, 6)]
     script = make_script(*stations)
     plan = [(station_config(address), [Poll(read(address), 0.0)]) for address in range(1, 6)]
     for config, station_polls in plan:
@@ -95,7 +96,7 @@ def test_a_start_that_waits_for_its_gap_is_overtaken_and_deleted() -> None:
 
 
 def test_a_stop_deletes_its_stations_commands_and_no_others() -> None:
-    stations = [FakeStation(1), FakeStation(2)]
+    stations = [FakeStation(address=1), FakeStation(address=2)]
     script = make_script(*stations)
     for address in (1, 2):
         script.submit(read_request(address), address)
@@ -129,19 +130,27 @@ def test_permits_from_before_a_stop_are_invalid_after_it() -> None:
 
 
 def test_a_stop_in_any_priority_is_a_stop() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.submit(read_request(2), "busy")
     script.run_until(0.01)
     for number in range(3):
         script.submit(write_request(script.core, 2), number)
-    script.submit(BusRequest(1, stop_request().request, RequestPriority.POLL, RetryPolicy.IDEMPOTENT), "stop")
+    script.submit(
+        BusRequest(
+            station=1,
+            request=stop_request().request,
+            priority=RequestPriority.POLL,
+            retry_policy=RetryPolicy.IDEMPOTENT,
+        ),
+        "stop",
+    )
     script.result("stop")
     assert script.frames[1] == STOP_FRAME
 
 
 def test_frames_after_a_stop_wait_for_the_stops_of_other_drives() -> None:
     """VC660 writes the levels after each stop pulse: as commands they are still sent first."""
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.submit(read_request(1), "in transaction")
     script.run_until(0.01)
     script.submit(read_request(2), "read")
@@ -153,7 +162,7 @@ def test_frames_after_a_stop_wait_for_the_stops_of_other_drives() -> None:
 
 
 def test_nothing_else_may_use_the_stop_priority() -> None:
-    script = make_script(FakeStation(1), FakeStation(2))
+    script = make_script(FakeStation(address=1), FakeStation(address=2))
     script.submit(read_request(2), "busy")
     script.run_until(0.01)
     script.submit(write_request(script.core, 2, priority=RequestPriority.COMMAND), "command")
@@ -174,15 +183,15 @@ def test_a_stop_goes_to_a_station_in_quarantine_and_its_reply_is_not_accepted() 
     assert script.core.stations[1].state.is_suspect
     station.alive = True
     script.submit(stop_request(), "stop")
-    answer = script.result("stop")
+    result = script.result("stop")
     assert station.registers[0x2000] == STOP
-    assert answer.reply is None and answer.error is not None and answer.error.key == "bus.suspect"
-    assert answer.attempts == 1
+    assert result.reply is None and result.error is not None and result.error.key == "bus.suspect"
+    assert result.attempts == 1
 
 
 def test_an_unanswered_stop_is_resent_twice_after_the_other_drives_stops() -> None:
     """It is repeated, and never before the stop of the next drive."""
-    stations = [FakeStation(1), FakeStation(2)]
+    stations = [FakeStation(address=1), FakeStation(address=2)]
     script = make_script(*stations)
     for address in (1, 2):
         script.submit(read_request(address), address)
@@ -197,18 +206,24 @@ def test_an_unanswered_stop_is_resent_twice_after_the_other_drives_stops() -> No
 
 def test_a_broadcast_stop_waits_the_turnaround_for_no_reply_and_is_never_repeated() -> None:
     """No reply, no retry, all drives."""
-    stations = [FakeStation(1), FakeStation(2)]
+    stations = [FakeStation(address=1), FakeStation(address=2)]
     script = make_script(*stations)
     script.run_until(1.0)
     queued = start_request(script.core, 2)
     script.submit(read_request(1), "busy")
     script.submit(queued, "start")
     script.submit(
-        BusRequest(0, modbus.WriteRegister(0, 0x2000, STOP), RequestPriority.STOP, RetryPolicy.BROADCAST), "all"
+        BusRequest(
+            station=0,
+            request=modbus.WriteRegister(0, 0x2000, STOP),
+            priority=RequestPriority.STOP,
+            retry_policy=RetryPolicy.BROADCAST,
+        ),
+        "all",
     )
-    answer = script.result("all")
-    assert answer.reply is None and answer.error is None and answer.attempts == 1
-    assert script.now == pytest.approx((answer.sent_at or 0) + 8 * CHARACTER_S + TIMING.turnaround_s)
+    result = script.result("all")
+    assert result.reply is None and result.error is None and result.attempts == 1
+    assert script.now == pytest.approx((result.sent_at or 0) + 8 * CHARACTER_S + TIMING.turnaround_s)
     assert isinstance(script.results["start"][0].error, Superseded)
     assert [station.registers[0x2000] for station in stations] == [STOP, STOP]
     assert [script.core.stations[address].stop_epoch for address in (1, 2)] == [1, 1]
@@ -217,7 +232,7 @@ def test_a_broadcast_stop_waits_the_turnaround_for_no_reply_and_is_never_repeate
 def test_nothing_but_a_stop_is_ever_broadcast() -> None:
     script = make_script(FakeStation())
     for register, value in ((0x2000, 1), (0x2001, 5000)):
-        script.submit(BusRequest(0, modbus.WriteRegister(0, register, value)), register)
+        script.submit(BusRequest(station=0, request=modbus.WriteRegister(0, register, value)), register)
         error = script.result(register).error
         assert isinstance(error, NotPermitted) and error.key == "bus.broadcast"
     assert script.sent == []
@@ -225,7 +240,7 @@ def test_nothing_but_a_stop_is_ever_broadcast() -> None:
 
 def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
     """A new stop is sent soon, while stops of a silent drive and of another drive are repeated."""
-    script = make_script(FakeStation(1, alive=False), FakeStation(2), FakeStation(3))
+    script = make_script(FakeStation(address=1, alive=False), FakeStation(address=2), FakeStation(address=3))
     script.submit(stop_request(1), "first of 1")
     script.run_until(0.01)
     for number in range(6):
@@ -237,13 +252,24 @@ def test_a_stop_waits_for_each_other_drive_once_and_for_no_repetition() -> None:
     assert stops[:4] == [1, 2, 3, 1]
 
 
+def test_a_station_whose_sync_request_does_more_than_read_is_rejected() -> None:
+    bus = make_core(2)
+    starting = replace(station_config(1), sync_request=lambda n: modbus.WriteRegister(1, 0x2000, 1))
+    with pytest.raises(ValueError, match="a sync request only reads, this one is motion"):
+        bus.add_station(starting)
+
+
 def test_a_control_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
     """Word 2 at register 2000H is a stop on a VC660 and a start on a DF800."""
     bus = make_core(1)
     other = station_config(2)
-    bus.add_station(replace(other, effect_of=lambda frame: Effect.MOTION))
-    script = BusScript(bus, wire_to(FakeStation(1)))
-    script.submit(BusRequest(0, modbus.WriteRegister(0, 0x2000, STOP), RequestPriority.STOP), "all")
+    bus.add_station(
+        replace(other, effect_of=lambda frame: Effect.MOTION if effect(frame) is Effect.STOP else Effect.NONE)
+    )
+    script = BusScript(bus, wire_to(FakeStation(address=1)))
+    script.submit(
+        BusRequest(station=0, request=modbus.WriteRegister(0, 0x2000, STOP), priority=RequestPriority.STOP), "all"
+    )
     error = script.result("all").error
     assert isinstance(error, NotPermitted) and error.params["station"] == 2
 

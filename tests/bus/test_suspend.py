@@ -38,10 +38,10 @@ async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch:
         starting = asyncio.create_task(bus.transact(start_request(bus.core, until=bus.now() + 2.0)))
         await asyncio.sleep(0)
         slept_s = 3600.0
-        answer = await asyncio.wait_for(starting, 5)
+        result = await asyncio.wait_for(starting, 5)
         reading.cancel()
-    assert isinstance(answer.error, Expired) and answer.error.params["late_ms"] > 3_590_000
-    assert answer.sent == b"" and len(port.sent) == 1 and station.start_count == 0
+    assert isinstance(result.error, Expired) and result.error.params["late_ms"] > 3_590_000
+    assert result.sent == b"" and len(port.sent) == 1 and station.start_count == 0
 
 
 async def test_a_closed_bus_has_the_same_time_and_opens_nothing() -> None:

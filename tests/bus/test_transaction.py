@@ -40,9 +40,9 @@ def test_a_read_gets_the_reply_of_its_own_station_in_every_family(line: str) -> 
     script = make_script(station, deliver=DELIVERIES[line]())
     for number in range(200):
         script.submit(read_request(), number)
-        answer = script.result(number)
-        if answer.error is None:
-            assert answer.reply.values == (station.read_count,) * 4
+        result = script.result(number)
+        if result.error is None:
+            assert result.reply.values == (station.read_count,) * 4
     assert script.core.statistics(script.now).replies > 150
 
 
@@ -50,11 +50,11 @@ def test_a_clean_read_takes_exactly_the_computed_time() -> None:
     script = make_script(FakeStation(delay_s=0.005))
     script.run_until(1.0)
     script.submit(read_request())
-    answer = script.result()
-    assert answer.sent_at == 1.0
-    assert answer.received_at == pytest.approx(1.0 + SENT_END + 0.005 + REPLY_BYTES * CHARACTER_S)
-    assert script.now == pytest.approx(answer.received_at + GAP)
-    assert answer.attempts == 1 and answer.sent == CODEC.encode_request(read_request().request)
+    result = script.result()
+    assert result.sent_at == 1.0
+    assert result.received_at == pytest.approx(1.0 + SENT_END + 0.005 + REPLY_BYTES * CHARACTER_S)
+    assert script.now == pytest.approx(result.received_at + GAP)
+    assert result.attempts == 1 and result.sent == CODEC.encode_request(read_request().request)
 
 
 def test_whole_and_byte_by_byte_give_the_same_reply_at_the_same_time() -> None:
@@ -71,8 +71,8 @@ def test_silence_ends_at_the_computed_deadline() -> None:
     script = make_script(FakeStation(alive=False))
     script.run_until(1.0)
     script.submit(read_request())
-    answer = script.result()
-    assert isinstance(answer.error, NoReply) and answer.error.params["milliseconds"] == round(
+    result = script.result()
+    assert isinstance(result.error, NoReply) and result.error.params["milliseconds"] == round(
         TIMING.timeout_s(SETTINGS, REPLY_BYTES) * 1000
     )
     assert script.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
@@ -86,8 +86,8 @@ def test_bytes_never_extend_the_deadline() -> None:
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
     for place in range(10):
         script.receive(reply[place : place + 1], at=1.01 + place * 0.005)
-    answer = script.result()
-    assert isinstance(answer.error, NoReply) and answer.error.params["bytes"] == 10
+    result = script.result()
+    assert isinstance(result.error, NoReply) and result.error.params["bytes"] == 10
     assert script.now == pytest.approx(1.0 + SENT_END + TIMING.timeout_s(SETTINGS, REPLY_BYTES))
 
 
@@ -98,8 +98,8 @@ def test_another_stations_frame_is_dropped_and_waiting_goes_on() -> None:
     script.submit(read_request())
     script.receive(CODEC.encode_reply(modbus.RegisterValues(2, 3, (9, 9, 9, 9))), at=1.0 + SENT_END + 13 * CHARACTER_S)
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END + 30 * CHARACTER_S)
-    answer = script.result()
-    assert answer.reply.values == (1, 2, 3, 4)
+    result = script.result()
+    assert result.reply.values == (1, 2, 3, 4)
     assert script.core.counters.events["foreign"] == 1
 
 
@@ -134,8 +134,8 @@ def test_a_damaged_reply_is_retried_at_once_and_only_once() -> None:
     script = BusScript(make_core(1), lambda frame, ended: [(ended + 20 * CHARACTER_S, b"\x01\x03\x08" + bytes(10))])
     script.submit(read_request())
     script.core.stations[1].state = StationState.ONLINE
-    answer = script.result()
-    assert isinstance(answer.error, ChecksumError) and answer.attempts == 2
+    result = script.result()
+    assert isinstance(result.error, ChecksumError) and result.attempts == 2
     assert not script.core.stations[1].state.is_suspect
     assert script.core.counters.events["retry"] == 1
 
@@ -146,9 +146,9 @@ def test_line_errors_invalidate_the_transaction_whatever_the_bytes() -> None:
     script.run_until(1.0)
     script.submit(read_request())
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.05, line_errors=1)
-    answer = script.result()
-    assert isinstance(answer.error, LineError) and answer.error.key == "bus.line_errors"
-    assert answer.reply is None
+    result = script.result()
+    assert isinstance(result.error, LineError) and result.error.key == "bus.line_errors"
+    assert result.reply is None
 
 
 def test_bytes_before_the_last_stop_bit_of_the_request_are_no_reply() -> None:
@@ -157,8 +157,8 @@ def test_bytes_before_the_last_stop_bit_of_the_request_are_no_reply() -> None:
     script.run_until(1.0)
     script.submit(read_request())
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.0 + SENT_END * 0.9)
-    answer = script.result()
-    assert isinstance(answer.error, NoReply)
+    result = script.result()
+    assert isinstance(result.error, NoReply)
     assert script.core.counters.events["before_tx_end"] == REPLY_BYTES
 
 
@@ -224,13 +224,13 @@ def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_toleranc
     deadline = bus.transaction.ends_at  # type: ignore[union-attr]
     script._timer_at = None
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
-    answer = script.result()
-    assert (answer.error is None) is accepted
+    result = script.result()
+    assert (result.error is None) is accepted
 
 
 def make_transaction(**options: Any) -> Transaction:
-    job = PreparedRequest(read_request(), None, make_core(1).stations[1], SETTINGS)
-    return Transaction(job, 1.0, CHARACTER_S, has_line_timing=True, echo=None, **options)
+    prepared = PreparedRequest(read_request(), None, make_core(1).stations[1], SETTINGS)
+    return Transaction(prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=None, **options)
 
 
 def test_the_reader_is_paused_until_a_byte_could_complete_the_reply() -> None:
@@ -258,7 +258,9 @@ def test_the_reader_is_not_paused_where_other_bytes_than_a_reply_may_arrive() ->
         ).earliest_useful_at()
         is None
     )
-    stop = PreparedRequest(BusRequest(0, modbus.WriteRegister(0, 0x2000, 2)), None, make_core(1).stations[1], SETTINGS)
+    stop = PreparedRequest(
+        BusRequest(station=0, request=modbus.WriteRegister(0, 0x2000, 2)), None, make_core(1).stations[1], SETTINGS
+    )
     assert Transaction(stop, 1.0, CHARACTER_S, has_line_timing=True, echo=None).earliest_useful_at() is None
 
 
@@ -267,7 +269,7 @@ def test_a_byte_behind_the_reply_is_reported_with_both_lengths() -> None:
     transaction = make_transaction()
     transaction.on_data(reply + b"\x00", 1.1)
     assert isinstance(transaction.error, TrailingError) and transaction.error.key == "bus.trailing"
-    assert transaction.error.params == {"expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
+    assert transaction.error.params == {"station": 1, "expected": REPLY_BYTES, "found": REPLY_BYTES + 1}
 
 
 def test_a_line_error_without_a_byte_invalidates_a_complete_reply() -> None:

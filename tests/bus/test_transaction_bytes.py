@@ -31,9 +31,11 @@ def make_transaction(
     request: Any = None, codec: Any = RTU, paced: bool = True, echo: Any = None, **timing: Any
 ) -> Transaction:
     station = Station(station_config(1, replace(TIMING, **timing), codec), SETTINGS)
-    job = PreparedRequest(read_request() if request is None else BusRequest(1, request), None, station, SETTINGS)
-    job.attempts = 1
-    return Transaction(job, 1.0, CHARACTER_S, has_line_timing=paced, echo=echo)
+    prepared = PreparedRequest(
+        read_request() if request is None else BusRequest(station=1, request=request), None, station, SETTINGS
+    )
+    prepared.attempts = 1
+    return Transaction(prepared, 1.0, CHARACTER_S, has_line_timing=paced, echo=echo)
 
 
 def test_a_transaction_begins_with_the_computed_times_and_ends_at_its_deadline() -> None:

@@ -71,8 +71,8 @@ def test_a_second_reply_while_idle_is_counted_and_makes_suspect() -> None:
     script = make_script(FakeStation())
     script.core.tracing = True
     script.submit(read_request())
-    answer = script.result()
-    script.receive(answer.received, at=script.now + 0.05)
+    result = script.result()
+    script.receive(result.received, at=script.now + 0.05)
     script.run_until(script.now + 0.1)
     assert script.core.counters.events["duplicate"] == 1
     assert script.core.stations[1].state.is_suspect
@@ -157,13 +157,13 @@ def test_a_foreign_master_is_detected_in_every_family_also_while_a_station_is_su
     bus = BusCore(SETTINGS, echo="off")
     bus.add_station(ours.station_config)
     script = BusScript(bus)
-    script.submit(BusRequest(1, ours.echo_test_read()), "silent")
+    script.submit(BusRequest(station=1, request=ours.echo_test_read()), "silent")
     script.result("silent")
     assert bus.stations[1].state.is_suspect
     foreign = other.codec.encode_request(other.echo_test_read())
     for _ in range(2):
         if waiting:
-            script.submit(BusRequest(1, ours.stop(StopMode.STOP)[0]), "stop")
+            script.submit(BusRequest(station=1, request=ours.stop(StopMode.STOP)[0]), "stop")
             script.run_until(script.now + 0.05)
         script.receive(foreign)
         script.run_until(script.now + 2.0)

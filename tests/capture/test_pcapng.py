@@ -289,7 +289,7 @@ def trip(tmp_path: Path) -> Path:
 
 def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
-    result = export(trip, "--pcapng", out)
+    result = export(trip, "-o", out)
     assert result.exit_code == 0
     assert f"{out}: 3 frames, 2 sent and 1 received; 2 of them Modbus RTU." in result.stdout
     assert f"wireshark -o mbrtu.udp.port:50502 -o mbrtu.crc_verification:TRUE {out}" in result.stdout
@@ -300,13 +300,13 @@ def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip
 
 def test_the_verb_speaks_chinese_and_so_does_the_file(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
-    assert "3 帧，发送 2，收到 1" in export(trip, "--pcapng", out, lang="zh").stdout
+    assert "3 帧，发送 2，收到 1" in export(trip, "-o", out, lang="zh").stdout
     assert "串行帧的外壳" in out.read_bytes().decode(errors="ignore")
 
 
 def test_the_document_has_the_same_numbers(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
-    result = export(trip, "--pcapng", out, "--all-modbus", "--json")
+    result = export(trip, "-o", out, "--all-modbus", "--json")
     assert json.loads(result.stdout) == {
         "file": str(trip),
         "pcapng": str(out),
@@ -323,10 +323,10 @@ def test_the_document_has_the_same_numbers(trip: Path) -> None:
 def test_an_existing_file_is_replaced_only_where_force_says_so(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
     out.write_text("evidence")
-    refused = export(trip, "--pcapng", out)
+    refused = export(trip, "-o", out)
     assert refused.exit_code == 2 and out.read_text() == "evidence"
     assert f"{out} already exists" in refused.stderr and "--force" in refused.stderr
-    assert export(trip, "--pcapng", out, "--force").exit_code == 0
+    assert export(trip, "-o", out, "--force").exit_code == 0
     assert out.read_bytes()[:4] == b"\x0a\x0d\x0d\x0a"
     assert sorted(one.name for one in trip.parent.iterdir()) == ["trip.dbcap", "trip.pcapng"]
 
@@ -334,13 +334,13 @@ def test_an_existing_file_is_replaced_only_where_force_says_so(trip: Path) -> No
 def test_a_forced_link_to_the_capture_itself_spares_the_capture(trip: Path) -> None:
     before, out = trip.read_bytes(), trip.with_suffix(".pcapng")
     out.symlink_to(trip)
-    assert export(trip, "--pcapng", out, "--force").exit_code == 0
+    assert export(trip, "-o", out, "--force").exit_code == 0
     assert trip.read_bytes() == before and not out.is_symlink()
 
 
 @pytest.mark.parametrize("name", ["trip.dbcap", "trip.pcap", "trip"])
 def test_only_a_pcapng_is_written(trip: Path, name: str) -> None:
-    result = export(trip, "--pcapng", trip.parent / name, "--force")
+    result = export(trip, "-o", trip.parent / name, "--force")
     assert result.exit_code == 2 and "ends with .pcapng" in result.output
 
 
@@ -351,7 +351,7 @@ def test_half_a_file_is_taken_away_again(trip: Path, words: tuple[str, ...]) -> 
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
     try:
-        result = export(trip, "--pcapng", trip.with_suffix(".pcapng"), *words)
+        result = export(trip, "-o", trip.with_suffix(".pcapng"), *words)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert result.exit_code == 2 and "File too large" in result.stderr
@@ -361,7 +361,7 @@ def test_half_a_file_is_taken_away_again(trip: Path, words: tuple[str, ...]) -> 
 def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> None:
     file = tmp_path / "cut.dbcap"
     file.write_text(f'{{"dbcap": 1, "baud": 9600, "format": "8N1"}}\n{{"t":1,"tx":"{READ.hex()}"}}\n{{"t":2,"t')
-    result = export(file, "--pcapng", tmp_path / "cut.pcapng")
+    result = export(file, "-o", tmp_path / "cut.pcapng")
     assert result.exit_code == 0
     assert "1 frames" in result.stdout
     assert "last line is incomplete" in result.stderr and "1970-01-01" in result.stderr
@@ -384,7 +384,7 @@ def test_a_missing_or_damaged_capture_is_rejected_with_file_line_and_next_step(
     file, out = tmp_path / "x.dbcap", tmp_path / "x.pcapng"
     if text is not None:
         file.write_text(text)
-    result = export(file, "--pcapng", out, lang=language)
+    result = export(file, "-o", out, lang=language)
     assert result.exit_code == 2 and not out.exists()
     first, second = result.stderr.splitlines()
     assert str(file) in first and reply_text[language] in first
@@ -392,6 +392,6 @@ def test_a_missing_or_damaged_capture_is_rejected_with_file_line_and_next_step(
 
 
 def test_a_folder_that_is_not_there_is_named(trip: Path) -> None:
-    result = export(trip, "--pcapng", trip.parent / "no" / "x.pcapng")
+    result = export(trip, "-o", trip.parent / "no" / "x.pcapng")
     assert result.exit_code == 2
     assert "can't be written: No such file or directory" in result.stderr

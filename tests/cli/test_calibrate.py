@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus.cli import output
+from drivebus.cli import connect, output
 from drivebus.cli.commands import calibrate
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
-from drivebus.errors import ConfigurationError, StopUnconfirmed
+from drivebus.errors import ConfigurationError, LimitError, StopUnconfirmed
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing import virtual_time
 from fixtures.child_process import PtyTerminal
@@ -56,8 +56,15 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
 
 
 def run_calibrate(
-    monkeypatch: pytest.MonkeyPatch, model: str, fake: FakeKeys, *options: str, before: Callable[[], None] | None = None
+    monkeypatch: pytest.MonkeyPatch,
+    model: str,
+    fake: FakeKeys,
+    *options: str,
+    before: Callable[[], None] | None = None,
+    simulated: str | None = None,
 ) -> ExitCode:
+    """Calibrate a drive as a ``model``; ``simulated`` is the model that it really is."""
+
     @contextmanager
     def reading() -> Iterator[FakeKeys]:
         if before is not None:
@@ -66,7 +73,7 @@ def run_calibrate(
 
     monkeypatch.setattr("drivebus.cli.keyboard.raw_keyboard", reading)
     clear_simulated_buses()
-    port = f"sim://{model}@1?" + "&".join(("name=calibrate", "ramp=1", *options))
+    port = f"sim://{simulated or model}@1?" + "&".join(("name=calibrate", "ramp=1", *options))
     return virtual_time.run(calibrate._calibrate(Target(port=port, model=model, address=1)))
 
 
@@ -140,8 +147,44 @@ def test_a_df800_is_not_written_before_the_key_y(monkeypatch: pytest.MonkeyPatch
 def test_a_calibrated_model_has_no_step_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run_calibrate(monkeypatch, "c320", FakeKeys()) is ExitCode.DONE
-    assert "Nothing is left to calibrate on this c320" in capsys.readouterr().out
+    assert run_calibrate(monkeypatch, "vc660", FakeKeys()) is ExitCode.DONE
+    assert "Nothing is left to calibrate on this vc660" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("simulated", "keypad_hz"), [("c320", 0.5), ("e300", 5.0)])
+def test_the_keypad_shows_in_which_step_a_c320_counts(
+    monkeypatch: pytest.MonkeyPatch, simulated: str, keypad_hz: float
+) -> None:
+    """A drive at a real port states nothing of itself; what was read is stored, and rejects the wrong model."""
+    monkeypatch.setattr("drivebus.simulator.port.SimPort.drive_options", {})
+    seen: list[float] = []
+
+    def watch() -> None:
+        direct = station().run_towards
+        station().run_towards = lambda hz: (direct(hz), seen.append(hz))[0]
+
+    def answer() -> str:
+        assert max(seen) == keypad_hz and not station().motor.energised, "asked at standstill"
+        return "1" if keypad_hz == 0.5 else "2"
+
+    fake = FakeKeys("y", answer)
+    assert run_calibrate(monkeypatch, "c320", fake, before=watch, simulated=simulated) is ExitCode.DONE
+    assert fake.starts_at_questions == [0, 1], "no motion before the key y"
+
+    async def run() -> None:
+        async with connect.open_drive(Target(port=f"sim://{simulated}@1?name=calibrate", model="c320", address=1)) as (
+            _,
+            drive,
+        ):
+            await drive.run(20.0)
+            await drive.stop()
+
+    if simulated == "c320":
+        virtual_time.run(run())
+        assert max(seen) == 20.0
+    else:
+        with pytest.raises(LimitError, match="another model"):
+            virtual_time.run(run())
 
 
 def test_ctrl_c_during_a_calibration_run_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,7 +256,7 @@ def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -
         station()
 
 
-@pytest.mark.parametrize(("model", "purposes"), [("dzb100", 4), ("df800", 3), ("c320", 0)])
+@pytest.mark.parametrize(("model", "purposes"), [("dzb100", 4), ("df800", 3), ("c320", 3), ("vc660", 0)])
 def test_a_dry_run_prints_the_frames_of_the_open_steps(model: str, purposes: int) -> None:
     words = ["/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
     output.parse_global_options(words)

@@ -53,6 +53,24 @@ def test_status_has_state_fault_and_readings_with_unit_quality_and_age(model: st
         assert reading["value"] is not None or reading["reason"]
 
 
+@pytest.mark.parametrize(
+    ("model", "settings", "is_named"),
+    [
+        ("c320", ("--baud", "38400"), True),
+        ("dzb100", ("--baud", "9600"), True),
+        ("dzb100", ("--format", "8N1"), True),
+        ("c320", ("--baud", "19200", "--format", "8O1"), False),
+    ],
+)
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_serial_settings_outside_the_manual_are_named(
+    model: str, settings: tuple[str, ...], is_named: bool, dry: tuple[str, ...]
+) -> None:
+    words = ("status", f"sim://{model}@1?drives=19200-8O1", "--model", model, "--address", "1", *settings, *dry)
+    result = CliRunner().invoke(cli, words, env={"COLUMNS": "200"})
+    assert (f"the manual of {model} does not have" in result.stderr) is is_named
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_text_of_status_has_no_catalogue_key(language: str) -> None:
     text = run_text("status", "sim://c320@1", *C320, "--lang", language)
@@ -81,6 +99,16 @@ def test_a_model_without_a_separate_ram_write_requires_save() -> None:
     assert error["type"] == "CapabilityError"
     assert "--save" in error["hint"]
     assert run_json(*words, "--save")["outcome"] == "confirmed"
+
+
+def test_a_new_address_is_written_only_with_force_and_the_broadcast_address_never() -> None:
+    words = ("write", "sim://dzb100@1", "--save", "--model", "dzb100", "--address", "1")
+    error = run_json(*words, "78=2", code=1)["error"]
+    assert (error["type"], error["params"]["present"]) == ("ConfirmationRequired", 1)
+    assert "--force" in error["hint"] and "78 = 1 at station 2" in error["text"]
+    assert run_json(*words, "78=2", "--dry-run", code=1)["error"]["type"] == "ConfirmationRequired"
+    assert run_json(*words, "78=2", "--force")["outcome"] == "confirmed"
+    assert run_json(*words, "78=0", "--force", code=1)["error"]["key"] == "drives.write_broadcast"
 
 
 def test_the_eeprom_budget_is_set_by_the_user_and_outlives_the_program(
@@ -130,6 +158,37 @@ def test_a_frequency_above_the_maximum_is_refused_before_anything_is_sent() -> N
 def test_a_command_that_the_model_does_not_have_exits_with_1() -> None:
     found = run_json("coast", "sim://df800@1", "--model", "df800", "--address", "1", code=1)
     assert found["error"]["type"] == "CapabilityError"
+
+
+def test_loopback_counts_what_the_drive_returns() -> None:
+    drive = ("sim://vc660@3", "--model", "vc660", "--address", "3", "--count", "4")
+    found = run_json("loopback", *drive)
+    assert (found["requests"], found["returned"], found["repetitions"], found["error"]) == (4, 4, 0, None)
+    assert 0 < found["round_trip_ms"]["min"] <= found["round_trip_ms"]["mean"] <= found["round_trip_ms"]["max"]
+    assert (
+        "4 of 4 loop-backs returned unchanged" in CliRunner().invoke(cli, ["loopback", *drive, "--lang", "en"]).stdout
+    )
+
+
+def test_status_shows_what_a_c320_reports_about_itself() -> None:
+    drive = ("sim://c320@1", "--model", "c320", "--address", "1")
+    identity = run_json("status", *drive)["identity"]
+    assert (identity["voltage_class_v"], identity["power_kw"], identity["host_controls"]) == (380, 2.2, True)
+    assert set(identity["digits"]) == {"model", "series", "version", "control"}
+    text = CliRunner().invoke(cli, ["status", *drive, "--lang", "en"]).stdout
+    assert "380 V, 2.2 kW" in text and "run command from the bus" in " ".join(text.split())
+    assert run_json("status", "sim://vc660@1", "--model", "vc660", "--address", "1")["identity"] is None
+
+
+@pytest.mark.parametrize(("model", "frame"), [("c320", "32 31 30 30"), ("vc660", "20 00 00 40")])
+def test_a_quick_stop_sends_the_models_own_fast_stop(model: str, frame: str) -> None:
+    """It is not offered for all drives at once, nor by a model without one."""
+    words = (f"sim://{model}@1", "--model", model, "--address", "1", "--quick")
+    planned = run_json("stop", *words, "--dry-run")
+    assert frame in planned["frames"][0]["hex"]
+    assert run_json("stop", *words)["outcome"] == "confirmed"
+    assert run_json("stop", "--all", *words, code=2)["error"]["key"] == "stop_all.not_quick"
+    assert run_json("stop", "sim://df800@1", "--model", "df800", "--address", "1", "--quick", code=1)["error"]
 
 
 def test_a_bus_stop_lists_confirmed_and_acknowledged_drives() -> None:
@@ -310,3 +369,30 @@ def test_a_bus_stop_without_addresses_stops_the_present_drives_and_counts_the_ab
     found = run_json("stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
     assert found["confirmed"] == [1, 2]
     assert len(found["absent"]) == 29
+
+
+def test_an_e300_that_is_named_a_c320_is_not_run_ten_times_too_fast() -> None:
+    """The frames are alike and every read-back would agree; a drive at a real port states nothing of itself."""
+    words = ("run", "sim://e300@3", "--model", "c320", "--address", "3", "--frequency", "5")
+    real_port = ("--option", "setpoint_step=unknown")
+    assert run_json(*words, *real_port, code=1)["error"]["key"] == "drives.step_cap"
+    error = run_json(*words, code=1)["error"]
+    assert error["key"] == "drives.step_differs" and "--model" in error["hint"]
+
+
+ONE_PROBE = ("--addresses", "3", "--bauds", "9600", "--formats", "8E1", "--listen-seconds", "0")
+
+
+def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
+    words = ("scan", "sim://e300@3?drives=9600-8E1", *ONE_PROBE)
+    [drive] = run_json(*words)["found"]
+    assert drive["models"] == ["c320", "c300", "e300", "e500", "e550"] and drive["doubtful"] and drive["valid_reply"]
+    assert {drive["setpoint_steps_hz"][model] for model in ("c320", "e300")} == {0.01, 0.1}
+    text = run_text(*words, "--models", "c320", "--lang", "en")
+    assert "c320, c300 count 0.01 Hz; e300, e500, e550 count 0.1 Hz" in " ".join(text.split())
+
+
+def test_scan_fails_where_only_bytes_without_a_valid_reply_were_received() -> None:
+    words = ("scan", "sim://c320@3?drives=9600-8E1&line_quality=junk=1", *ONE_PROBE, "--encoding", "ascii")
+    found = run_json(*words, code=1)["found"]
+    assert found and not any(drive["valid_reply"] for drive in found)

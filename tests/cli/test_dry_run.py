@@ -50,8 +50,8 @@ C320 = ("--model", "c320", "--address", "0")
         ("c320-sib-read-param-hex", ("read", "F0.16", *C320, *HEX)),
         ("c320-4.4-request-ascii", ("write", "F4.0=1", *C320)),
         ("c320-4.4-request-hex", ("write", "F4.0=1", *C320, *HEX)),
-        ("c320-4.5-request-ascii", ("write", "F1.10=16", "--save", *C320)),
-        ("c320-4.5-request-hex", ("write", "F1.10=16", "--save", *C320, *HEX)),
+        ("c320-4.5-request-ascii", ("write", "F1.10=0010", "--save", *C320)),
+        ("c320-4.5-request-hex", ("write", "F1.10=0010H", "--save", *C320, *HEX)),
         ("c320-4.6-request-ascii", ("run", "--frequency", "9.99", *C320)),
         ("c320-4.6-request-hex", ("run", "--frequency", "9.99", *C320, *HEX)),
         ("c320-4.2-request-ascii", ("status", *C320)),
@@ -134,7 +134,18 @@ def test_the_text_of_a_dry_run_is_in_the_users_language(language: str) -> None:
     assert "dry." not in result.output
 
 
-SENDS_NOTHING = {"demo", "simulate", "decode", "models", "ports", "profile", "capture", "completion", "acceptance"}
+SENDS_NOTHING = {
+    "demo",
+    "simulate",
+    "decode",
+    "models",
+    "ports",
+    "profile",
+    "capture",
+    "completion",
+    "acceptance",
+    "release",
+}
 """Commands that send nothing, or only to their own simulated drives, or (acceptance) have steps of their own."""
 PLANT_COMMANDS = {"init", "check", "serve", "user", "audit"}
 """Commands on a plant: ``check`` shows its load on the buses; ``init`` only reads, as ``scan`` does."""

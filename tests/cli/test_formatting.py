@@ -11,13 +11,13 @@ from drivebus import profiles
 from drivebus.cli import output
 from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.formatting import format_reading, format_value, outcome_text, status_text
+from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
 from drivebus.cli.scanning import print_scan
 from drivebus.commissioning.scan import ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.state import DriveState, DriveStatus
-from drivebus.values import Reading, missing_reading
+from drivebus.drives.state import DriveState, DriveStatus, Fault
+from drivebus.values import Quality, Reading, Text, missing_reading
 
 VC660 = profiles.load("vc660")
 
@@ -48,7 +48,7 @@ def test_a_value_finer_than_its_scale_is_not_rounded() -> None:
 
 
 def test_a_word_of_bits_is_also_shown_in_hexadecimal() -> None:
-    reading = Reading(10.0, "", raw=10)
+    reading = Reading(value=10.0, unit="", raw=10)
     assert format_reading(reading, VC660.signals["input_terminals"]) == "10 (000AH)"
     assert format_reading(missing_reading("drives.no_answer"), VC660.signals["input_terminals"]) == "–"
 
@@ -56,7 +56,7 @@ def test_a_word_of_bits_is_also_shown_in_hexadecimal() -> None:
 def test_an_outcome_is_printed_once_with_further_notes_below() -> None:
     params = {"notation": "F1.10", "value": 1, "unit": ""}
     notes: Any = (("drives.write_confirmed", params), ("drives.disagree", {}))
-    outcome = Outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", params, notes=notes)
+    outcome = Outcome(status=OutcomeStatus.CONFIRMED, key="drives.write_confirmed", params=params, notes=notes)
     text = outcome_text(outcome)
     assert text.startswith("Confirmed: ")
     assert text.count("F1.10") == 1
@@ -65,9 +65,24 @@ def test_an_outcome_is_printed_once_with_further_notes_below() -> None:
 
 def test_signals_have_a_chinese_meaning_beside_their_name() -> None:
     output.parse_global_options(["--lang", "zh"])
-    status = DriveStatus(DriveState.STOPPED, readings={"dc_bus_voltage": Reading(537.0, "V", source_time=1.0)})
+    status = DriveStatus(
+        state=DriveState.STOPPED, readings={"dc_bus_voltage": Reading(value=537.0, unit="V", source_time=1.0)}
+    )
     page = status_text(status, 2.0, VC660)
     assert "dc_bus_voltage" in page and "母线电压" in page and "537 V" in page
+
+
+def test_a_warning_stands_beside_the_state_with_its_bits() -> None:
+    readings = {"warning_word": Reading(value=33.0, raw=0x0021, quality=Quality.GOOD)}
+    page = status_text(DriveStatus(state=DriveState.STOPPED, readings=readings), 2.0, VC660)
+    assert "bits 0, 5 of the warning word (0021H)" in page.split("\n\n")[0]
+    none = {"warning_word": Reading(value=0.0, raw=0, quality=Quality.GOOD)}
+    assert "Warning" not in status_text(DriveStatus(state=DriveState.STOPPED, readings=none), 2.0, VC660)
+
+
+def test_a_fault_whose_text_has_its_label_is_named_once() -> None:
+    assert fault_text(Fault(9, "Fu.12", Text("fault Fu.12", "故障 Fu.12"))) == "fault Fu.12"
+    assert fault_text(Fault(9, "E009", Text("over-current", "过电流"))) == "E009 over-current"
 
 
 @pytest.mark.parametrize("cells", [40, 60, 80, 120])
@@ -86,7 +101,7 @@ def test_a_duration_is_at_least_one_second(seconds: float, shown: str) -> None:
 
 def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest.CaptureFixture[str]) -> None:
     """After foreign traffic no request was sent, so nothing is known about the wiring."""
-    progress = ScanProgress(10.0)
+    progress = ScanProgress(total_s=10.0)
     print_scan("x", progress, SniffResult(489, 0, b"", 2.0), ExitCode.FAILED)
     assert capsys.readouterr().out == ""
     progress.done_s = 10.0

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
+from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
@@ -92,7 +93,7 @@ def test_the_text_of_status_is_in_the_users_language(service: str, language: str
 
 def test_parameters_are_written_and_read(service: str) -> None:
     outcome = run_command(service, "write", *FAN, "F1.7=12.5", code=ExitCode.FAILED)
-    assert outcome["error"]["key"] == "drives.not_writable"
+    assert outcome["error"]["key"] == "drives.not_described"
     outcome = run_command(service, "write", *FAN, "F1.10=1")
     assert outcome["outcome"] == "confirmed" and outcome["evidence"]
     rows = run_command(service, "read", *FAN, "F1.10", "output_frequency")["values"]
@@ -123,6 +124,28 @@ def test_ctrl_c_stops_the_drive_of_an_attached_run_and_releases_its_lease(plant:
         assert process.wait(20) == ExitCode.INTERRUPTED
     assert json.loads(last)["outcome"] == "confirmed"
     assert (state(plant), rest(plant, "/drives/fan-1")["lease"]) == (DriveState.STOPPED, None)
+
+
+@pytest.mark.parametrize(("kind", "stops"), [("trips", True), ("runs_on", False), ("unknown", None)])
+def test_what_the_service_does_not_know_of_a_communication_loss_is_null(kind: str, stops: bool | None) -> None:
+    class Client:
+        async def call(self, operation: str, params: Any) -> Any:
+            return {"comm_loss": {"kind": kind, "text": None}}
+
+    drive = RemoteDrive(Client(), "fan-1", 1, None)  # type: ignore[arg-type]
+    assert asyncio.run(drive.comm_loss_behaviour()).stops_on_comm_loss is stops
+
+
+def test_a_quick_stop_over_a_service_is_the_drives_own_fast_stop() -> None:
+    outcome = {"status": "confirmed", "text": {"en": "", "zh": ""}, "notes": [], "frames": []}
+
+    class Client:
+        async def call(self, operation: str, params: Any) -> Any:
+            assert (operation, params) == ("drive.stop", {"drive": "fan-1", "how": "quick_stop"})
+            return {"outcome": outcome}
+
+    drive = RemoteDrive(Client(), "fan-1", 1, None)  # type: ignore[arg-type]
+    assert asyncio.run(drive.quick_stop()).succeeded
 
 
 def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> None:
@@ -293,3 +316,21 @@ def test_the_error_of_an_invalid_cursor_has_all_its_parameters(plant: RunningSer
     error = response.json()["error"]
     assert (response.status_code, error["params"]["operation"]) == (422, "audit.list")
     assert "{" not in error["text"]["en"] and "cursor" in error["text"]["zh"]
+
+
+def test_release_permits_starts_again_after_a_bus_stop(plant: RunningService, service: str) -> None:
+    run_command(service, "stop", "--all")
+    refused = run_command(service, "write", "F1.10=16", *FAN, code=1)
+    assert refused["error"]["key"] == "drives.start_inhibited" and "drivebus release" in refused["error"]["hint"]
+    assert run_command(service, "release", *FAN) == {"released": "fan-1"}
+    assert plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-1"))["lease"] is None
+    result = CliRunner().invoke(cli, ["release", "--service", service, "--all", "--json"])
+    others = sorted(set(plant.kit.service.plant.drives) - {"fan-1"})
+    assert [json.loads(line)["released"] for line in result.stdout.splitlines()] == others
+    assert run_command(service, "release", "--all") == {"released": None}
+    run_command(service, "reset", *FAN)
+
+
+def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningService, service: str) -> None:
+    error = run_command(service, "status", "--drive", "fan-9", code=1)["error"]
+    assert all(drive in error["text"] for drive in plant.kit.service.plant.drives)

@@ -77,7 +77,7 @@ def offline_drive() -> Iterator[str]:
 
 
 def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
-    return ("run", plant.url, *DRIVE, "--frequency", "20", *more)
+    return ("run", plant.url, *DRIVE, "--frequency", "20", "--option", "setpoint_step=0.01", *more)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -149,7 +149,7 @@ def test_run_exits_with_1_when_another_master_stops_the_drive(tcp_plant: Plant) 
 
 
 def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_released(plant: Plant) -> None:
-    """One key press starts nothing; the key repeat starts the motor; its end stops it within the lease."""
+    """A single key press starts nothing; the key repeat starts the motor; its end stops it within the lease."""
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")
         terminal.press(" ")
@@ -181,6 +181,6 @@ def test_an_unconfirmed_stop_exits_with_4(offline_drive: str) -> None:
 
 
 def test_a_drive_that_does_not_answer_is_not_started_and_exits_with_1(offline_drive: str) -> None:
-    result = finished("run", offline_drive, "--frequency", "20")
+    result = finished("run", offline_drive, "--frequency", "0.5")
     assert result.returncode == 1
     assert json.loads(result.stdout)["error"]["type"] in ("NoReply", "PreflightError")

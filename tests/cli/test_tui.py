@@ -58,8 +58,11 @@ class FakeRowSource:
         return 100.0
 
     def drives(self) -> list[DriveRow]:
-        good = {"output_frequency": Reading(12.5, "Hz", source_time=99.0), "output_current": missing_reading("x", "A")}
-        odd = {"output_frequency": Reading(3.0, "Hz", Quality.UNCERTAIN, 50.0)}
+        good = {
+            "output_frequency": Reading(value=12.5, unit="Hz", source_time=99.0),
+            "output_current": missing_reading("x", "A"),
+        }
+        odd = {"output_frequency": Reading(value=3.0, unit="Hz", quality=Quality.UNCERTAIN, source_time=50.0)}
         return [
             DriveRow(
                 key="a",
@@ -198,6 +201,14 @@ async def test_twelve_drives_four_buses_and_messages_fit_a_terminal_of_80_by_24(
         for table in screen.query(CellTable):
             assert (table.max_scroll_x, table.max_scroll_y) == (0, 0), table.id
         assert screen.query_one("#messages").size.height >= 2
+
+
+async def test_ctrl_c_ends_the_live_view_without_a_question() -> None:
+    screen = MonitorApp(FakeRowSource())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.4)
+        await pilot.press("ctrl+c")
+    assert not screen.is_running and not screen._notifications
 
 
 async def test_keys_command_the_selected_drive_and_q_ends() -> None:
@@ -344,6 +355,7 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
         progress.found += [
             scan.DetectedDrive(
                 models=models[family],
+                setpoint_steps_hz={},
                 family=family,
                 encoding=encoding,
                 address=address,

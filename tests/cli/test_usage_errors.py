@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -64,6 +67,31 @@ def test_a_command_without_its_server_packages_fails_before_it_starts_anything(
     assert "not installed: no_such_package." in result.output
     assert "'.[server]'" in result.output
     assert not (plant.parent / "state").exists()
+
+
+@pytest.mark.parametrize(
+    ("language", "expected"), [("en", "not installed: click, rich."), ("zh", "未安装：click, rich。")]
+)
+def test_the_base_installation_has_the_library_and_the_command_names_its_extra(language: str, expected: str) -> None:
+    """``pip install .`` installs neither click nor rich."""
+    source = """
+import sys
+sys.modules.update(dict.fromkeys(("click", "rich", "textual")))  # as if they were not installed
+from drivebus import blocking
+with blocking.open_bus("sim://vc660@1") as bus:
+    print(blocking.Drive(bus, "vc660", 1).status().state)
+from drivebus.__main__ import main
+main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", source],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"DRIVEBUS_LANG": language, "PYTHONIOENCODING": "utf-8"},
+    )
+    assert (done.returncode, done.stdout.strip()) == (2, "stopped"), done.stderr
+    assert expected in done.stderr and "'.[cli]'" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_the_users_can_be_listed_without_the_server_packages(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,7 +167,7 @@ def test_a_missing_right_is_named_in_the_users_language_and_as_in_a_token() -> N
 
 def test_an_added_user_is_printed_with_the_role_in_the_users_language(plant: Path) -> None:
     words = ["user", "add", str(plant), "ann", "--role", "operator", "--lang", "zh"]
-    assert "已添加 ann，角色为操作员。" in CliRunner().invoke(cli, words, input="correct horse 77\n").output
+    assert "已添加 ann，角色为操作员。" in CliRunner().invoke(cli, words, input="copper kettle marble 77\n").output
 
 
 @pytest.mark.parametrize(
@@ -154,4 +182,4 @@ def test_the_full_screen_view_names_the_missing_extra(
     with pytest.raises(ConfigurationError) as caught:
         extras.require_extra("tui")
     text = caught.value.text(language)
-    assert expected in text and "'drivebus[tui]'" in text and "--plain" in text
+    assert expected in text and "'.[tui]'" in text and "--plain" in text

@@ -54,6 +54,20 @@ def test_an_added_user_can_log_in_and_the_change_is_audited(plant: Path) -> None
     assert [(one["name"], one["role"]) for one in json.loads(listed.output)["users"]] == [("ann", "administrator")]
 
 
+def test_tokens_are_listed_and_withdrawn(plant: Path) -> None:
+    user(plant, "add", "ann", "--role", "viewer", stdin=PASSWORD + "\n")
+    assert user(plant, "tokens").output == "There is no token.\n"
+    made = json.loads(user(plant, "token", "ann", "--label", "scada", "--json").stdout)
+    assert all(text in user(plant, "tokens").output for text in (made["id"], "ann", "scada", "view"))
+    (listed,) = json.loads(user(plant, "tokens", "--json").stdout)["tokens"]
+    assert (listed["id"], "digest" in listed, "secret" in listed) == (made["id"], False, False)
+    assert auth_service(plant).token_credential(made["token"], "local") is not None
+    assert user(plant, "revoke", made["id"]).output == f"Token {made['id']} is withdrawn.\n"
+    assert auth_service(plant).token_credential(made["token"], "local") is None
+    assert records(plant)[-2:] == [("token.remove", made["id"], "requested"), ("token.remove", made["id"], "done")]
+    assert user(plant, "revoke", made["id"]).exit_code == 1
+
+
 def test_a_weak_password_and_an_existing_name_are_errors_with_the_reason(plant: Path) -> None:
     weak = user(plant, "add", "ann", "--role", "viewer", stdin="short\n")
     assert weak.exit_code == 1 and "10 to 200 characters" in weak.output

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
+from drivebus import i18n, profiles
+from drivebus.commissioning.decode import labels
 from drivebus.commissioning.decode.describe import alternative_fields, describe_frame
 from drivebus.errors import ConfigurationError, ProfileError
 from drivebus.protocols.describe import FrameDescription
@@ -219,3 +220,77 @@ def test_what_the_caller_gets_wrong_is_named() -> None:
     with pytest.raises(ConfigurationError) as caught:
         describe_frame("c320", b"", direction="sideways")
     assert caught.value.params["found"] == "sideways"
+
+
+def test_an_exception_of_vc660_has_the_words_of_the_manual() -> None:
+    from drivebus.protocols.modbus.rtu import build_frame
+
+    found = describe_frame("vc660", build_frame(bytes.fromhex("01 86 04")), direction="response")
+    assert found.valid and (found.fields["exception"], found.fields["exception_name"]) == (4, "failed")
+    assert i18n.text("decode.word.failed", "zh") == "命令执行失败"
+
+
+def rtu(octets: str) -> bytes:
+    from drivebus.protocols.modbus.rtu import build_frame
+
+    return build_frame(bytes.fromhex(octets))
+
+
+def test_a_jog_start_of_df800_without_a_direction_is_named_and_a_hazard() -> None:
+    found = describe_frame("df800", rtu("01 06 20 00 00 03"))
+    assert (found.fields["commands"], keys(found, "hazards")) == (["jog"], ["explain.jog_direction"])
+    with_direction = describe_frame("df800", rtu("01 06 20 00 00 0B"))
+    assert with_direction.fields["commands"] == ["forward", "jog_forward"] and not with_direction.hazards
+    assert keys(describe_frame("df800", rtu("01 06 20 00 00 0F")), "hazards") == ["explain.toggle"]
+
+
+@pytest.mark.parametrize(
+    ("model", "octets", "kind", "key"),
+    [
+        ("vc660", "01 06 30 00 00 01", "errata", "explain.read_only"),
+        ("vc660", "01 03 20 00 00 01", "errata", "explain.write_only"),
+        ("vc660", "01 03 20 06 00 01", "errata", "explain.write_only"),
+        ("vc660", "00 03 30 00 00 01", "errata", "explain.broadcast_read"),
+        ("vc660", "01 06 20 00 00 03", "hazards", "explain.start_and_stop"),
+        ("df800", "00 06 20 00 00 01", "errata", "explain.no_broadcast"),
+        ("df800", "01 06 20 01 9C 41", "errata", "explain.setpoint_range"),
+    ],
+)
+def test_a_request_that_the_manual_does_not_allow_says_why(model: str, octets: str, kind: str, key: str) -> None:
+    assert keys(describe_frame(model, rtu(octets)), kind) == [key]
+
+
+def test_the_highest_setpoint_of_the_manual_is_in_range() -> None:
+    assert not describe_frame("df800", rtu("01 06 20 01 9C 40")).errata
+
+
+@pytest.mark.parametrize(
+    ("octets", "key", "number"),
+    [
+        (b"R\x03\x0101810000", "protocols.dzb100.erratum.parameter", "00 to 80"),
+        (b"Q\x03\x0101040000", "protocols.dzb100.erratum.item", "X0 to X3"),
+    ],
+)
+def test_a_number_outside_the_ranges_of_dzb100_is_the_reason_that_is_given(
+    octets: bytes, key: str, number: str
+) -> None:
+    found = describe_frame("dzb100", octets, direction="request")
+    assert keys(found, "errata") == [key]
+    assert number in i18n.text(key, "en", **found.errata[0][1])
+
+
+@pytest.mark.parametrize(
+    ("model", "data"),
+    [("vc660", rtu("00 06 00 02 0F A0")), ("c320", b"*1F4030000" + b"01CE\r")],
+)
+def test_a_broadcast_is_called_one(model: str, data: bytes) -> None:
+    assert describe_frame(model, data).fields["broadcast"] is True
+    assert "broadcast" not in describe_frame("vc660", rtu("01 06 00 02 0F A0")).fields
+
+
+def test_a_fault_of_dzb100_has_its_text_and_signals_their_names_in_chinese() -> None:
+    found = describe_frame("dzb100", b"Q\x03\x0601030001", direction="response")
+    assert found.fields["fault"] == "E009"
+    assert labels.value_text("fault_text", found.fields["fault_text"], "zh") == "过电流"
+    names = {name for model in MODELS for name in profiles.load(model).signals}
+    assert all(i18n.known(f"signal.{name}") for name in names)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,10 +16,12 @@ from drivebus.commissioning import scan as scan_plan
 from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.protocols.codec import Effect
+from drivebus.protocols.family import default_scan_models
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing import virtual_time
 
+ROOT = Path(__file__).resolve().parents[2]
 ALL = ("c320", "dzb100", "vc660", "df800")
 
 
@@ -33,7 +37,7 @@ def plan(*models: str, **options: Any) -> list[ScanPass]:
 
 def walk(link: str, passes: list[ScanPass], **options: Any) -> tuple[list[DetectedDrive], ScanProgress]:
     """Scan a simulated line in virtual time."""
-    progress = ScanProgress(sum(one.duration_s for one in passes))
+    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
 
     def open_port(settings: SerialSettings) -> ports.Port:
         return ports.open_port(link, baud=settings.baud, format=settings.format)
@@ -55,13 +59,59 @@ def test_each_family_is_found_with_its_address_and_line_settings(
     link: str, model: str, encoding: str, address: int, settings: str
 ) -> None:
     found, _ = walk(link, plan(addresses=range(1, 6)))
-    sure = next(one for one in found if not one.doubtful)
+    sure = next(one for one in found if one.valid_reply)
     assert (sure.models[0], sure.encoding, sure.address, str(sure.settings)) == (model, encoding, address, settings)
 
 
-def test_a_c320_answers_in_both_of_its_encodings_and_both_are_reported() -> None:
+def test_a_c320_answers_in_both_of_its_encodings_and_is_listed_once() -> None:
     found, _ = walk("sim://c320@1?name=a&drives=9600-8E1", plan("c320", addresses=(1,), bauds=(9600,)))
-    assert {one.encoding for one in found if not one.doubtful} == {"ascii", "hex"}
+    assert [one.encoding for one in found if one.valid_reply] == ["ascii"]
+
+
+@pytest.mark.parametrize("model", ["c320", "c300", "e300", "e500", "e550"])
+def test_models_with_the_same_frames_are_listed_together_with_their_steps(model: str) -> None:
+    """Their setpoints differ by a factor of ten, so that no one of them may be named."""
+    models = scan_plan.with_look_alikes([profiles.load("c320")])
+    passes = scan_plan.plan_scan(models, addresses=(1,), bauds=(9600,), formats=("8E1",), encodings=("ascii",))
+    [found], _ = walk(f"sim://{model}@1?name=a&drives=9600-8E1", passes)
+    assert found.doubtful and found.valid_reply
+    assert found.setpoint_steps_hz == {"c320": 0.01, "c300": 0.01, "e300": 0.1, "e500": 0.1, "e550": 0.1}
+
+
+LIKELY_LIMIT_S = 180.0
+
+
+def test_the_likely_settings_and_addresses_come_first_and_take_less_than_three_minutes() -> None:
+    passes = plan(*default_scan_models())
+    likely_s, total_s = scan_plan.durations_s(passes)
+    assert likely_s < LIKELY_LIMIT_S < total_s
+    first = [one for one in passes if one.is_likely]
+    assert passes[: len(first)] == first
+    for model in ALL:
+        profile = profiles.load(model)
+        wanted = {
+            (encoding, str(SerialSettings.parse(baud, format)), address)
+            for encoding in profile.encodings
+            for baud in {9600, 19200, 4800, 38400} & {profile.serial.baud, *profile.serial.bauds}
+            for format in profile.serial.formats
+            for address in range(1, 9)
+        }
+        searched = {
+            (one.candidates[0].encoding, str(one.settings), address)
+            for one in first
+            for address in one.addresses
+            if profile in [candidate.profile for candidate in one.candidates]
+        }
+        assert wanted <= searched, model
+    every = [(one.candidates[0].kind, str(one.settings), address) for one in passes for address in one.addresses]
+    assert len(every) == len(set(every)), "no address is probed twice"
+
+
+def test_the_readme_announces_the_duration_of_a_scan() -> None:
+    likely_s, total_s = scan_plan.durations_s(plan(*default_scan_models()))
+    minutes = math.ceil(total_s / 60)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"settings; 30 s to {minutes} min" in readme and likely_s < 30
 
 
 def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None:
@@ -82,7 +132,7 @@ def test_an_empty_line_takes_as_long_as_planned() -> None:
     async def timed() -> float:
         begun = asyncio.get_running_loop().time()
         port = "sim://c320@30?name=a&drives=9600-8E1"
-        progress = ScanProgress(0.0)
+        progress = ScanProgress(total_s=0.0)
         await scan.scan(passes, lambda s: ports.open_port(port, baud=s.baud, format=s.format), progress)
         return asyncio.get_running_loop().time() - begun
 
@@ -100,8 +150,9 @@ def test_after_a_reply_no_other_serial_settings_are_tried() -> None:
 
 def test_factory_settings_are_tried_first() -> None:
     passes = plan("c320", "vc660")
-    factory = [one.has_factory_settings for one in passes]
-    assert factory == sorted(factory, reverse=True)
+    for likely in (True, False):
+        factory = [one.has_factory_settings for one in passes if one.is_likely is likely]
+        assert factory == sorted(factory, reverse=True)
     assert {str(one.settings) for one in passes if one.has_factory_settings} == {"9600 8E1", "9600 8N1"}
 
 
@@ -136,7 +187,7 @@ def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
         before = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_simulated_bus("quiet").stations]
         passes = plan(addresses=range(1, 4))
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
-        await scan.scan(passes, opener, ScanProgress(0.0), keep_going=True)
+        await scan.scan(passes, opener, ScanProgress(total_s=0.0), keep_going=True)
         after = [(s.motor.starts, sum(s.memory.ram_writes.values())) for s in find_simulated_bus("quiet").stations]
         assert after == before
         return after
@@ -147,7 +198,7 @@ def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
 def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
     link = "sim://c320@1?name=a&drives=9600-8E1"
     passes = plan("c320", encodings=("ascii",), bauds=(9600,), formats=("8E1",))
-    progress = ScanProgress(sum(one.duration_s for one in passes))
+    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
 
     async def aborted() -> None:
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731

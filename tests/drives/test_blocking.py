@@ -27,7 +27,7 @@ LOOP_ONLY = {
     "presence",
     "settings",
 }
-LOOP_ONLY |= {"open", "is_open", "is_closed", "data_received", "port_lost", "overdue_s"}
+LOOP_ONLY |= {"open", "is_open", "is_closed", "data_received", "port_lost", "port_opened_at", "overdue_s"}
 """Internal attributes of Bus. ``blocking.Bus.bus`` is the bus itself; ``health`` reports presence."""
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivebus import profiles
 from drivebus.drives import create_dialect
-from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, fault_from_code
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, reported_fault
 from drivebus.drives.dialects.dzb100 import (
     CODINGS,
     Dzb100Dialect,
@@ -39,7 +39,15 @@ def book_of(dialect: Dialect, *replies: tuple[Any, Any]) -> ReadingPairs:
 def c320_reply(
     state: sunfar.SunfarState, item: int | None = 0, data: int = 0, fault: int | None = None
 ) -> sunfar.SunfarReply:
-    return sunfar.SunfarReply(1, sunfar.SunfarResponse.OK, state, 0, None if fault is not None else item, data, fault)
+    return sunfar.SunfarReply(
+        address=1,
+        response=sunfar.SunfarResponse.OK,
+        state=state,
+        group=0,
+        item=None if fault is not None else item,
+        data=data,
+        fault_code=fault,
+    )
 
 
 def derived_c320(*states: sunfar.SunfarState) -> DerivedState | None:
@@ -63,8 +71,12 @@ def judged_dzb(outputs: tuple[int, int], words: tuple[int, int] = (0, 0), **sett
     dialect = dialect_for("dzb100", **settings)
     replies: list[tuple[Any, Any]] = []
     for output, word in zip(outputs, words, strict=True):
-        replies.append((dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, output, True)))
-        replies.append((dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply("Q", 1, 3, word, True)))
+        replies.append(
+            (dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply(head="Q", address=1, index=1, data=output, accepted=True))
+        )
+        replies.append(
+            (dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply(head="Q", address=1, index=3, data=word, accepted=True))
+        )
     return dialect.derive_state(book_of(dialect, *replies))
 
 
@@ -92,8 +104,8 @@ def test_a_state_change_needs_two_reads_but_a_ramp_does_not_hide_that_it_turns()
 def test_the_fault_code_of_c320_stands_where_the_item_stood() -> None:
     derived = derived_c320(sunfar.SunfarState.FAULT, sunfar.SunfarState.FAULT)
     assert derived == DerivedState(DriveState.FAULT, None, 7)
-    fault = fault_from_code(profiles.load("c320"), 7)
-    assert (fault.code, fault.label) == (7, "Fu.7")
+    fault = reported_fault(profiles.load("c320"), derived)
+    assert fault is not None and (fault.code, fault.label) == (7, "Fu.7")
 
 
 def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
@@ -103,7 +115,9 @@ def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
     assert stop[0].expected_item is None
     assert (
         plain.decode_readings(
-            stop[0], sunfar.SunfarReply(1, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 0), 1.0
+            stop[0],
+            sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse.OK, state=sunfar.SunfarState.STOPPED, group=0),
+            1.0,
         )
         == {}
     )
@@ -148,11 +162,17 @@ def test_a_status_word_with_a_reserved_bit_is_rejected(bit: int) -> None:
     assert derived_vc660(0x0001 | 1 << bit, 0x0001 | 1 << bit) is None
 
 
-def test_vc660_names_its_lowest_fault_bit_and_says_so_where_it_names_none() -> None:
+def test_vc660_names_every_fault_bit_and_says_so_where_it_names_none() -> None:
     assert derived_vc660(0x0002, 0x0002, faults=(0x0001, 0)) == DerivedState(DriveState.FAULT, None, 0)
     assert derived_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
     assert derived_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
-    assert fault_from_code(profiles.load("vc660"), UNNAMED_FAULT_CODE).text.zh == "没有代码的故障"
+    unnamed = reported_fault(profiles.load("vc660"), DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE))
+    assert unnamed is not None and unnamed.text.zh == "没有代码的故障"
+    two = derived_vc660(0x0002, 0x0002, faults=(0x0021, 0))
+    assert two == DerivedState(DriveState.FAULT, None, 0, further_fault_codes=(5,))
+    fault = reported_fault(profiles.load("vc660"), two)
+    assert fault is not None and fault.text.en.startswith("under-voltage; fault bit 5 ")
+    assert reported_fault(profiles.load("vc660"), DerivedState(DriveState.STOPPED)) is None
 
 
 def test_dzb100_is_stopped_only_when_q01_reads_zero_twice() -> None:
@@ -175,7 +195,9 @@ def test_dzb100_never_takes_the_command_echo_for_the_state() -> None:
 
 def test_an_undocumented_fault_code_is_rejected() -> None:
     dialect = dialect_for("dzb100")
-    facts = dialect.decode_readings(dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply("Q", 1, 3, 0x0099, True), 1.0)
+    facts = dialect.decode_readings(
+        dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply(head="Q", address=1, index=3, data=0x0099, accepted=True), 1.0
+    )
     assert facts["fault"].quality is Quality.BAD
     assert judged_dzb((0, 0), (0x0099, 0x0099)) is None
 
@@ -213,7 +235,9 @@ def test_in_a_fault_a_monitor_reply_without_its_item_is_uncertain() -> None:
 
 def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
     dialect = dialect_for("c320")
-    reply = sunfar.SunfarReply(1, sunfar.SunfarResponse.RESERVED, sunfar.SunfarState.STOPPED, 0, 37, 0)
+    reply = sunfar.SunfarReply(
+        address=1, response=sunfar.SunfarResponse.RESERVED, state=sunfar.SunfarState.STOPPED, group=0, item=37, data=0
+    )
     facts = dialect.decode_readings(sunfar.ReadMonitor(1, 37), reply, 1.0)
     assert facts["last_fault_temperature"].value is None
     assert facts["last_fault_temperature"].reason == "drives.read_refused"
@@ -225,25 +249,25 @@ def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
 )
 def test_dzb100_reads_frequencies_by_its_query_coding(coding: str, word: int, hz: float) -> None:
     dialect = dialect_for("dzb100", query_coding=coding)
-    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, word, True), 1.0)[
-        "output_frequency"
-    ]
+    reading = dialect.decode_readings(
+        dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply(head="Q", address=1, index=1, data=word, accepted=True), 1.0
+    )["output_frequency"]
     assert (reading.value, reading.quality) == (hz, Quality.GOOD)
 
 
 def test_dzb100_readings_are_uncertain_until_the_coding_is_determined() -> None:
     dialect = dialect_for("dzb100")
-    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
-        "output_frequency"
-    ]
+    reading = dialect.decode_readings(
+        dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply(head="Q", address=1, index=1, data=0x7B, accepted=True), 1.0
+    )["output_frequency"]
     assert (reading.value, reading.quality, reading.reason) == (12.3, Quality.UNCERTAIN, "drives.coding_undetermined")
 
 
 def test_a_decimal_word_with_a_hexadecimal_digit_is_bad() -> None:
     dialect = dialect_for("dzb100", query_coding="decimal-0.1")
-    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply("Q", 1, 1, 0x7B, True), 1.0)[
-        "output_frequency"
-    ]
+    reading = dialect.decode_readings(
+        dzb100.Dzb100Query(1, 1), dzb100.Dzb100Reply(head="Q", address=1, index=1, data=0x7B, accepted=True), 1.0
+    )["output_frequency"]
     assert (reading.value, reading.reason) == (None, "drives.not_decimal")
 
 
@@ -334,6 +358,19 @@ def test_polls_only_read(model: str) -> None:
     for request, period in dialect.polls(tuple(dialect.profile.signals)):
         assert dialect.station_config.effect_of(dialect.codec.encode_request(request)) is Effect.NONE
         assert period > 0
+
+
+@pytest.mark.parametrize(("model", "cap_hz", "step_hz"), [("c320", 0.5, 0.01), ("c300", 0.5, 0.01), ("e300", 5.0, 0.1)])
+def test_a_frequency_is_capped_until_the_step_of_the_drive_is_known(model: str, cap_hz: float, step_hz: float) -> None:
+    """No read-back shows a wrong step: word 50 is 0.5 Hz to a C320 and 5 Hz to an E300."""
+    dialect = dialect_for(model, setpoint_step="unknown")
+    assert dialect.setpoint_word(cap_hz) == 50
+    with pytest.raises(LimitError) as caught:
+        dialect.setpoint_word(cap_hz + step_hz)
+    assert caught.value.key == "drives.step_cap" and caught.value.params["cap_hz"] == cap_hz
+    assert dialect_for(model, setpoint_step=f"{step_hz:g}").setpoint_word(50.0) == round(50.0 / step_hz)
+    with pytest.raises(LimitError, match="another model"):
+        dialect_for(model, setpoint_step="0.1" if step_hz == 0.01 else "0.01").setpoint_word(0.1)
 
 
 @pytest.mark.parametrize(("index", "item"), [("binary", 37), ("bcd", 0x37)])
@@ -428,7 +465,9 @@ def test_two_adjacent_registers_are_read_apart_where_a_read_of_two_is_a_sync_pro
 
 
 def test_a_reply_that_echoes_too_little_is_no_valid_sync_reply() -> None:
-    assert not dialect_for("c320").is_valid_sync_reply(sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE))
+    assert not dialect_for("c320").is_valid_sync_reply(
+        sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse.BAD_CODE)
+    )
     assert not dialect_for("vc660").is_valid_sync_reply(modbus.ExceptionReply(1, 8, 1))
 
 

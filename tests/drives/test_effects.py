@@ -1,4 +1,4 @@
-"""What bytes do, and what may never leave: hazards of the manuals (T01, T07, T11, T12, T16; I7)."""
+"""Effects of frames, and frames that must never be sent: hazards of the manuals (T01, T07, T11, T12, T16; I7)."""
 
 from __future__ import annotations
 
@@ -140,8 +140,14 @@ def test_register_200b_of_vc660_is_never_written() -> None:
 def test_virtual_inputs_of_vc660_may_be_wired_to_run_and_count_as_motion() -> None:
     for register in (0x2002, 0x2003, 0x2004, 0x2005):
         assert effect("vc660", modbus.WriteRegister(1, register, 1)) is Effect.MOTION
-        assert not lawful("vc660", modbus.WriteRegister(1, register, 1))
+        assert lawful("vc660", modbus.WriteRegister(1, register, 1))
     assert effect("vc660", modbus.WriteRegister(1, 0x2006, 1)) is Effect.SETTING
+
+
+def test_a_control_register_of_vc660_has_no_eeprom_address() -> None:
+    for register in (0xA002, 0xA006, 0xA008):
+        assert effect("vc660", modbus.WriteRegister(1, register, 1)) is Effect.MOTION
+        assert not lawful("vc660", modbus.WriteRegister(1, register, 1))
 
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])

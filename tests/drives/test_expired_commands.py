@@ -31,8 +31,8 @@ HOUR_S = 3600.0
 
 def world_of(model: str) -> PureBus:
     standing = {0x3000: 1, 0x0100: 2, 0x0001: 4, 101: 5, 102: 2}
-    faulty = FakeC320(sunfar.SunfarState.FAULT, fault_code=5)
-    return PureBus(dialect_for(model), faulty if model == "c320" else FakeModbus(standing))
+    faulty = FakeC320(state=sunfar.SunfarState.FAULT, fault_code=5)
+    return PureBus(dialect=dialect_for(model), station=faulty if model == "c320" else FakeModbus(standing))
 
 
 def asleep_over(bus: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
@@ -66,7 +66,7 @@ def test_no_frame_of_a_command_is_sent_an_hour_after_its_request(model: str) -> 
 
 @pytest.mark.parametrize("save", [False, True])
 def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
     with pytest.raises(Expired):
         bus.run(write_values(op, {"F0.2": 30.0}, save))
@@ -74,7 +74,7 @@ def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
 
 
 def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     asleep_over(bus, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
     outcome = bus.run(
         write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
@@ -87,7 +87,7 @@ def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_e
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     """Each write has CHECKS_TIMEOUT_S of its own: a long list on a slow bus does not expire."""
-    bus = PureBus(dialect_for("c320"), FakeC320(), transaction_s=0.9)
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
     assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True)).succeeded
     assert bus.now > 2 * CHECKS_TIMEOUT_S and len(bus.sent(sunfar.SunfarWriteParameter)) == 3
@@ -104,7 +104,7 @@ MOTIONS: dict[str, tuple[str, Any]] = {
 def last_motion_s(name: str, transaction_s: float, requested_at: float | None) -> float | None:
     """Return the seconds from the request to the last frame that moves, on a bus of this pace; None without one."""
     model, operation = MOTIONS[name]
-    bus = PureBus(dialect_for(model), FakeC320() if model == "c320" else world_of(model).station)
+    bus = PureBus(dialect=dialect_for(model), station=FakeC320() if model == "c320" else world_of(model).station)
     bus.conditions, bus.transaction_s = replace(bus.conditions, now=100.0), transaction_s
     sent: list[float] = []
     bus.on_request = lambda ask: sent.append(bus.now) if ask.permit and ask.permit.effect is Effect.MOTION else None

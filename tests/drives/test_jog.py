@@ -24,7 +24,7 @@ def operations(bus: PureBus) -> list[sunfar.SunfarOperation]:
 
 
 def test_a_jog_is_one_frame_that_carries_its_frequency() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, Direction.REVERSE))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
     assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.JOG_REVERSE_AT, 500)]
@@ -38,7 +38,7 @@ def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
         paper.state = sunfar.SunfarState.STOPPED
         return paper.ok()
 
-    bus = PureBus(dialect_for("c320"), FakeC320(on_command=lost))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=lost))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.jog_unknown")
     first, second, *_ = operations(bus)
@@ -52,7 +52,9 @@ def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stan
             paper.state = sunfar.SunfarState.STOPPED
         return paper.ok()
 
-    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain))
+    bus = PureBus(
+        dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain)
+    )
     outcome = bus.run(end_jog(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert operations(bus)[:2] == [sunfar.SunfarOperation.JOG_STOP, sunfar.SunfarOperation.STOP]
@@ -60,7 +62,7 @@ def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stan
 
 
 def test_a_jog_begins_at_standstill() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     with pytest.raises(StartInhibited):
         bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert not bus.effects()
@@ -68,9 +70,16 @@ def test_a_jog_begins_at_standstill() -> None:
 
 def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
     def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return sunfar.SunfarReply(1, sunfar.SunfarResponse.OUT_OF_RANGE, sunfar.SunfarState.STOPPED, 0, None, None)
+        return sunfar.SunfarReply(
+            address=1,
+            response=sunfar.SunfarResponse.OUT_OF_RANGE,
+            state=sunfar.SunfarState.STOPPED,
+            group=0,
+            item=None,
+            data=None,
+        )
 
-    bus = PureBus(dialect_for("c320"), FakeC320(on_command=no))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=no))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert outcome.status is OutcomeStatus.REFUSED
     assert operations(bus) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
@@ -78,7 +87,7 @@ def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
 
 def test_a_jog_of_df800_needs_its_calibration() -> None:
     paper = FakeModbus(registers={101: 5, 102: 2})
-    bus = PureBus(dialect_for("df800"), paper)
+    bus = PureBus(dialect=dialect_for("df800"), station=paper)
     with pytest.raises(StartInhibited) as caught:
         bus.run(begin_jog(operation_for(bus.dialect), None, FORWARD))
     assert caught.value.key == "drives.direction_uncalibrated"
@@ -86,10 +95,10 @@ def test_a_jog_of_df800_needs_its_calibration() -> None:
 
 
 def test_a_jog_above_the_limit_or_without_a_frequency_where_it_needs_one_is_refused() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     with pytest.raises(LimitError):
         bus.run(begin_jog(operation_for(bus.dialect), 51.0, FORWARD))
-    dzb = PureBus(dialect_for("dzb100"), FakeC320())
+    dzb = PureBus(dialect=dialect_for("dzb100"), station=FakeC320())
     with pytest.raises(CapabilityError):
         dzb.run(begin_jog(operation_for(dzb.dialect), None, FORWARD))
     assert not bus.requests and not dzb.requests

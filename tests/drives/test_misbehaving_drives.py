@@ -240,7 +240,7 @@ def test_a_lease_that_is_over_before_the_answer_came_is_lost_at_once() -> None:
 )
 def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sunfar.SunfarState) -> None:
     """A drive that jogs from its keypad, brakes or ramps down must not be reported as started."""
-    bus = PureBus(dialect_for("c320"), FakeC320(state))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(state=state))
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.START, BusConditions(now=0.0))
     outcome = bus.run(confirm_start(op, command, bus.dialect.start(None, 2000), None, True))
@@ -283,7 +283,7 @@ def test_three_damaged_replies_inhibit_a_start_and_two_do_not(failures: int, blo
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])
 def test_a_command_expires_when_its_checks_take_too_long(age_s: float, fits: bool) -> None:
     """The command's own two seconds begin only after them."""
-    bus = PureBus(dialect_for("c320"), FakeC320(), conditions=BusConditions(now=100.0 + age_s))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), conditions=BusConditions(now=100.0 + age_s))
     op = OperationContext(operation_for(bus.dialect).drive, 0, 100.0)
     with contextlib.nullcontext() if fits else pytest.raises(Expired):
         bus.run(op.check_deadline())
@@ -291,7 +291,7 @@ def test_a_command_expires_when_its_checks_take_too_long(age_s: float, fits: boo
 
 def test_a_stop_since_the_request_supersedes_the_command_before_it_is_created() -> None:
     """The request came before the stop, whenever its turn came."""
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     memory = operation_for(bus.dialect).drive
     stopped = BusConditions(now=1.0, stop_epoch=4)
     assert OperationContext(memory, 3).create_command(CommandKind.START, stopped).stop_epoch == 3

@@ -10,7 +10,7 @@ import pytest
 
 from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
 from drivebus.drives.outcome import Outcome
-from drivebus.drives.state import Direction
+from drivebus.drives.state import Direction, DriveStatus
 from drivebus.errors import (
     CapabilityError,
     DrivebusError,
@@ -25,6 +25,7 @@ from drivebus.errors import (
     TargetNotReached,
 )
 from drivebus.simulator.motor import Trip
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.values import Quality
 from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
 
@@ -469,7 +470,7 @@ def test_a_bus_stop_stops_every_drive_and_inhibits_starts(model: str) -> None:
                 await drive.run(SAFE_HZ[model])
             report = await stop_bus(bench.bus, drives)
             if model == "df800":
-                assert report.unconfirmed == (1, 2, 3)
+                assert report.acknowledged == (1, 2, 3) and report.unconfirmed == ()
                 assert not report.broadcasts
                 await asyncio.sleep(30)
             else:
@@ -524,6 +525,49 @@ def test_a_monitored_value_is_good_until_three_periods_and_then_never(model: str
                 assert monitor.status().state is DriveState.STOPPED
 
     run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", TELLING)
+def test_what_was_read_before_the_port_was_lost_is_bad_at_once_and_until_it_is_read_again(model: str) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            with bench.drive().monitor(["output_frequency"]) as monitor:
+                await asyncio.sleep(5)
+                assert monitor.status().state is DriveState.STOPPED
+                simulated_bus_of(bench.port).unplug()
+                await asyncio.sleep(0)
+                assert_port_lost(monitor.status())
+                await asyncio.sleep(0.05)
+                simulated_bus_of(bench.port).replug()
+                for _ in range(1000):
+                    if bench.bus.is_open:
+                        break
+                    await asyncio.sleep(0.001)
+                assert bench.bus.is_open
+                assert_port_lost(monitor.status())
+                await asyncio.sleep(5)
+                status = monitor.status()
+                assert status.state is DriveState.STOPPED
+                assert status.readings["output_frequency"].quality is not Quality.BAD
+
+    run_virtual(scenario())
+
+
+def test_a_polled_state_that_is_unknown_has_the_reason_of_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            monkeypatch.setattr(type(bench.station()), "_monitor", lambda station, index: 0x1000)
+            with bench.drive().monitor(["output_frequency"]) as monitor:
+                await asyncio.sleep(5)
+                assert monitor.status().reason == "drives.reserved_bits"
+
+    run_virtual(scenario())
+
+
+def assert_port_lost(status: DriveStatus) -> None:
+    reading = status.readings["output_frequency"]
+    assert (reading.value, reading.quality, reading.reason) == (0.0, Quality.BAD, "drives.port_lost")
+    assert (status.state, status.direction, status.reason) == (DriveState.UNKNOWN, None, "drives.port_lost")
 
 
 @pytest.mark.parametrize("model", TELLING)

@@ -23,9 +23,9 @@ from drivebus.service.api.errors import exchange_json
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
 
 
-@pytest.mark.parametrize("register", [0x200B, 0x2002, 0x3000, 0x0200])
+@pytest.mark.parametrize("register", [0x200B, 0xA002, 0x3000, 0x0200])
 def test_no_operation_sends_a_frame_outside_the_allow_list(register: int) -> None:
-    bus = PureBus(dialect_for("vc660"), FakeModbus())
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus())
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.WRITE, bus.conditions)
     with pytest.raises(NotPermitted) as caught:
@@ -42,10 +42,10 @@ def test_a_rejected_sync_probe_is_no_valid_sync_reply() -> None:
     class Refuses(FakeC320):
         def __call__(self, request: Any) -> Any:
             if isinstance(request, sunfar.SunfarReadParameter):
-                return sunfar.SunfarReply(1, sunfar.SunfarResponse.BAD_CODE)
+                return sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse.BAD_CODE)
             return super().__call__(request)
 
-    bus = PureBus(dialect_for("c320"), Refuses())
+    bus = PureBus(dialect=dialect_for("c320"), station=Refuses())
     op = operation_for(bus.dialect)
     error = bus.run(op.read_verified_state())
     assert isinstance(error, NotPermitted) and error.key == "drives.sync_probe_rejected"
@@ -59,15 +59,17 @@ def test_a_rejected_sync_probe_is_no_valid_sync_reply() -> None:
 def test_evidence_says_what_went_wrong_with_a_frame_in_a_whole_sentence(language: str) -> None:
     silence = NoReply("bus.no_reply", station=1, attempt=2, bytes=0, milliseconds=50)
     frame = json.loads(
-        json.dumps(exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None), error=silence))))
+        json.dumps(
+            exchange_json(frame_exchange(BusResult(bus_request=BusRequest(station=1, request=None), error=silence)))
+        )
     )
     message = i18n.text(frame["error"], language, **frame["params"])
     assert message == silence.text(language) and "{" not in message
-    assert exchange_json(frame_exchange(BusResult(bus_request=BusRequest(1, None))))["error"] is None
+    assert exchange_json(frame_exchange(BusResult(bus_request=BusRequest(station=1, request=None))))["error"] is None
 
 
 def test_what_was_read_before_a_command_never_shows_its_effect() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     op = operation_for(bus.dialect)
     bus.run(op.read_verified_state())
     assert op.derived.state is DriveState.RUNNING
@@ -78,7 +80,7 @@ def test_what_was_read_before_a_command_never_shows_its_effect() -> None:
 
 
 def test_evidence_is_bounded_and_in_order() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     op = operation_for(bus.dialect)
     for _ in range(100):
         bus.run(op.read_verified_state())
@@ -89,7 +91,7 @@ def test_evidence_is_bounded_and_in_order() -> None:
 
 
 def test_confirming_reads_have_another_priority_than_the_commands_that_a_stop_removes() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     bus.run(operation_for(bus.dialect).read_verified_state())
     assert {ask.priority for ask in bus.requests} == {RequestPriority.PARAMETER}
 
@@ -104,10 +106,36 @@ def test_a_drive_that_never_agrees_with_itself_is_unknown_and_says_why() -> None
                 self.state = sunfar.SunfarState.STOPPED if turn[0] % 2 else sunfar.SunfarState.EMERGENCY_STOP
             return super().__call__(request)
 
-    bus = PureBus(dialect_for("c320"), Flickers())
+    bus = PureBus(dialect=dialect_for("c320"), station=Flickers())
     op = operation_for(bus.dialect)
     assert bus.run(op.read_verified_state()) is None
     assert (op.derived.state, op.derived.reason) == (DriveState.UNKNOWN, "drives.disagree")
+
+
+def test_a_state_whose_read_is_refused_or_has_reserved_bits_says_so() -> None:
+    """Not "the reads do not agree": each model that refuses, and a VC660 whose status word has undocumented bits."""
+
+    class RefusingModbus(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            refused = isinstance(request, modbus.ReadRegisters) and request.register == 0x3000
+            return modbus.ExceptionReply(1, 2, None) if refused else super().__call__(request)
+
+    class RefusingC320(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.ReadMonitor):
+                return sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse(6))
+            return super().__call__(request)
+
+    cases = [
+        ("vc660", RefusingModbus(), "drives.read_refused"),
+        ("vc660", FakeModbus(registers={0x3000: 0x1000}), "drives.reserved_bits"),
+        ("c320", RefusingC320(), "drives.read_refused"),
+    ]
+    for model, station, reason in cases:
+        bus = PureBus(dialect=dialect_for(model), station=station)
+        op = operation_for(bus.dialect)
+        bus.run(op.read_verified_state())
+        assert (op.derived.state, op.derived.reason) == (DriveState.UNKNOWN, reason), model
 
 
 def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
@@ -120,7 +148,7 @@ def test_one_failed_round_is_forgiven_and_two_are_not() -> None:
                 return None
             return super().__call__(request)
 
-    bus = PureBus(dialect_for("c320"), Loses())
+    bus = PureBus(dialect=dialect_for("c320"), station=Loses())
     op = operation_for(bus.dialect)
     assert bus.run(op.read_verified_state()) is None
     assert op.derived.state is DriveState.STOPPED

@@ -6,14 +6,17 @@ import errno
 import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget
 from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
 from drivebus.drives.operations.parameters import read_values, write_values
 from drivebus.drives.operations.preflight import read_preflight
 from drivebus.drives.operations.status import comm_loss_behaviour
@@ -21,15 +24,19 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.store import FileStore, MemoryStore
 from drivebus.errors import (
     CapabilityError,
+    CodeError,
     ConfigurationError,
+    ConfirmationRequired,
     EepromBudgetExceeded,
     LimitError,
     NotPermitted,
     PreflightError,
     ProfileError,
+    StartInhibited,
 )
-from drivebus.protocols import modbus, sunfar
-from drivebus.values import Reading
+from drivebus.profiles.notation import parse_value
+from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.values import Quality, Reading
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dialect_for, run_virtual
 
 
@@ -39,11 +46,11 @@ class Desk:
     def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
         self.dialect = dialect_for(model)
         self.store = store if store is not None else MemoryStore()
-        self.bus = PureBus(self.dialect, station, store=self.store)
-        self.memory = DriveContext(self.dialect, EepromBudget(self.store, "port/1", budget))
+        self.bus = PureBus(dialect=self.dialect, station=station, store=self.store)
+        self.memory = DriveContext(dialect=self.dialect, eeprom_budget=EepromBudget(self.store, "port/1", budget))
 
-    def write(self, values: dict[str, float], save: bool = False) -> Outcome:
-        return self.bus.run(write_values(OperationContext(self.memory), values, save))
+    def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+        return self.bus.run(write_values(OperationContext(self.memory), values, save, force))
 
     def read(self, *names: str) -> dict[str, Reading]:
         return self.bus.run(read_values(OperationContext(self.memory), names))
@@ -205,7 +212,7 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
     [
         ("c320", "F0.2", 700.0, LimitError),
         ("c320", "F0.2", -1.0, LimitError),
-        ("c320", "F4.0", 9.0, LimitError),
+        ("dzb100", "77", 3.0, LimitError),
         ("vc660", "F00.00", 1.0, CapabilityError),
         ("vc660", "F00.03", 1.0, CapabilityError),
         ("vc660", "3002H", 1.0, CapabilityError),
@@ -218,17 +225,171 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
 def test_what_may_not_be_written_is_refused_before_sending(
     model: str, name: str, value: float, error: type[Exception]
 ) -> None:
-    desk = Desk(model, FakeModbus() if model == "vc660" else FakeC320())
+    desk = Desk(model, FakeC320() if model == "c320" else FakeModbus())
     with pytest.raises(error):
-        desk.write({name: value})
+        desk.write({name: value}, save=model == "dzb100")
     assert not desk.bus.requests
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "key"),
+    [
+        ("c320", "F2.07", "drives.not_described"),
+        ("dzb100", "05", "drives.not_described"),
+        ("df800", "F2.00", "drives.not_described"),
+        ("vc660", "F00.00", "drives.not_writable"),
+        ("vc660", "0x200B", "drives.register_not_listed"),
+    ],
+)
+def test_the_refusal_of_a_write_gives_the_reason_and_the_way_out(model: str, name: str, key: str) -> None:
+    with pytest.raises(CapabilityError) as caught:
+        check_write(dialect_for(model), name, 1.0)
+    assert caught.value.key == key
+    assert ("profile of your own" in caught.value.text()) is (key == "drives.not_described")
+
+
+def test_a_parameter_is_written_once_a_profile_of_its_own_describes_it(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    text = '[parameters."F2.7"]\ntext = { en = "a", zh = "一" }\nevidence = "user"\n'
+    own.write_text(f'format = 1\nextends = "c320"\nmodel = "own"\n{text}', encoding="utf-8")
+    assert check_write(dialect_for(str(own)), "F2.07", 6.0).raw == 6
 
 
 def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
     desk = Desk("c320", FakeC320())
     with pytest.raises(LimitError):
-        desk.write({"F0.2": 10.0, "F4.0": 9.0})
+        desk.write({"F0.2": 10.0, "F6.12": 256.0})
     assert not desk.bus.requests
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "text", "word"),
+    [
+        ("c320", "F1.10", "0010", 0x0010),  # the manual's example 4.5
+        ("c320", "F1.10", "0010H", 0x0010),
+        ("c320", "F1.10", "0x10", 0x0010),
+        ("c320", "F9.4", "0010H", 0x0010),
+        ("c320", "F0.2", "0BB8H", 3000),
+        ("dzb100", "78", "02", 2),
+    ],
+)
+def test_a_value_in_the_notation_of_the_manual_is_the_word_that_the_manual_sends(
+    model: str, name: str, text: str, word: int
+) -> None:
+    value = parse_value(text)
+    assert check_write(dialect_for(model), name, value).raw == word
+    if model == "c320":
+        desk = Desk(model, FakeC320())
+        assert desk.write({name: value}).status is OutcomeStatus.CONFIRMED
+        assert desk.writes()[0].data == word
+
+
+def test_a_digit_code_is_shown_with_all_its_digits() -> None:
+    desk = Desk("c320", FakeC320())
+    outcome = desk.write({"F1.10": 10.0})
+    assert (outcome.text(), desk.writes()[0].data) == ("F1.10 = 0010, read back", 0x0010)
+    assert desk.write({"F9.4": "0010H"}).text() == "F9.4 = 0010H, read back"
+
+
+def test_digits_behind_a_zero_are_rejected_with_both_meanings_where_they_are_ambiguous() -> None:
+    desk = Desk("c320", FakeC320())
+    with pytest.raises(LimitError) as caught:
+        desk.write({"F9.4": "0010"})
+    assert caught.value.key == "drives.parameter_digits"
+    assert "write 10 " in caught.value.text() and "0010H" in caught.value.text()
+    assert not desk.bus.requests
+
+
+@pytest.mark.parametrize("value", ["1772H", "FFFFH", "1e", "00AAH"])
+def test_a_word_outside_the_range_or_coding_of_its_parameter_is_rejected(value: str) -> None:
+    with pytest.raises(LimitError):
+        check_write(dialect_for("c320"), {"1772H": "F6.12", "FFFFH": "F6.12"}.get(value, "F1.10"), value)
+
+
+def with_group_sizes(model: str, folder: Path) -> str:
+    """Return a model whose every parameter has an address: the group sizes of the VC660 are not published."""
+    if model != "vc660":
+        return model
+    sizes = "\n".join(f"F{group:02d} = 20" for group in range(7))
+    own = folder / "sized.toml"
+    own.write_text(f'format = 1\nextends = "vc660"\nmodel = "sized"\n[group_sizes]\n{sizes}\n', encoding="utf-8")
+    return str(own)
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value"),
+    [("dzb100", "78", 0.0), ("df800", "F7.02", 0.0), ("vc660", "F06.03", 0.0), ("vc660", "F06.03", "0H")],
+)
+@pytest.mark.parametrize("force", [False, True])
+def test_the_broadcast_address_is_never_written(
+    model: str, name: str, value: float | str, force: bool, tmp_path: Path
+) -> None:
+    desk = Desk(with_group_sizes(model, tmp_path), FakeModbus())
+    with pytest.raises(LimitError) as caught:
+        desk.write({name: value}, save=True, force=force)
+    assert (caught.value.key, caught.value.params["notation"]) == ("drives.write_broadcast", name)
+    assert not desk.bus.requests
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value", "key"),
+    [
+        ("dzb100", "78", 2.0, "drives.confirm_address"),
+        ("dzb100", "77", 1.0, "drives.confirm_serial"),
+        ("df800", "F7.02", 5.0, "drives.confirm_address"),
+        ("df800", "F7.00", 1.0, "drives.confirm_serial"),
+        ("df800", "F7.01", 3.0, "drives.confirm_serial"),
+        ("vc660", "F06.04", 6.0, "drives.confirm_serial"),
+        ("vc660", "F06.05", 2.0, "drives.confirm_serial"),
+    ],
+)
+def test_a_write_after_which_the_drive_may_not_be_reached_waits_for_a_confirmation(
+    model: str, name: str, value: float, key: str, tmp_path: Path
+) -> None:
+    desk = Desk(with_group_sizes(model, tmp_path), FakeModbus())
+    with pytest.raises(ConfirmationRequired) as caught:
+        desk.write({name: value}, save=True)
+    assert caught.value.key == key and name in caught.value.text("zh") and "Way back" in caught.value.text()
+    assert not desk.bus.requests
+    if model == "df800":
+        assert desk.write({name: value}, save=True, force=True).succeeded
+        assert len(desk.writes()) == 1
+
+
+def test_the_present_address_needs_no_confirmation() -> None:
+    assert confirmation_needed(dialect_for("df800"), check_write(dialect_for("df800"), "F7.02", 1.0)) is None
+
+
+def test_a_drive_that_takes_its_new_address_at_once_accepted_the_write() -> None:
+    class Moves(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            self.silent = self.silent or isinstance(request, modbus.WriteRegister)
+            return reply
+
+    outcome = Desk("df800", Moves()).write({"F7.02": 5.0}, save=True, force=True)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_unreachable")
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value", "is_described"),
+    [
+        ("vc660", "F00.01", 2.0, True),  # the factory setting
+        ("vc660", "F00.01", 3.0, False),
+        ("c320", "F4.0", 0.0, False),
+        ("c320", "F4.0", 1.0, True),
+        ("c320", "F0.1", 0.0, False),
+        ("df800", "F1.02", 0.0, False),
+        ("df800", "F1.01", 1.0, False),
+    ],
+)
+def test_values_that_a_manual_names_as_examples_are_no_limit(
+    model: str, name: str, value: float, is_described: bool
+) -> None:
+    desk = Desk(model, FakeC320() if model == "c320" else FakeModbus(registers={1: 4, 101: 5, 102: 2}))
+    outcome = desk.write({name: value}, save=model == "df800")
+    assert outcome.status is OutcomeStatus.CONFIRMED
+    assert ("drives.parameter_undescribed" in dict(outcome.notes)) is not is_described
 
 
 def test_a_write_that_reads_back_differently_failed() -> None:
@@ -244,6 +405,20 @@ def test_a_write_that_reads_back_differently_failed() -> None:
         "drives.write_differs",
         50.0,
     )
+
+
+def test_a_write_with_a_reserved_response_code_is_not_called_written() -> None:
+    """Code 5 of a C320 is in no table: the reply is invalid, and the value that reads back decides."""
+
+    class RepliesFive(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.SunfarWriteParameter):
+                return CodeError("protocols.sunfar.response", found=5)
+            return super().__call__(request)
+
+    outcome = Desk("c320", RepliesFive(parameters={(0, 1): 2, (0, 2): 5000})).write({"F0.2": 30.0})
+    assert outcome.status is OutcomeStatus.FAILED
+    assert outcome.text("en") == "F0.2: 30.0 Hz was sent, 50.0 Hz reads back"
 
 
 def test_an_unanswered_write_is_decided_by_reading_it() -> None:
@@ -269,7 +444,14 @@ def test_a_refused_write_says_why() -> None:
     class Locked(FakeC320):
         def __call__(self, request: Any) -> Any:
             if isinstance(request, sunfar.SunfarWriteParameter):
-                return sunfar.SunfarReply(1, sunfar.SunfarResponse.PASSWORD, sunfar.SunfarState.STOPPED, 0, 2, 0)
+                return sunfar.SunfarReply(
+                    address=1,
+                    response=sunfar.SunfarResponse.PASSWORD,
+                    state=sunfar.SunfarState.STOPPED,
+                    group=0,
+                    item=2,
+                    data=0,
+                )
             return super().__call__(request)
 
     outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
@@ -279,6 +461,64 @@ def test_a_refused_write_says_why() -> None:
 def test_a_write_only_register_is_acknowledged_at_best() -> None:
     outcome = Desk("vc660", FakeModbus()).write({"2006H": 5.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
+
+
+@pytest.mark.parametrize("register", [f"200{n}H" for n in range(2, 10)])
+def test_every_control_register_of_vc660_is_written_and_acknowledged_on_a_fresh_port(register: str) -> None:
+    """The reply mirrors the write: a probe before it shows that it is no echo."""
+
+    async def written() -> Outcome:
+        async with SimulatedDrives("vc660") as bench:
+            return await bench.drive().write({register: 1.0, "2007H": 1.0}, force=True)
+
+    outcome = run_virtual(written())
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
+    assert [params["notation"] for _, params in outcome.notes] == list(dict.fromkeys([register, "2007H"]))
+
+
+def test_an_input_terminal_is_written_only_after_a_confirmation() -> None:
+    desk = Desk("vc660", FakeModbus())
+    with pytest.raises(ConfirmationRequired) as caught:
+        desk.write({"2006H": 1.0, "2002H": 1.0})
+    assert (caught.value.key, caught.value.params["notation"]) == ("drives.confirm_inputs", "2002H")
+    assert not desk.bus.requests
+
+
+def test_an_input_terminal_is_not_written_while_starts_are_inhibited() -> None:
+    desk = Desk("vc660", FakeModbus())
+    desk.bus.conditions = replace(desk.bus.conditions, start_inhibited=True)
+    with pytest.raises(StartInhibited):
+        desk.write({"2002H": 1.0}, force=True)
+    assert not desk.writes()
+
+
+def test_a_control_register_without_a_reply_is_unknown_and_names_what_was_not_sent() -> None:
+    class Loses(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            return None if isinstance(request, modbus.WriteRegister) else reply
+
+    desk = Desk("vc660", Loses())
+    outcome = desk.write({"2006H": 1.0, "2007H": 2.0})
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.write_unanswered")
+    assert [(key, params["notation"]) for key, params in outcome.notes] == [("drives.write_unsent", "2007H")]
+    assert [r.register for r in desk.writes()] == [0x2006]
+
+
+def test_a_control_register_of_a_silent_drive_is_not_written() -> None:
+    desk = Desk("vc660", FakeModbus(silent=True))
+    with pytest.raises(PreflightError) as caught:
+        desk.write({"2006H": 1.0})
+    assert caught.value.key == "drives.not_written"
+    assert not desk.writes()
+
+
+def test_a_control_register_is_not_saved() -> None:
+    desk = Desk("vc660", FakeModbus())
+    with pytest.raises(CapabilityError) as caught:
+        desk.write({"2006H": 1.0}, save=True)
+    assert caught.value.key == "drives.not_saved"
+    assert not desk.bus.requests
 
 
 def test_every_written_parameter_is_named_in_the_notes() -> None:
@@ -296,9 +536,48 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
 
 def test_a_parameter_that_reads_0_in_a_fault_is_rejected() -> None:
     """The reply shows neither the item nor whether the read was executed."""
-    desk = Desk("c320", FakeC320(sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
+    desk = Desk("c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
     found = desk.read("F0.1", "F0.2")
     assert (found["F0.1"].value, found["F0.2"].value) == (None, 30.0)
+
+
+def test_a_parameter_that_a_reply_in_a_fault_does_not_name_is_uncertain() -> None:
+    reading = Desk("c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3)).read("F0.1")["F0.1"]
+    assert (reading.value, reading.quality, reading.reason) == (2.0, Quality.UNCERTAIN, "drives.item_not_echoed")
+
+
+@pytest.mark.parametrize(("model", "name", "word"), [("df800", "F1.00", 5000), ("c320", "F9.4", 50)])
+def test_a_parameter_without_a_published_scale_is_uncertain(model: str, name: str, word: int) -> None:
+    station = FakeC320(parameters={(9, 4): word}) if model == "c320" else FakeModbus(registers={100: word})
+    reading = Desk(model, station).read(name)[name]
+    assert (reading.raw, reading.quality) == (word, Quality.UNCERTAIN)
+    assert reading.reason == "profiles.scale_unpublished"
+
+
+@pytest.mark.parametrize(
+    ("coding", "quality", "value"),
+    [
+        ("unknown", Quality.UNCERTAIN, 9.9),
+        ("hex-0.1", Quality.GOOD, 9.9),
+        ("decimal-0.1", Quality.GOOD, 6.3),
+    ],
+)
+def test_the_current_of_dzb100_is_uncertain_until_the_query_coding_is_known(
+    coding: str, quality: Quality, value: float
+) -> None:
+    dialect = dialect_for("dzb100", query_coding=coding)
+    reply = dzb100.Dzb100Reply(head="Q", address=1, index=2, data=0x0063, accepted=True)
+    reading = dialect.decode_readings(dzb100.Dzb100Query(1, 2), reply, 0.0)["output_current"]
+    assert (reading.quality, reading.value) == (quality, value)
+
+
+@pytest.mark.parametrize("code", [1, 2, 3, 4, 6])
+def test_an_exception_has_the_words_of_the_manual(code: int) -> None:
+    rejection = dialect_for("vc660").rejection(modbus.ExceptionReply(1, 6, code))
+    assert rejection is not None and rejection.code == code
+    words = {1: "无效命令码", 2: "无效数据地址", 3: "无效参数值", 4: "命令执行失败"}
+    text = i18n.text(rejection.key, "zh", code=code)
+    assert words.get(code, "异常码") in text and str(code) in text
 
 
 def test_a_write_only_register_is_not_read() -> None:
@@ -517,3 +796,9 @@ def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytes
 
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert default_path() == tmp_path / "drivebus" / "store.json"
+
+
+def test_an_impossible_value_is_named_without_decimals_that_were_not_given() -> None:
+    with pytest.raises(LimitError) as caught:
+        check_write(dialect_for("vc660"), "2006H", 8.0)
+    assert caught.value.text("en") == "2006H can be 0 to 7; found 8"

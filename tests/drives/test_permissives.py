@@ -145,6 +145,17 @@ def test_a_write_or_a_reset_can_not_be_granted_motion(kind: CommandKind) -> None
     check_withheld(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
 
 
+def test_a_write_to_input_terminals_is_granted_motion_in_any_state_but_not_on_a_bad_or_inhibited_bus() -> None:
+    inputs = DriveCommand("x", CommandKind.INPUTS, 10.0, 3)
+    running = replace(STANDSTILL, derived=DerivedState(DriveState.RUNNING), limits_checked=False)
+    assert request_permit(inputs, Effect.MOTION, evidence=running).expires_at == 12.0
+    for key, changed in (
+        ("drives.high_error_rate", replace(CONDITIONS, error_rate=1.0, failures=9)),
+        ("drives.start_inhibited", replace(CONDITIONS, start_inhibited=True)),
+    ):
+        check_withheld(StartInhibited, key, command=inputs, effect=Effect.MOTION, conditions=changed)
+
+
 @pytest.mark.parametrize("effect", [Effect.NONE, Effect.STOP])
 def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
     check_withheld(NotPermitted, "drives.no_permit_needed", effect=effect)
@@ -155,7 +166,8 @@ def test_unchecked_limits_stop_a_start() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seconds"), [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0)]
+    ("kind", "seconds"),
+    [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0), ("inputs", 2.0)],
 )
 def test_every_command_expires_after_the_limit_of_its_kind(kind: str, seconds: float) -> None:
     command = DriveCommand("x", CommandKind(kind), 10.0, 3)

@@ -36,7 +36,7 @@ def record_commands(bench: SimulatedDrives) -> list[float]:
 
 
 class Hammer:
-    """One drive, one seed, twelve random acts; each compares its outcome with the drive itself."""
+    """Twelve random acts on a drive with a seed; each compares its outcome with the drive itself."""
 
     def __init__(self, model: str, weather: str, seed: int) -> None:
         self.model, self.hz = model, SAFE_HZ[model]

@@ -17,7 +17,7 @@ RESET = sunfar.SunfarControl(1, sunfar.SunfarOperation.RESET_FAULT)
 
 
 def in_fault(**more: Any) -> PureBus:
-    return PureBus(dialect_for("c320"), FakeC320(sunfar.SunfarState.FAULT, fault_code=5, **more))
+    return PureBus(dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.FAULT, fault_code=5, **more))
 
 
 def clears(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -33,7 +33,7 @@ def test_a_reset_is_confirmed_by_later_reads_without_the_fault() -> None:
 
 
 def test_nothing_is_sent_where_there_is_no_fault() -> None:
-    bus = PureBus(dialect_for("c320"), FakeC320())
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     assert bus.run(reset_fault(operation_for(bus.dialect))).key == "drives.no_fault"
     assert not bus.effects()
 
@@ -81,7 +81,7 @@ def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
 
 def test_a_drive_that_turns_is_not_reset_although_it_reports_a_fault() -> None:
     paper = FakeModbus(registers={0x3000: 0x000B, 0x3016: 0x0002})
-    bus = PureBus(dialect_for("vc660"), paper)
+    bus = PureBus(dialect=dialect_for("vc660"), station=paper)
     with pytest.raises(StartInhibited) as caught:
         bus.run(reset_fault(operation_for(bus.dialect)))
     assert caught.value.key == "drives.reset_while_turning"
@@ -90,7 +90,7 @@ def test_a_drive_that_turns_is_not_reset_although_it_reports_a_fault() -> None:
 
 def test_df800_shows_no_fault_so_its_reset_is_only_acknowledged() -> None:
     paper = FakeModbus()
-    bus = PureBus(dialect_for("df800"), paper)
+    bus = PureBus(dialect=dialect_for("df800"), station=paper)
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
     assert paper.written == [(0x2000, 0x0010)]

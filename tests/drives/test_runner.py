@@ -13,6 +13,8 @@ import pytest
 
 import drivebus
 from drivebus import blocking
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.drives.operations.calibration import calibration_steps
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import (
     DrivebusError,
@@ -24,7 +26,8 @@ from drivebus.errors import (
     StopUnconfirmed,
     TargetNotReached,
 )
-from fixtures.drives import SAFE_HZ, ScriptedJog, SimulatedDrives, run_virtual
+from drivebus.protocols.codec import Effect
+from fixtures.drives import SAFE_HZ, ScriptedJog, SimulatedDrives, dialect_for, run_virtual
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ def test_a_drive_runs_in_its_other_encoding(model: str, encoding: str) -> None:
     ],
 )
 def test_what_was_not_done_is_raised_with_its_outcome(word: OutcomeStatus, error: type[DrivebusError]) -> None:
-    outcome = Outcome(word, "drives.start_unknown")
+    outcome = Outcome(status=word, key="drives.start_unknown")
     with pytest.raises(error) as caught:
         raise_for_status(outcome)
     assert caught.value.outcome is outcome
@@ -69,14 +72,20 @@ def test_what_was_not_done_is_raised_with_its_outcome(word: OutcomeStatus, error
 
 @pytest.mark.parametrize("word", [OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED])
 def test_what_was_done_is_returned(word: OutcomeStatus) -> None:
-    assert raise_for_status(Outcome(word, "drives.stop_confirmed"), stop=True).status is word
+    assert raise_for_status(Outcome(status=word, key="drives.stop_confirmed"), stop=True).status is word
 
 
 def test_a_stop_that_is_not_done_is_always_an_unconfirmed_stop() -> None:
     with pytest.raises(StopUnconfirmed) as caught:
-        raise_for_status(Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", {"state": "running"}), stop=True)
+        raise_for_status(
+            Outcome(
+                status=OutcomeStatus.UNKNOWN, key="drives.stop_unconfirmed", params={"found": "running", "reads": 8}
+            ),
+            stop=True,
+        )
     assert str(caught.value) == (
-        "STOP NOT CONFIRMED: the stop was sent repeatedly; state of the drive: running. Use the hard-wired stop"
+        "STOP NOT CONFIRMED: the stop was sent repeatedly, and the drive still reported running (reads: 8). "
+        "Use the hard-wired stop"
     )
 
 
@@ -222,3 +231,35 @@ def test_importing_drivebus_loads_no_subpackage() -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError):
         drivebus.nonsense  # noqa: B018
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.05])
+def test_a_stop_supersedes_the_writes_to_input_terminals_that_were_not_sent_yet(delay_s: float) -> None:
+    """An input terminal may be wired to "run": its write after a newer stop would start the motor."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            effects = []
+
+            def record(event: TraceEvent) -> None:
+                if event.kind is TraceKind.SENT:
+                    effects.append(drive.dialect.station_config.effect_of(event.data))
+
+            bench.bus.trace(record)
+            write = asyncio.create_task(drive.write({"2006H": 1, "2002H": 1}, force=True))
+            await asyncio.sleep(delay_s)
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+            with pytest.raises(DrivebusError):
+                await write
+            assert Effect.STOP in effects
+            assert Effect.MOTION not in effects[effects.index(Effect.STOP) :]
+
+    run_virtual(scenario())
+
+
+def test_a_calibration_is_repeated_at_the_word_that_is_slow_under_every_step() -> None:
+    """A stated step may be wrong: on an E300 that is declared as 0.01 Hz, word 500 would be 50 Hz."""
+    dialect = dialect_for("c320", setpoint_step="0.01")
+    (step,) = calibration_steps(dialect)
+    assert [request.data for request in dict(step.plan(dialect))["start"]] == [50]

@@ -30,19 +30,19 @@ ON_320 = sunfar.SunfarOperation.RUN_FORWARD_AT
 
 def c320(paper: FakeC320, **limits: Any) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("c320")
-    return PureBus(dialect, paper), operation_for(dialect, limits=DriveLimits(**limits))
+    return PureBus(dialect=dialect, station=paper), operation_for(dialect, limits=DriveLimits(**limits))
 
 
 def vc660(paper: FakeModbus) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("vc660")
     paper.registers |= {0x3000: 0x0001, 1: 4}
-    return PureBus(dialect, paper), operation_for(dialect)
+    return PureBus(dialect=dialect, station=paper), operation_for(dialect)
 
 
 def df800(paper: FakeModbus, **settings: Any) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("df800", **settings)
     paper.registers |= {101: 5, 102: 2, 107: 100, 108: 50}
-    return PureBus(dialect, paper), operation_for(dialect)
+    return PureBus(dialect=dialect, station=paper), operation_for(dialect)
 
 
 def starts(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -175,7 +175,14 @@ def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() 
 
 def test_a_rejected_start_is_refused() -> None:
     def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return sunfar.SunfarReply(1, sunfar.SunfarResponse.OUT_OF_RANGE, sunfar.SunfarState.STOPPED, 0, None, None)
+        return sunfar.SunfarReply(
+            address=1,
+            response=sunfar.SunfarResponse.OUT_OF_RANGE,
+            state=sunfar.SunfarState.STOPPED,
+            group=0,
+            item=None,
+            data=None,
+        )
 
     bus, op = c320(FakeC320(on_command=no))
     outcome = start(bus, op)
@@ -197,14 +204,32 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
     )
 
 
-def test_a_drive_that_turns_the_other_way_is_a_failure() -> None:
+@pytest.mark.parametrize("direction", [None, Direction.FORWARD])
+def test_a_drive_that_turns_the_other_way_is_a_failure(direction: Direction | None) -> None:
+    """A start without a direction is a start forward."""
+
     def wrong(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         paper.state = sunfar.SunfarState.RUNNING_REVERSE
         return paper.ok()
 
     bus, op = c320(FakeC320(on_command=wrong))
-    outcome = start(bus, op, direction=Direction.FORWARD)
+    outcome = start(bus, op, direction=direction)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.wrong_direction")
+
+
+def test_vc660_that_reports_reverse_after_a_plain_start_is_a_failure() -> None:
+    def wrong(paper: FakeModbus, word: int) -> bool:
+        paper.registers[0x3000] = 0xC009
+        return True
+
+    bus, op = vc660(FakeModbus(on_command=wrong))
+    outcome = start(bus, op)
+    assert (outcome.key, outcome.params["expected"]) == ("drives.wrong_direction", Direction.FORWARD)
+
+
+def test_a_drive_without_a_readable_setpoint_is_confirmed_without_a_note_about_it() -> None:
+    bus, op = c320(FakeC320(on_command=starts))
+    assert start(bus, op).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -236,7 +261,7 @@ def test_a_forbidden_direction_is_refused_before_anything_is_sent() -> None:
 
 def test_a_drive_that_can_not_tell_its_direction_is_not_started_where_one_is_forbidden() -> None:
     dialect = dialect_for("df800")
-    bus = PureBus(dialect, FakeModbus())
+    bus = PureBus(dialect=dialect, station=FakeModbus())
     with pytest.raises(LimitError) as caught:
         start(bus, operation_for(dialect, limits=DriveLimits(reverse=False)))
     assert caught.value.key == "drives.direction_forbidden"
@@ -433,7 +458,7 @@ def test_a_capability_that_the_model_lacks_is_refused_before_sending() -> None:
 
     dialect = dialect_for("c320")
     dialect.profile = replace(dialect.profile, capabilities=frozenset({"status"}))
-    bus = PureBus(dialect, FakeC320())
+    bus = PureBus(dialect=dialect, station=FakeC320())
     with pytest.raises(CapabilityError):
         start(bus, OperationContext(context_for(dialect)))
     assert not bus.requests
@@ -471,4 +496,38 @@ def test_modbus_errors_of_the_drive_are_refusals() -> None:
 
     bus, op = df800(Refuses())
     outcome = start(bus, op)
-    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.modbus_refused_short")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.start_refused")
+    assert "no such parameter, or it is locked" in outcome.text("en")
+
+
+def test_a_rejected_set_frequency_is_named_and_no_start_is_sent() -> None:
+    class Refuses(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, modbus.WriteRegister) and request.register == 0x2001:
+                return modbus.ExceptionReply(1, 6, 3)
+            return super().__call__(request)
+
+    paper = Refuses()
+    bus, op = vc660(paper)
+    outcome = start(bus, op)
+    assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)
+    assert "rejected the set frequency of 10.0 Hz, and no start was sent" in outcome.text("en")
+    assert paper.written == []
+
+
+def test_a_precondition_whose_read_is_rejected_is_no_wrong_setting() -> None:
+    class Refuses(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, sunfar.SunfarReadParameter) and request.group == 0:
+                state = sunfar.SunfarState.STOPPED
+                return sunfar.SunfarReply(
+                    address=1, response=sunfar.SunfarResponse.RUNNING, state=state, group=0, item=1, data=0
+                )
+            return super().__call__(request)
+
+    bus, op = c320(Refuses())
+    with pytest.raises(PreflightError) as caught:
+        start(bus, op)
+    assert caught.value.key == "drives.preflight_refused"
+    assert "the read of F0.1 was not answered with a value" in caught.value.text("en")
+    assert "Set F0.1" not in caught.value.text("en") and not bus.effects()

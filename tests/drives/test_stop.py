@@ -10,13 +10,24 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryP
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, stop
 from drivebus.drives.outcome import OutcomeStatus
-from drivebus.errors import Superseded
+from drivebus.drives.state import DriveState
+from drivebus.errors import StopUnconfirmed, Superseded
 from drivebus.protocols import dzb100, modbus, sunfar
-from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+from drivebus.simulator.motor import Motor
+from fixtures.drives import (
+    SAFE_HZ,
+    FakeC320,
+    FakeModbus,
+    PureBus,
+    SimulatedDrives,
+    dialect_for,
+    operation_for,
+    run_virtual,
+)
 
 
 def c320(paper: FakeC320) -> PureBus:
-    return PureBus(dialect_for("c320"), paper)
+    return PureBus(dialect=dialect_for("c320"), station=paper)
 
 
 def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -25,7 +36,7 @@ def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
 
 
 def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     first = bus.requests[0]
     assert isinstance(first.request, sunfar.SunfarControl)
@@ -34,7 +45,7 @@ def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
 
 
 def test_the_levels_after_a_stop_pulse_have_a_lower_priority_than_other_stops() -> None:
-    bus = PureBus(dialect_for("vc660"), FakeModbus())
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus())
     bus.run(stop(operation_for(bus.dialect)))
     pulse, levels, *_ = (ask for ask in bus.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
     assert (pulse.priority, levels.priority) == (RequestPriority.STOP, RequestPriority.COMMAND)
@@ -42,13 +53,50 @@ def test_the_levels_after_a_stop_pulse_have_a_lower_priority_than_other_stops() 
 
 def test_a_stop_is_not_confirmed_by_its_own_reply() -> None:
     """The drive accepts the stop and keeps running."""
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
 
 
+def test_a_stop_that_is_not_confirmed_names_what_the_drive_reported_and_in_how_many_reads() -> None:
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=2500))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    rounds = len(bus.sent(sunfar.ReadMonitor))
+    assert rounds > 8 and f"the drive still reported running at 25.0 Hz (reads: {rounds})" in outcome.text("en")
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
+def test_a_stop_that_ends_in_the_middle_of_a_read_keeps_what_the_drive_reported(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The deadline of a stop cancels its reads; the state that was read before is still the evidence."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await drive.run(SAFE_HZ[model], wait=model != "dzb100")
+            monkeypatch.setattr(Motor, "stop", lambda *given: None)
+            with pytest.raises(StopUnconfirmed) as caught:
+                await drive.stop()
+            outcome = caught.value.outcome
+            assert (outcome.key, outcome.params["state"]) == ("drives.stop_unconfirmed", DriveState.RUNNING)
+            assert outcome.params["reads"] > 4 and outcome.drive_status.state is DriveState.RUNNING
+            monkeypatch.undo()
+
+    run_virtual(scenario())
+
+
+def test_a_drive_that_falls_silent_during_a_stop_is_reported_with_its_last_state() -> None:
+    paper = FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=2500)
+    bus = c320(paper)
+    bus.on_request = lambda ask: setattr(paper, "silent", bus.now > 1.0)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert outcome.key == "drives.stop_reply_lost" and outcome.params["failures"] > 1
+    assert "the drive reported running at 25.0 Hz, then gave no valid reply" in outcome.text("en")
+
+
 def test_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> None:
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     bus.run(stop(operation_for(bus.dialect)))
     assert STOP_PROGRESS_TIMEOUT_S < bus.now < STOP_PROGRESS_TIMEOUT_S + 0.5
 
@@ -59,7 +107,7 @@ def test_a_lost_stop_is_sent_again_at_once() -> None:
     def third(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
         return None if lost and lost.pop() else stops(paper, request)
 
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert len(bus.sent(sunfar.SunfarControl)) == 3
@@ -68,7 +116,7 @@ def test_a_lost_stop_is_sent_again_at_once() -> None:
 def test_no_state_of_the_host_withholds_a_stop() -> None:
     from dataclasses import replace
 
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     bus.conditions = replace(
         bus.conditions, start_inhibited=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
     )
@@ -77,7 +125,7 @@ def test_no_state_of_the_host_withholds_a_stop() -> None:
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY])
 def test_a_fault_or_an_uncharged_dc_bus_ends_a_stop_with_its_own_message(state: sunfar.SunfarState) -> None:
-    bus = c320(FakeC320(state, fault_code=4))
+    bus = c320(FakeC320(state=state, fault_code=4))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
 
@@ -88,7 +136,7 @@ def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
         paper.state = sunfar.SunfarState.EMERGENCY_STOP
         return paper.ok()
 
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
     assert bus.run(stop(operation_for(bus.dialect), StopMode.QUICK_STOP)).key == "drives.stop_confirmed"
 
 
@@ -104,14 +152,14 @@ def test_a_drive_that_slows_down_is_given_its_time() -> None:
                 self.state = self.state if self.output else sunfar.SunfarState.STOPPED
             return super().__call__(request)
 
-    bus = c320(Ramps(sunfar.SunfarState.RUNNING_FORWARD, output=2000))
+    bus = c320(Ramps(state=sunfar.SunfarState.RUNNING_FORWARD, output=2000))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert bus.now > 2 * STOP_PROGRESS_TIMEOUT_S
 
 
 def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
-    bus = c320(FakeC320(sunfar.SunfarState.DECELERATING_FORWARD))
+    bus = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD))
     bus.run(stop(operation_for(bus.dialect)))
     times = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(times) > 100
@@ -120,7 +168,7 @@ def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
 def test_a_stop_to_an_offline_drive_is_repeated_and_reported() -> None:
     bus = c320(FakeC320(silent=True))
     outcome = bus.run(stop(operation_for(bus.dialect)))
-    assert outcome.key == "drives.stop_unconfirmed"
+    assert outcome.key == "drives.stop_no_reply"
     assert len(bus.sent(sunfar.SunfarControl)) >= 3
     assert all(e.received == b"" for e in outcome.exchanges)
 
@@ -137,11 +185,13 @@ def test_one_reading_of_standstill_is_not_enough() -> None:
             return super().__call__(request)
 
     bus = c320(Flips())
-    assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.UNKNOWN
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert outcome.status is OutcomeStatus.UNKNOWN
+    assert outcome.key in ("drives.stop_contradicted", "drives.stop_unconfirmed")
 
 
 def test_without_waiting_an_answered_stop_is_unconfirmed() -> None:
-    bus = c320(FakeC320(sunfar.SunfarState.RUNNING_FORWARD))
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     outcome = bus.run(stop(operation_for(bus.dialect), wait_confirmed=False))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
     assert len(bus.requests) == 1
@@ -149,16 +199,16 @@ def test_without_waiting_an_answered_stop_is_unconfirmed() -> None:
 
 def test_a_stop_of_df800_is_sent_three_times_and_never_confirmed() -> None:
     paper = FakeModbus()
-    bus = PureBus(dialect_for("df800"), paper)
+    bus = PureBus(dialect=dialect_for("df800"), station=paper)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     assert paper.written == [(0x2000, 1)] * 3
 
 
 def test_a_silent_df800_is_unconfirmed() -> None:
-    bus = PureBus(dialect_for("df800"), FakeModbus(silent=True))
+    bus = PureBus(dialect=dialect_for("df800"), station=FakeModbus(silent=True))
     outcome = bus.run(stop(operation_for(bus.dialect)))
-    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_no_reply")
 
 
 def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_acts() -> None:
@@ -174,7 +224,7 @@ def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_a
 
     paper = FakeModbus(registers={0x3000: 0x0009}, on_command=edge)
     last[0] = 2
-    bus = PureBus(dialect_for("vc660"), paper)
+    bus = PureBus(dialect=dialect_for("vc660"), station=paper)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert [value for _, value in paper.written][:3] == [0x0002, 0x0000, 0x0002]
@@ -187,14 +237,14 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
 
         def __call__(self, request: Any) -> Any:
             if isinstance(request, dzb100.Dzb100Control):
-                return dzb100.Dzb100Reply("C", 1, request.index, 0, True)
+                return dzb100.Dzb100Reply(head="C", address=1, index=request.index, data=0, accepted=True)
             if isinstance(request, dzb100.Dzb100ReadParameter):
-                return dzb100.Dzb100Reply("R", 1, request.index, 0, True)
+                return dzb100.Dzb100Reply(head="R", address=1, index=request.index, data=0, accepted=True)
             data = {1: self.output, 3: self.state}[request.item]
-            return dzb100.Dzb100Reply("Q", 1, request.item, data, True)
+            return dzb100.Dzb100Reply(head="Q", address=1, index=request.item, data=data, accepted=True)
 
     for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
-        bus = PureBus(dialect_for("dzb100"), Paper(output, state))
+        bus = PureBus(dialect=dialect_for("dzb100"), station=Paper(output, state))
         assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 
@@ -203,18 +253,24 @@ def test_each_lower_reading_is_progress_where_a_verified_state_takes_longer_than
 
     def slowing(request: Any) -> Any:
         if isinstance(request, dzb100.Dzb100Control):
-            return dzb100.Dzb100Reply("C", 1, request.index, 0, True)
+            return dzb100.Dzb100Reply(head="C", address=1, index=request.index, data=0, accepted=True)
         if isinstance(request, dzb100.Dzb100ReadParameter):
-            return dzb100.Dzb100Reply("R", 1, request.index, 0, True)
+            return dzb100.Dzb100Reply(head="R", address=1, index=request.index, data=0, accepted=True)
         output = max(0, round(300 - 100 * bus.now))
-        return dzb100.Dzb100Reply("Q", 1, request.item, {1: output, 3: 0x0100 * (output > 0)}[request.item], True)
+        return dzb100.Dzb100Reply(
+            head="Q",
+            address=1,
+            index=request.item,
+            data={1: output, 3: 0x0100 * (output > 0)}[request.item],
+            accepted=True,
+        )
 
     class Crowded(PureBus):
         def transact(self, ask: BusRequest) -> BusResult:
             self.pass_time(0.35)
             return super().transact(ask)
 
-    bus = Crowded(dialect_for("dzb100"), slowing)
+    bus = Crowded(dialect=dialect_for("dzb100"), station=slowing)
     assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
     assert bus.now > STOP_PROGRESS_TIMEOUT_S + 3.0
 
@@ -230,7 +286,7 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
                 return Superseded("bus.superseded", station=1)
             return super().__call__(request)
 
-    bus = c320(Taken(sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    bus = c320(Taken(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
 
 
@@ -241,5 +297,9 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
                 return modbus.ExceptionReply(1, 6, None)
             return super().__call__(request)
 
-    bus = PureBus(dialect_for("df800"), Refuses())
-    assert bus.run(stop(operation_for(bus.dialect))).key == "drives.stop_unconfirmed"
+    bus = PureBus(dialect=dialect_for("df800"), station=Refuses())
+    assert "the drive rejected the request" in bus.run(stop(operation_for(bus.dialect))).text("en")
+    running = PureBus(dialect=dialect_for("vc660"), station=Refuses(registers={0x3000: 0x0009}))
+    outcome = running.run(stop(operation_for(running.dialect)))
+    assert outcome.key == "drives.stop_rejected_running"
+    assert "the drive rejected" in outcome.text("en") and "still reported running" in outcome.text("en")

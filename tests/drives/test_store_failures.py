@@ -39,7 +39,7 @@ class Failing(MemoryStore):
 
 
 def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
-    bus = PureBus(dialect_for("c320"), FakeC320(), store=store)
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), store=store)
     try:
         return bus, bus.run(write_values(OperationContext(context_for(bus.dialect, store=store)), values, True))
     except ConfigurationError as error:

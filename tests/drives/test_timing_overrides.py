@@ -26,7 +26,7 @@ def watched(bench: SimulatedDrives) -> list[TraceEvent]:
 
 
 def ask(drive: Any) -> BusRequest:
-    return BusRequest(drive.address, drive.dialect.echo_test_read())
+    return BusRequest(station=drive.address, request=drive.dialect.echo_test_read())
 
 
 def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> None:

@@ -14,11 +14,11 @@ from drivebus.errors import Superseded, TargetNotReached
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for
 
-STARTED = Outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
+STARTED = Outcome(status=OutcomeStatus.CONFIRMED, key="drives.start_confirmed")
 
 
 def waiting(paper: FakeC320) -> tuple[PureBus, OperationContext]:
-    bus = PureBus(dialect_for("c320"), paper)
+    bus = PureBus(dialect=dialect_for("c320"), station=paper)
     return bus, operation_for(bus.dialect)
 
 
@@ -27,13 +27,13 @@ def wait_for(bus: PureBus, op: OperationContext, hz: float = 10.0, timeout_s: fl
 
 
 def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
-    bus, op = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=1000))
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
     outcome = wait_for(bus, op)
     assert (outcome.status, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
 
 
 def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
-    bus, op = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD, output=1000))
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=1000))
     with pytest.raises(TargetNotReached) as caught:
         wait_for(bus, op)
     assert caught.value.params["state"] == "accelerating"
@@ -41,14 +41,27 @@ def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
 
 @pytest.mark.parametrize("output", [990, 1010])
 def test_it_is_not_there_at_another_frequency(output: int) -> None:
-    bus, op = waiting(FakeC320(sunfar.SunfarState.RUNNING_FORWARD, output=output))
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=output))
     with pytest.raises(TargetNotReached) as caught:
         wait_for(bus, op)
     assert caught.value.params["found_hz"] == output / 100
 
 
+def test_a_drive_that_reports_reverse_meanwhile_is_a_failure() -> None:
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
+    assert wait_for(bus, op).key == "drives.wrong_direction"
+
+
+def test_every_status_that_is_read_while_waiting_is_reported_as_progress() -> None:
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=500))
+    shown: list[Any] = []
+    with pytest.raises(TargetNotReached):
+        bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, None, shown.append))
+    assert len(shown) > 5 and {status.readings["output_frequency"].value for status in shown} == {5.0}
+
+
 def test_a_drive_that_stops_ends_the_waiting_at_once() -> None:
-    bus, op = waiting(FakeC320(sunfar.SunfarState.STOPPED))
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.STOPPED))
     with pytest.raises(TargetNotReached):
         wait_for(bus, op, timeout_s=60.0)
     assert bus.now < 1.0
@@ -63,7 +76,7 @@ def test_a_drive_without_replies_has_an_unknown_outcome() -> None:
 
 
 def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
-    bus, op = waiting(FakeC320(sunfar.SunfarState.ACCELERATING_FORWARD))
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD))
 
     def stop(ask: Any) -> None:
         bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)

@@ -126,7 +126,7 @@ def test_no_file_of_drivebus_names_the_family() -> None:
 def test_the_registry_finds_the_family_by_its_entry_point(installed: None) -> None:
     assert [family.name for family in protocol_families()] == ["sunfar", "dzb100", "modbus", "toy"]
     assert protocol_family("toy").max_error_rate == 0.005
-    assert default_scan_models() == ("c320", "dzb100", "vc660", "df800", "toy1")
+    assert default_scan_models()[-1] == "toy1"
 
 
 def test_a_family_can_be_registered_without_an_entry_point_but_not_replace_a_built_in_one(installed: None) -> None:
@@ -167,7 +167,7 @@ def test_scan_finds_the_drive() -> None:
     words = ("scan", "sim://toy1@3", "--models", "toy1,vc660", "--addresses", "1-4", "--listen-seconds", "0.1")
     code, found = command(*words)
     assert code == 0
-    drives = [one for one in found["found"] if not one["doubtful"]]
+    drives = [one for one in found["found"] if one["valid_reply"]]
     assert [(one["models"], one["family"], one["address"]) for one in drives] == [(["toy1"], "toy", 3)]
 
 
@@ -248,7 +248,7 @@ def test_a_drive_with_an_unknown_step_is_capped_until_it_is_calibrated(installed
 def test_the_page_gets_the_drive_and_its_profile(installed: None, tmp_path: Path) -> None:
     chosen = plant_config(
         buses=(BusConfig("a", "sim://toy1@1?ramp=0.5"),),
-        drives=(DriveConfig("toy-1", "a", 1, "toy1", Text("Toy 1", "玩具 1")),),
+        drives=(DriveConfig(id="toy-1", bus="a", address=1, model="toy1", title=Text("Toy 1", "玩具 1")),),
         groups=(),
     )
 

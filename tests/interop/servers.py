@@ -31,7 +31,7 @@ LOOPBACK_SUPPORT = {"pymodbus": True, "libmodbus": False}
 
 @dataclass
 class PeerServer:
-    """One server process on one wire."""
+    """Server process on a wire."""
 
     name: str
     encoding: str
@@ -93,7 +93,13 @@ def permitted_write(bus: Bus, request: Any) -> BusRequest:
             family="modbus",
         )
     )
-    return BusRequest(STATION, request, RequestPriority.COMMAND, RetryPolicy.IDEMPOTENT, permit)
+    return BusRequest(
+        station=STATION,
+        request=request,
+        priority=RequestPriority.COMMAND,
+        retry_policy=RetryPolicy.IDEMPOTENT,
+        permit=permit,
+    )
 
 
 def pymodbus(started: Callable[..., subprocess.Popen[str]], peer_end: str, encoding: str) -> subprocess.Popen[str]:

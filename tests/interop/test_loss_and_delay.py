@@ -67,11 +67,13 @@ async def test_every_value_that_our_master_accepts_is_that_registers_value_in_th
     """All requests have one shape, so that a late reply would fit the next request but for its registers."""
     chance, accepted, failed = Random(7), 0, 0
     async with lossy_relay(LinkQuality()) as wire, our_master(peer, wire) as bus:
-        await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        await bus.transact(BusRequest(station=STATION, request=modbus.ReadRegisters(STATION, 0, 1)))
         wire.quality = BAD_LINK
         for _ in range(TRANSACTIONS):
             register, count = chance.randrange(100), chance.choice((1, 2, 2, 4))
-            answer = await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, register, count)))
+            answer = await bus.transact(
+                BusRequest(station=STATION, request=modbus.ReadRegisters(STATION, register, count))
+            )
             if answer.error is not None:
                 failed += 1
                 continue
@@ -86,7 +88,7 @@ async def test_every_write_that_was_acknowledged_to_our_master_is_in_the_peer(pe
     """Each register is written once with its own value, and read back at the end without loss."""
     acknowledged, refused = dict[int, int](), set[int]()
     async with lossy_relay(LinkQuality(), seed=3) as wire, our_master(peer, wire) as bus:
-        await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, 0, 1)))
+        await bus.transact(BusRequest(station=STATION, request=modbus.ReadRegisters(STATION, 0, 1)))
         wire.quality = BAD_LINK
         for register in range(WRITES):
             value = 0x4000 + 7 * register
@@ -109,7 +111,7 @@ async def test_every_write_that_was_acknowledged_to_our_master_is_in_the_peer(pe
 
 async def _read_until_answered(bus: Any, register: int) -> int:
     for _ in range(5):
-        answer = await bus.transact(BusRequest(STATION, modbus.ReadRegisters(STATION, register, 1)))
+        answer = await bus.transact(BusRequest(station=STATION, request=modbus.ReadRegisters(STATION, register, 1)))
         if answer.error is None:
             return int(answer.reply.values[0])
     raise AssertionError(f"register {register} can't be read on a clean wire")

@@ -44,11 +44,11 @@ def server(request: pytest.FixtureRequest, wire: tuple[str, str], started: Start
 
 
 def read(register: int, count: int, function: int = 3) -> BusRequest:
-    return BusRequest(STATION, modbus.ReadRegisters(STATION, register, count, function))
+    return BusRequest(station=STATION, request=modbus.ReadRegisters(STATION, register, count, function))
 
 
 def bits(register: int, count: int, function: int) -> BusRequest:
-    return BusRequest(STATION, modbus.ReadBits(STATION, register, count, function))
+    return BusRequest(station=STATION, request=modbus.ReadBits(STATION, register, count, function))
 
 
 async def replies(server: PeerServer, *asks: BusRequest) -> list[Any]:
@@ -111,7 +111,9 @@ async def test_values_written_with_a_permit_are_read_back(server: PeerServer) ->
 
 async def test_a_write_without_a_permit_never_reaches_the_server(server: PeerServer) -> None:
     async with server.bus() as bus:
-        refused = await bus.transact(BusRequest(STATION, modbus.WriteRegister(STATION, 5, 1), RequestPriority.COMMAND))
+        refused = await bus.transact(
+            BusRequest(station=STATION, request=modbus.WriteRegister(STATION, 5, 1), priority=RequestPriority.COMMAND)
+        )
         assert isinstance(refused.error, NotPermitted) and refused.sent == b""
         assert (await bus.transact(read(5, 1))).reply.values == (1005,)
 
@@ -131,7 +133,7 @@ async def test_the_servers_exceptions_arrive_as_replies_and_not_as_errors(server
 @pytest.mark.parametrize("server", ["pymodbus-rtu", "pymodbus-ascii"], indirect=True)  # libmodbus' has no 08
 async def test_a_loop_back_returns_its_nonce(server: PeerServer) -> None:
     nonces = (0xA55A, 0x0000, 0xFFFF, 0x0D0A)
-    asks = [BusRequest(STATION, modbus.Diagnostics(STATION, nonce)) for nonce in nonces]
+    asks = [BusRequest(station=STATION, request=modbus.Diagnostics(STATION, nonce)) for nonce in nonces]
     found = await replies(server, read(0, 1), *asks)
     assert found[1:] == [modbus.DiagnosticsReply(STATION, nonce) for nonce in nonces]
 
@@ -185,7 +187,7 @@ async def test_a_killed_server_goes_offline_and_comes_back_online_by_itself(serv
 async def test_an_unused_address_does_not_disturb_a_station_that_answers(server: PeerServer) -> None:
     async with server.bus() as bus:
         bus.add_station(peer_station(STATION + 1, loops=False))
-        no_user = await bus.transact(BusRequest(STATION + 1, modbus.ReadRegisters(STATION + 1, 0, 1)))
+        no_user = await bus.transact(BusRequest(station=STATION + 1, request=modbus.ReadRegisters(STATION + 1, 0, 1)))
         assert isinstance(no_user.error, NoReply) and no_user.received == b""
         assert (await bus.transact(read(1, 1))).reply.values == (1001,)
         assert bus.presence(STATION + 1) is Presence.NEVER_SEEN

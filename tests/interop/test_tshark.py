@@ -90,7 +90,7 @@ def benches() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """One frame of a conversation; for a reply also its request."""
+    """Frame of a conversation; for a reply also its request."""
 
     time_us: int
     data: bytes
@@ -224,7 +224,7 @@ def tshark_fields(file: Path, home: Path) -> list[dict[str, str]]:
 
 def exported(capture: Path, *words: str) -> Path:
     out = capture.with_suffix(".pcapng")
-    result = CliRunner().invoke(cli, ["capture", "export", str(capture), "--pcapng", str(out), *words])
+    result = CliRunner().invoke(cli, ["capture", "export", str(capture), "-o", str(out), *words])
     assert result.exit_code == 0, result.output
     return out
 

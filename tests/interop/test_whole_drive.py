@@ -33,7 +33,7 @@ CLI = (sys.executable, "-m", "drivebus")
 
 @dataclass(frozen=True)
 class InteropDrive:
-    """One family in one encoding, and the state that it reports."""
+    """Family in one encoding, and the state that it reports."""
 
     model: str
     encoding: str
@@ -104,7 +104,8 @@ def simulated(started: StartProgram, model: str, link: Path, *more: str) -> str:
 def made(bus: Bus, model: str, encoding: str | None = None) -> Drive:
     """Return a drive whose replies may be 0.3 s late, because the machine may be busy."""
     timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
-    return Drive(bus, model, 3, encoding=encoding, store=MemoryStore(), timing=timing)
+    options = {"setpoint_step": "0.01"} if model == "c320" else {}
+    return Drive(bus, model, 3, encoding=encoding, options=options, store=MemoryStore(), timing=timing)
 
 
 async def wait_for_reading(drive: Drive, name: str, value: float) -> DriveStatus:

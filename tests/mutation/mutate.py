@@ -49,9 +49,9 @@ TABLE_NODES = ast.Tuple | ast.List | ast.Set
 NOT_MUTATED = {"__slots__", "__all__"}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mutant:
-    """One change; ``scope`` is the function, "" at module level; ``statement`` is the line of its statement."""
+    """Changed statement; ``scope`` is its function, "" at module level; ``statement`` is the line of its statement."""
 
     line: int
     statement: int
@@ -101,14 +101,14 @@ def _walk(parent: ast.AST, at: _MutationScope) -> Iterator[Mutant]:
             ast.copy_location(new, node)
             ast.fix_missing_locations(new)
             yield Mutant(
-                getattr(node, "lineno", here.statement),
-                here.statement,
-                here.scope,
-                kind,
-                _source_text(node),
-                _source_text(new),
-                not here.inside or isinstance(parent, ast.arguments),
-                (parent, name, index, new),
+                line=getattr(node, "lineno", here.statement),
+                statement=here.statement,
+                scope=here.scope,
+                kind=kind,
+                before=_source_text(node),
+                after=_source_text(new),
+                at_load=not here.inside or isinstance(parent, ast.arguments),
+                place=(parent, name, index, new),
             )
         yield from _walk(node, here)
 

@@ -36,7 +36,7 @@ COMMAND_TESTS = ("api", "control", "runtime", "test_service.py")
 AUTHORIZATION_MODULES = [
     *modules_of("web", "context", "route"),
     *modules_of("web/middleware", "auth", "denial_log", "host_check", "request_body", "session_expiry"),
-    *modules_of("web/routes", "schemas", "session", "users"),
+    *modules_of("web/routes", "description", "session", "users"),
 ]
 AUTHORIZATION_TESTS = (
     "auth_middleware",

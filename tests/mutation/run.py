@@ -83,8 +83,6 @@ class MutationPlugin:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        if (kit := sys.modules.get("doorkit")) is not None:  # an app would cost each child a quarter of a second
-            kit.app_of(kit.WebConfig())
         at_load = frozenset(EXECUTED)
         items = {item.nodeid: item for item in session.items}
         ways = measure_tests(session.items, self.jobs)

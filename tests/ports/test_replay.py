@@ -122,7 +122,7 @@ def test_a_request_beyond_the_end_of_a_capture_is_a_difference(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("timing", ["clock", "request"])
-@pytest.mark.parametrize(("model", "hz"), [("c320", 5.0), ("vc660", 5.0), ("dzb100", 0.5), ("df800", 5.0)])
+@pytest.mark.parametrize(("model", "hz"), [("c320", 0.5), ("vc660", 5.0), ("dzb100", 0.5), ("df800", 5.0)])
 def test_a_bus_on_a_capture_receives_the_recorded_replies(tmp_path: Path, model: str, hz: float, timing: str) -> None:
     """It receives all replies, and the same requests send the same bytes."""
     path = tmp_path / "a.dbcap"

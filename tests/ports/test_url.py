@@ -52,6 +52,26 @@ def test_settings_that_are_not_specified_are_defaults_and_not_explicit() -> None
     assert (link.settings, link.explicit) == (SerialSettings(9600, 8, "N", 1), frozenset())
 
 
+def test_a_relative_path_to_a_device_needs_no_dot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``simulate --link run/bus04`` makes such a name."""
+    monkeypatch.chdir(tmp_path)
+    Path("run").mkdir()
+    with pytest.raises(PortUrlError):
+        parse_port_url("run/bus04")
+    Path("run/bus04").symlink_to("/dev/null")
+    link = parse_port_url("run/bus04?baud=19200")
+    assert (link.scheme, link.path, link.settings.baud) == ("serial", "run/bus04", 19200)
+    Path("plant.toml").touch()
+    with pytest.raises(PortUrlError, match="no port URL"):
+        parse_port_url("plant.toml")
+
+
+def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> None:
+    with pytest.raises(PortUrlError, match="the simulated models are c320, c300, e300, e500, e550, dzb100") as caught:
+        open_port("sim://")
+    assert "sim://c320@1" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("text", "key", "found"),
     [

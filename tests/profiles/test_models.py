@@ -1,4 +1,4 @@
-"""What the profiles that come with drivebus claim, held against the manuals' own words and the vectors."""
+"""The built-in profiles agree with the manuals and the vectors."""
 
 from __future__ import annotations
 

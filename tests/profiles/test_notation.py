@@ -167,11 +167,21 @@ def test_a_parameter_whose_index_is_unknown_names_what_to_supply() -> None:
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(ProfileError) as caught:
         notation.find_entry(profiles.load("c320"), "output_frequence")
-    assert caught.value.key == "profiles.unknown_name"
+    assert caught.value.key == "profiles.unknown_name_near"
     assert str(caught.value) == (
-        "c320 has no output_frequence: write a signal's name or a notation such as F0.1, F1.10, FC.03, d.0; "
-        "near: output_frequency, output_voltage"
+        "c320 has no output_frequence: write a signal's name or a notation such as "
+        "F0.1, F1.10 (F1.0-F1.255), FC.03, d.0 (d.0-d.255); near: output_frequency, output_voltage"
     )
+
+
+@pytest.mark.parametrize(("model", "name", "span"), [("dzb100", "81", "00-80"), ("c320", "F3.300", "F1.0-F1.255")])
+def test_a_number_out_of_range_is_answered_with_the_range_and_no_parameter_of_another_group(
+    model: str, name: str, span: str
+) -> None:
+    with pytest.raises(ProfileError) as caught:
+        notation.find_entry(profiles.load(model), name)
+    assert caught.value.key == "profiles.unknown_name"
+    assert span in str(caught.value) and "near" not in str(caught.value)
 
 
 def test_a_parameter_with_an_explicit_index_is_found_however_its_zeros_are_written() -> None:

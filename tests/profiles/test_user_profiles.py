@@ -100,6 +100,11 @@ def test_a_df800_with_its_status_monitors_has_a_state(own: Path) -> None:
     assert run(scenario("df800")) == ("unknown", Quality.BAD)
 
 
+def test_a_byte_order_mark_is_skipped(own: Path) -> None:
+    (own / "mine.toml").write_text('format = 1\nextends = "vc660"\n', encoding="utf-8-sig")
+    assert profiles.load(own / "mine.toml").family == "modbus"
+
+
 def test_a_file_that_can_not_be_read_is_rejected_like_any_other(own: Path) -> None:
     (own / "gone.toml").symlink_to(own / "nowhere")
     with pytest.raises(ProfileError) as caught:

@@ -1,4 +1,4 @@
-"""What ``describe`` says of the golden frames, and that it never raises."""
+"""``describe`` names the fields of the golden frames and never raises."""
 
 from __future__ import annotations
 

@@ -93,7 +93,11 @@ def test_every_answer_comes_back_against_its_request(request: dzb100.Dzb100Reque
     """Done echoes what was sent; a read answers its own data; refused may carry any."""
     echoes = isinstance(request, dzb100.Dzb100Control | dzb100.Dzb100WriteParameter) and accepted
     reply = dzb100.Dzb100Reply(
-        chr(request.head), request.address, request.index, request.data if echoes else word, accepted
+        head=chr(request.head),
+        address=request.address,
+        index=request.index,
+        data=request.data if echoes else word,
+        accepted=accepted,
     )
     frame = CODEC.encode_reply(reply)
     if request.address == 0:  # a broadcast has no reply
@@ -105,7 +109,7 @@ def test_every_answer_comes_back_against_its_request(request: dzb100.Dzb100Reque
 
 @given(st.sampled_from(range(9)))
 def test_a_state_digit_comes_back(digit: int) -> None:
-    reply = dzb100.Dzb100Reply("C", 1, 1, 0x64, None, digit)
+    reply = dzb100.Dzb100Reply(head="C", address=1, index=1, data=0x64, accepted=None, digit=digit)
     assert CODEC.decode_reply(RUN, CODEC.encode_reply(reply)) == Complete(reply, 11)
 
 
@@ -195,9 +199,9 @@ def test_what_no_drive_can_answer_or_obey_is_not_emitted(request_: dzb100.Dzb100
 @pytest.mark.parametrize(
     "reply",
     [
-        dzb100.Dzb100Reply("X", 1, 1, 0, True),
-        dzb100.Dzb100Reply("P", 1, 1, 0, None, 1),
-        dzb100.Dzb100Reply("C", 1, 1, 0, None, 9),
+        dzb100.Dzb100Reply(head="X", address=1, index=1, data=0, accepted=True),
+        dzb100.Dzb100Reply(head="P", address=1, index=1, data=0, accepted=None, digit=1),
+        dzb100.Dzb100Reply(head="C", address=1, index=1, data=0, accepted=None, digit=9),
     ],
     ids=repr,
 )
@@ -493,7 +497,9 @@ def test_the_last_valid_value_of_every_field_is_sent_and_answered(asked: dzb100.
     frame = CODEC.encode_request(asked)
     assert CODEC.decode_request(frame) == Complete(asked, 11)
     if asked.address:
-        reply = dzb100.Dzb100Reply(chr(asked.head), asked.address, asked.index, asked.data, True)
+        reply = dzb100.Dzb100Reply(
+            head=chr(asked.head), address=asked.address, index=asked.index, data=asked.data, accepted=True
+        )
         assert CODEC.decode_reply(asked, CODEC.encode_reply(reply)) == Complete(reply, 11)
 
 
@@ -553,9 +559,12 @@ def test_a_reply_comes_from_one_of_31_drives(address: int) -> None:
 @pytest.mark.parametrize("digit", [None, -1, 9])
 def test_a_state_digit_is_one_of_nine(digit: int | None) -> None:
     with pytest.raises(ValueError, match="only a C reply has one, 0 to 8"):
-        CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, digit))
+        CODEC.encode_reply(dzb100.Dzb100Reply(head="C", address=1, index=0, data=0, accepted=None, digit=digit))
     for valid in (0, 8):
-        assert CODEC.encode_reply(dzb100.Dzb100Reply("C", 1, 0, 0, None, valid))[2] == ord("0") + valid
+        assert (
+            CODEC.encode_reply(dzb100.Dzb100Reply(head="C", address=1, index=0, data=0, accepted=None, digit=valid))[2]
+            == ord("0") + valid
+        )
 
 
 def test_only_a_broadcast_has_the_mark_of_one() -> None:

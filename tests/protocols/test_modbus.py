@@ -1,4 +1,4 @@
-"""What a Modbus codec takes and refuses, with both numbers."""
+"""Modbus codec: frames that it accepts and rejects."""
 
 from __future__ import annotations
 

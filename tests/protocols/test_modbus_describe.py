@@ -1,4 +1,4 @@
-"""What the tolerant reader says of Modbus frames."""
+"""Descriptions of Modbus frames by the tolerant reader."""
 
 from __future__ import annotations
 

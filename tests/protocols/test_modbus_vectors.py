@@ -110,12 +110,27 @@ def exchanges(family: str, encoding: str) -> list[CodecExchange]:
             reply = answered.get(vector.id)
             message = None if reply is None else reply_message(reply.fields)
             received = b"" if reply is None else reply.data
-            made.append(CodecExchange(vector.id, request_message(vector.fields), vector.data, message, received))
+            made.append(
+                CodecExchange(
+                    name=vector.id,
+                    request=request_message(vector.fields),
+                    sent=vector.data,
+                    reply=message,
+                    received=received,
+                )
+            )
         elif vector.fields.get("error"):
             asked = ReadRegisters(1, 101, 2) if vector.fields["function"] == 3 else WriteRegister(1, 101, 5)
             sent = codec_for(vector).encode_request(asked)
             made.append(
-                CodecExchange(vector.id, asked, sent, reply_message(vector.fields), vector.data, is_normal_reply=False)
+                CodecExchange(
+                    name=vector.id,
+                    request=asked,
+                    sent=sent,
+                    reply=reply_message(vector.fields),
+                    received=vector.data,
+                    is_normal_reply=False,
+                )
             )
     return made
 

@@ -67,10 +67,22 @@ SENTENCES: list[tuple[Any, str]] = [
     (sunfar.SunfarWriteParameter(1, 0, 0, 65536), "data 65536: expected 0 to 65535"),
     (sunfar.SunfarControl(1, SunfarOperation.SET_FREQUENCY, 65536), "data 65536: expected 0 to 65535"),
     (sunfar.SunfarControl(1, SunfarOperation.RUN_FORWARD, 1), "operation 01H takes no data, 1 given"),
-    (SunfarReply(31, SunfarResponse.OK, SunfarState.STOPPED, 0, 0, 0), "address 31: expected 0 to 30"),
-    (SunfarReply(1, SunfarResponse.OK, SunfarState.STOPPED, 16, 0, 0), "group 16: expected 0 to 15"),
-    (SunfarReply(1, SunfarResponse.OK, SunfarState.STOPPED, 0, 256, 0), "item 256: expected 0 to 255"),
-    (SunfarReply(1, SunfarResponse.OK, SunfarState.STOPPED, 0, 0, 65536), "data 65536: expected 0 to 65535"),
+    (
+        SunfarReply(address=31, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0, data=0),
+        "address 31: expected 0 to 30",
+    ),
+    (
+        SunfarReply(address=1, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=16, item=0, data=0),
+        "group 16: expected 0 to 15",
+    ),
+    (
+        SunfarReply(address=1, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=256, data=0),
+        "item 256: expected 0 to 255",
+    ),
+    (
+        SunfarReply(address=1, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0, data=65536),
+        "data 65536: expected 0 to 65535",
+    ),
 ]
 
 
@@ -272,10 +284,10 @@ def test_a_rejection_without_data_is_a_reply_whatever_its_code(encoding: Encodin
         SunfarResponse.PASSWORD,
         SunfarResponse.RESERVED,
     ):
-        reply = SunfarReply(5, response, SunfarState.STOPPED, 1, 2, 0)
+        reply = SunfarReply(address=5, response=response, state=SunfarState.STOPPED, group=1, item=2, data=0)
         assert codec.decode_reply(asked, codec.encode_reply(reply)) == Complete(reply, 18)
     for response in (SunfarResponse.BAD_CODE, SunfarResponse.BAD_ASCII, SunfarResponse.BAD_COMMAND):
-        reply = SunfarReply(5, response)
+        reply = SunfarReply(address=5, response=response)
         assert codec.decode_reply(asked, codec.encode_reply(reply)) == Complete(reply, 11)
 
 
@@ -283,8 +295,10 @@ def test_a_rejection_without_data_is_a_reply_whatever_its_code(encoding: Encodin
 def test_the_length_of_a_reply_is_decided_by_its_fourth_byte(encoding: Encoding) -> None:
     codec = CODECS[encoding]
     full, short = (
-        codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0)),
-        codec.encode_reply(SunfarReply(5, SunfarResponse.BAD_CODE)),
+        codec.encode_reply(
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+        ),
+        codec.encode_reply(SunfarReply(address=5, response=SunfarResponse.BAD_CODE)),
     )
     assert [codec.decode_reply(ASKED, full[:end]).need for end in range(18)] == [11] * 4 + [18] * 14
     assert [codec.decode_reply(ASKED, short[:end]).need for end in range(11)] == [11] * 11
@@ -294,7 +308,9 @@ def test_the_length_of_a_reply_is_decided_by_its_fourth_byte(encoding: Encoding)
 def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding) -> None:
     codec = CODECS[encoding]
     head = {"ascii": 0x2A, "hex": 0x5A}[encoding]
-    full = codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
+    full = codec.encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+    )
     total = sum(full[1:-5])
     other = (b"%04X" % (total ^ 1)) if encoding == "ascii" else (total ^ 1).to_bytes(4, "big")
     for data, kind, key, expected, found in (
@@ -311,7 +327,9 @@ def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding
 
 @pytest.mark.parametrize("place", [1, 2, 4, 9, 13, 16])
 def test_the_place_of_a_byte_that_is_no_ascii_digit_is_reported(place: int) -> None:
-    full = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
+    full = CODECS["ascii"].encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+    )
     with pytest.raises(AlphabetError) as caught:
         CODECS["ascii"].decode_reply(ASKED, spoiled(full, place, ord("g")))
     assert (caught.value.found, caught.value.params["position"]) == (ord("g"), place)
@@ -322,7 +340,9 @@ def test_the_place_of_a_byte_that_is_no_ascii_digit_is_reported(place: int) -> N
 
 @pytest.mark.parametrize(("place", "byte"), [(1, 1), (4, 0x10), (6, 0x10), (7, 1), (9, 1), (10, 255)])
 def test_the_place_of_a_bit_that_a_packed_field_leaves_0_is_reported(place: int, byte: int) -> None:
-    full = CODECS["hex"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
+    full = CODECS["hex"].encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+    )
     with pytest.raises(AlphabetError) as caught:
         CODECS["hex"].decode_reply(ASKED, spoiled(full, place, byte))
     assert (caught.value.key, caught.value.expected) == ("protocols.sunfar.stray", 0)
@@ -398,9 +418,11 @@ def test_a_codec_names_its_family_and_encoding() -> None:
 @pytest.mark.parametrize("place", range(-5, -1))
 def test_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place: int) -> None:
     codec = SunfarCodec("hex", nibble=True)
-    full = codec.encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0))
+    full = codec.encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+    )
     assert codec.decode_reply(ASKED, full) == Complete(
-        SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 10, 0), 18
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0), 18
     )
     with pytest.raises(ProtocolError):
         codec.decode_reply(ASKED, spoiled(full, place, full[place] ^ 1))
@@ -417,10 +439,12 @@ def test_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None:
 
 @both
 def test_an_identity_in_a_fault_is_sent_with_the_fault_code_in_its_place(encoding: Encoding) -> None:
-    reply = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 2, fault_code=0x1F, info="--ABCD")
+    reply = SunfarReply(
+        address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=2, fault_code=0x1F, info="--ABCD"
+    )
     data = CODECS[encoding].encode_reply(reply)
     assert data == BUILD[encoding].build(WRITE_LAYOUT, 5, 0, 0x20, 2, 0x1F, 0xABCD)
-    plain = SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 2, info="F0ABCD")
+    plain = SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=2, info="F0ABCD")
     assert CODECS[encoding].encode_reply(plain) == BUILD[encoding].build(IDENTITY_LAYOUT, 5, 0, 3, 2, 15, 0, 0xABCD)
 
 
@@ -428,24 +452,32 @@ def test_an_identity_in_a_fault_is_sent_with_the_fault_code_in_its_place(encodin
 @pytest.mark.parametrize("info", ["12345", "1234567", "12345x", "12345g", "12345a", ""])
 def test_an_identity_has_six_digits(encoding: Encoding, info: str) -> None:
     with pytest.raises(ValueError, match=f"^info '{info}': expected six digits$"):
-        CODECS[encoding].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 2, info=info))
+        CODECS[encoding].encode_reply(
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=2, info=info)
+        )
 
 
 @both
 def test_a_full_reply_needs_all_its_fields(encoding: Encoding) -> None:
     for reply, sentence in (
-        (SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, None, 0, 0), "a full reply has a state and a group"),
-        (SunfarReply(5, SunfarResponse.OK, None, 0, 0, 0), "a full reply has a state and a group"),
         (
-            SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, None, 0),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=None, item=0, data=0),
+            "a full reply has a state and a group",
+        ),
+        (
+            SunfarReply(address=5, response=SunfarResponse.OK, state=None, group=0, item=0, data=0),
+            "a full reply has a state and a group",
+        ),
+        (
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=None, data=0),
             "a full reply has data and an item, or in a fault its code",
         ),
         (
-            SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 0, None),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0, data=None),
             "a full reply has data and an item, or in a fault its code",
         ),
         (
-            SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, 7, 0),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=0, item=7, data=0),
             "a full reply has data and an item, or in a fault its code",
         ),
     ):

@@ -43,9 +43,9 @@ def test_every_reply_comes_back(
     encoding: Encoding, address: int, response: SunfarResponse, state: SunfarState, group: int, item: int, data: int
 ) -> None:
     reply = (
-        SunfarReply(address, response)
+        SunfarReply(address=address, response=response)
         if response.is_short
-        else SunfarReply(address, response, state, group, item, data)
+        else SunfarReply(address=address, response=response, state=state, group=group, item=item, data=data)
     )
     frame = CODECS[encoding].encode_reply(reply)
     assert len(frame) == (11 if response.is_short else 18)
@@ -56,14 +56,22 @@ def test_every_reply_comes_back(
 def test_every_fault_comes_back_with_its_code_and_no_item(
     encoding: Encoding, address: int, group: int, code: int, data: int
 ) -> None:
-    reply = SunfarReply(address, SunfarResponse.OK, SunfarState.FAULT, group, None, data, fault_code=code)
+    reply = SunfarReply(
+        address=address,
+        response=SunfarResponse.OK,
+        state=SunfarState.FAULT,
+        group=group,
+        item=None,
+        data=data,
+        fault_code=code,
+    )
     frame = CODECS[encoding].encode_reply(reply)
     assert decode_accepted(sunfar.SunfarReadParameter(address, group, 99), frame, encoding) == reply
 
 
 @given(encodings, addresses, groups, states, st.text("0123456789ABCDEF", min_size=6, max_size=6))
 def test_every_identity_comes_back(encoding: Encoding, address: int, group: int, state: SunfarState, info: str) -> None:
-    reply = SunfarReply(address, SunfarResponse.OK, state, group, info=info)
+    reply = SunfarReply(address=address, response=SunfarResponse.OK, state=state, group=group, info=info)
     frame = CODECS[encoding].encode_reply(reply)
     assert decode_accepted(sunfar.ReadIdentity(address, group), frame, encoding) == reply
 
@@ -73,7 +81,9 @@ def test_every_identity_comes_back(encoding: Encoding, address: int, group: int,
 def test_an_identity_in_a_fault_has_neither_the_digits_nor_a_fault_code(encoding: Encoding, code: int) -> None:
     """[OPEN] whether digits 7-8 are the code or the information: neither is believed."""
     frame = CODECS[encoding].encode_reply(
-        SunfarReply(3, SunfarResponse.OK, SunfarState.FAULT, 0, data=0x0185, fault_code=code)
+        SunfarReply(
+            address=3, response=SunfarResponse.OK, state=SunfarState.FAULT, group=0, data=0x0185, fault_code=code
+        )
     )
     found = decode_accepted(sunfar.ReadIdentity(3, 0), frame, encoding)
     assert (found.info, found.fault_code, found.item, found.state) == ("--0185", None, None, SunfarState.FAULT)
@@ -86,26 +96,53 @@ MONITOR = sunfar.ReadMonitor(5, 0x0F)
 @pytest.mark.parametrize(
     ("request_", "reply", "expected", "found"),
     [
-        (MONITOR, SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 0x0F, 7), 0, 1),
-        (MONITOR, SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 0x0E, 7), 0x0F, 0x0E),
-        (sunfar.SunfarReadParameter(5, 2, 1), SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 1, 7), 2, 0),
-        (sunfar.SunfarReadParameter(5, 2, 1), SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 2, 2, 7), 1, 2),
+        (
+            MONITOR,
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=0x0F, data=7),
+            0,
+            1,
+        ),
+        (
+            MONITOR,
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0x0E, data=7),
+            0x0F,
+            0x0E,
+        ),
         (
             sunfar.SunfarReadParameter(5, 2, 1),
-            SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 3, None, 7, fault_code=1),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=1, data=7),
+            2,
+            0,
+        ),
+        (
+            sunfar.SunfarReadParameter(5, 2, 1),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=2, item=2, data=7),
+            1,
+            2,
+        ),
+        (
+            sunfar.SunfarReadParameter(5, 2, 1),
+            SunfarReply(
+                address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=3, item=None, data=7, fault_code=1
+            ),
             2,
             3,
         ),
-        (sunfar.ReadIdentity(5, 1), SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, info="400022"), 1, 0),
+        (
+            sunfar.ReadIdentity(5, 1),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, info="400022"),
+            1,
+            0,
+        ),
         (
             sunfar.SunfarWriteParameter(5, 2, 1, 7),
-            SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 2, 1, 8),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=2, item=1, data=8),
             7,
             8,
         ),
         (
             sunfar.SunfarControl(5, SunfarOperation.STOP),
-            SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 1, 0, 0),
+            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=0, data=0),
             0,
             1,
         ),
@@ -123,8 +160,8 @@ def test_a_field_that_the_drive_echoes_must_fit(
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_another_stations_whole_reply_can_be_dropped_by_its_size(encoding: Encoding) -> None:
     for reply, size in (
-        (SunfarReply(6, SunfarResponse.OK, SunfarState.STOPPED, 0, 0x0F, 7), 18),
-        (SunfarReply(6, SunfarResponse.BAD_CODE), 11),
+        (SunfarReply(address=6, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0x0F, data=7), 18),
+        (SunfarReply(address=6, response=SunfarResponse.BAD_CODE), 11),
     ):
         with pytest.raises(AddressError) as caught:
             CODECS[encoding].decode_reply(MONITOR, CODECS[encoding].encode_reply(reply))
@@ -174,7 +211,11 @@ def test_a_short_reply_with_a_state_is_none() -> None:
 
 
 def test_the_end_mark_is_only_looked_for_where_the_length_puts_it() -> None:
-    frame = CODECS["hex"].encode_reply(SunfarReply(0x0D, SunfarResponse.OK, SunfarState.STOPPED, 0xD, 0x0D, 0x2A5A))
+    frame = CODECS["hex"].encode_reply(
+        SunfarReply(
+            address=0x0D, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0xD, item=0x0D, data=0x2A5A
+        )
+    )
     assert frame.count(b"\r") == 4
     assert decode_accepted(sunfar.SunfarReadParameter(0x0D, 0xD, 0x0D), frame, "hex").data == 0x2A5A
     with pytest.raises(TerminatorError) as caught:
@@ -185,7 +226,9 @@ def test_the_end_mark_is_only_looked_for_where_the_length_puts_it() -> None:
 def test_the_other_encodings_head_is_not_accepted() -> None:
     for mine, other in (("ascii", "hex"), ("hex", "ascii")):
         with pytest.raises(HeaderError):
-            CODECS[mine].decode_reply(MONITOR, CODECS[other].encode_reply(SunfarReply(5, SunfarResponse.BAD_CODE))[:1])
+            CODECS[mine].decode_reply(
+                MONITOR, CODECS[other].encode_reply(SunfarReply(address=5, response=SunfarResponse.BAD_CODE))[:1]
+            )
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -197,7 +240,9 @@ def test_the_data_of_a_control_reply_are_published_only_under_the_expected_item(
 ) -> None:
     request = sunfar.SunfarControl(5, SunfarOperation.RUN_FORWARD_AT, 999, expected_item)
     frame = CODECS[encoding].encode_reply(
-        SunfarReply(5, SunfarResponse.OK, SunfarState.ACCELERATING_FORWARD, 0, item, 540)
+        SunfarReply(
+            address=5, response=SunfarResponse.OK, state=SunfarState.ACCELERATING_FORWARD, group=0, item=item, data=540
+        )
     )
     found = decode_accepted(request, frame, encoding)
     assert (found.state, found.response) == (SunfarState.ACCELERATING_FORWARD, SunfarResponse.OK)
@@ -206,7 +251,9 @@ def test_the_data_of_a_control_reply_are_published_only_under_the_expected_item(
 
 def test_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -> None:
     """Their bytes are the same, so no command is confirmed by its own reply ()."""
-    frame = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 2, 7))
+    frame = CODECS["ascii"].encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=2, data=7)
+    )
     asked: list[sunfar.SunfarRequest] = [
         sunfar.SunfarControl(5, SunfarOperation.STOP, expected_item=2),
         sunfar.ReadMonitor(5, 2),
@@ -236,7 +283,9 @@ def test_the_echo_of_ones_own_request_is_never_taken_for_success(
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_rejected_write_is_accepted_as_reply_and_its_echo_is_not(encoding: Encoding) -> None:
     request = sunfar.SunfarWriteParameter(5, 2, 1, 7)
-    refused = SunfarReply(5, SunfarResponse.PASSWORD, SunfarState.NOT_READY, 2, 1, 0)
+    refused = SunfarReply(
+        address=5, response=SunfarResponse.PASSWORD, state=SunfarState.NOT_READY, group=2, item=1, data=0
+    )
     assert decode_accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
     with pytest.raises(EchoError) as caught:
         CODECS[encoding].decode_reply(request, CODECS[encoding].encode_request(request))
@@ -251,7 +300,7 @@ def test_a_rejected_write_carries_0000_and_nothing_else(
 ) -> None:
     """Note of section 3 (4). A refusal with data is a damaged "done", or our own echo."""
     request = sunfar.SunfarWriteParameter(5, 2, 1, 7, save)
-    refused = SunfarReply(5, response, SunfarState.STOPPED, 2, 1, 0)
+    refused = SunfarReply(address=5, response=response, state=SunfarState.STOPPED, group=2, item=1, data=0)
     assert decode_accepted(request, CODECS[encoding].encode_reply(refused), encoding) == refused
     for data in (7, 8):
         with pytest.raises(EchoError) as caught:
@@ -260,7 +309,9 @@ def test_a_rejected_write_carries_0000_and_nothing_else(
 
 
 def test_a_write_of_0_is_rejected_like_its_echo() -> None:
-    refused = SunfarReply(5, SunfarResponse.PASSWORD, SunfarState.NOT_READY, 2, 1, 0)
+    refused = SunfarReply(
+        address=5, response=SunfarResponse.PASSWORD, state=SunfarState.NOT_READY, group=2, item=1, data=0
+    )
     request = sunfar.SunfarWriteParameter(5, 2, 1, 0)
     assert decode_accepted(request, CODECS["ascii"].encode_reply(refused)) == refused
 
@@ -268,7 +319,11 @@ def test_a_write_of_0_is_rejected_like_its_echo() -> None:
 def test_two_neighbours_that_change_places_do_not_turn_done_into_rejected() -> None:
     """No sum sees it: "done, accelerating" becomes "out of range, running forward"."""
     request = sunfar.SunfarWriteParameter(5, 2, 1, 7)
-    done = CODECS["ascii"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.ACCELERATING_FORWARD, 2, 1, 7))
+    done = CODECS["ascii"].encode_reply(
+        SunfarReply(
+            address=5, response=SunfarResponse.OK, state=SunfarState.ACCELERATING_FORWARD, group=2, item=1, data=7
+        )
+    )
     swapped = done[:3] + done[4:5] + done[3:4] + done[5:]
     assert (done[3:6], swapped[3:6]) == (b"011", b"101")
     with pytest.raises(EchoError):
@@ -301,7 +356,9 @@ def test_an_error_carries_both_numbers(frame: bytes, english: str, chinese: str)
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_command_that_expects_no_monitor_takes_no_data_of_a_fault_either(encoding: Encoding) -> None:
-    message = SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, None, 7, fault_code=3)
+    message = SunfarReply(
+        address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=0, item=None, data=7, fault_code=3
+    )
     found = decode_accepted(
         sunfar.SunfarControl(5, SunfarOperation.STOP), CODECS[encoding].encode_reply(message), encoding
     )

@@ -69,7 +69,7 @@ def test_data_stay_packed_and_ambiguous_where_the_other_fields_disagree() -> Non
 def test_a_packed_frame_is_read_as_packed_whatever_its_data(
     address: int, state: SunfarState, group: int, item: int, data: int
 ) -> None:
-    reply = SunfarReply(address, SunfarResponse.OK, state, group, item, data)
+    reply = SunfarReply(address=address, response=SunfarResponse.OK, state=state, group=group, item=item, data=data)
     frame = CODECS["hex"].encode_reply(reply)
     found = decode_accepted(sunfar.SunfarReadParameter(address, group, item), frame, "hex", nibble=True)
     assert dataclasses.replace(found, nibble_data=None) == reply
@@ -79,7 +79,9 @@ def test_a_packed_frame_is_read_as_packed_whatever_its_data(
 
 
 def test_527_volts_are_ambiguous_with_nibbles_and_plain_without() -> None:
-    frame = CODECS["hex"].encode_reply(SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 4, 527))
+    frame = CODECS["hex"].encode_reply(
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=4, data=527)
+    )
     assert decode_accepted(sunfar.ReadMonitor(5, 4), frame, "hex").nibble_data is None
     assert decode_accepted(sunfar.ReadMonitor(5, 4), frame, "hex", nibble=True).nibble_data == 0x2F
 
@@ -119,7 +121,7 @@ def test_a_station_decodes_the_operation_in_every_class(
 def test_an_unknown_class_of_any_length_is_answered_with_code_8(encoding: Encoding, kind: int, layout: Any) -> None:
     shape, rest = layout
     frame = FORMS[encoding].build(shape, 7, kind, *rest)
-    assert answer(frame, encoding) == SunfarReply(7, SunfarResponse.BAD_COMMAND)
+    assert answer(frame, encoding) == SunfarReply(address=7, response=SunfarResponse.BAD_COMMAND)
     for end in range(len(frame)):
         assert isinstance(CODECS[encoding].decode_request(frame[:end]), Incomplete)
 
@@ -133,22 +135,22 @@ def test_an_unknown_operation_is_answered_with_code_8(encoding: Encoding) -> Non
     known = {int(operation) for operation in SunfarOperation}
     for operation in set(range(256)) - known:
         assert answer(FORMS[encoding].build(CONTROL_LAYOUT, 7, 4, operation, 0), encoding) == SunfarReply(
-            7, SunfarResponse.BAD_COMMAND
+            address=7, response=SunfarResponse.BAD_COMMAND
         )
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_group_or_item_that_the_class_does_not_have_is_answered_with_code_6(encoding: Encoding) -> None:
     assert answer(FORMS[encoding].build(READ_LAYOUT, 7, 1, 0, 3, 0), encoding) == SunfarReply(
-        7, SunfarResponse.BAD_CODE
+        address=7, response=SunfarResponse.BAD_CODE
     )
     assert answer(FORMS[encoding].build(READ_LAYOUT, 7, 0, 0, 0, 9), encoding) == SunfarReply(
-        7, SunfarResponse.BAD_CODE
+        address=7, response=SunfarResponse.BAD_CODE
     )
 
 
 def test_an_illegal_character_is_answered_with_code_7_where_the_address_can_be_read() -> None:
-    assert answer(b"*0710000x0188\r") == SunfarReply(7, SunfarResponse.BAD_ASCII)
+    assert answer(b"*0710000x0188\r") == SunfarReply(address=7, response=SunfarResponse.BAD_ASCII)
     assert answer(b"*0x1000000188\r") is None
 
 
@@ -170,12 +172,12 @@ def test_no_station_sends_an_error_reply_to_a_broadcast() -> None:
 @pytest.mark.parametrize(
     "reply",
     [
-        SunfarReply(31, SunfarResponse.BAD_CODE),
-        SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 1),
-        SunfarReply(5, SunfarResponse.OK, None, 0, 1, 2),
-        SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, 256, 2),
-        SunfarReply(5, SunfarResponse.OK, SunfarState.STOPPED, 0, info="40-022"),
-        SunfarReply(5, SunfarResponse.OK, SunfarState.FAULT, 0, 1, 2),
+        SunfarReply(address=31, response=SunfarResponse.BAD_CODE),
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=1),
+        SunfarReply(address=5, response=SunfarResponse.OK, state=None, group=0, item=1, data=2),
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=256, data=2),
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, info="40-022"),
+        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=0, item=1, data=2),
     ],
     ids=repr,
 )

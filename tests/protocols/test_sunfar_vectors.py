@@ -103,7 +103,7 @@ def test_a_strict_station_answers_code_7_to_the_manuals_digits() -> None:
     with pytest.raises(AlphabetError) as caught:
         strict(vector).decode_request(vector.data)
     assert caught.value.found == 0x3A
-    assert sunfar.error_reply(caught.value) == sunfar.SunfarReply(0, SunfarResponse.BAD_ASCII)
+    assert sunfar.error_reply(caught.value) == sunfar.SunfarReply(address=0, response=SunfarResponse.BAD_ASCII)
 
 
 @pytest.mark.parametrize(("name", "error"), [("4.5", ChecksumError), ("4.6", AlphabetError)])

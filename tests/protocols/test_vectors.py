@@ -23,7 +23,7 @@ PROSE = {"$schema", "title", "description", "$defs"}
 
 
 def faults(value: Any, schema: dict[str, Any], where: str = "") -> list[str]:
-    """What is wrong with a value, for the keywords that our schema uses; an unknown keyword is a fault too."""
+    """Return the faults of a value, for the keywords that our schema uses; an unknown keyword is a fault too."""
     found: list[str] = []
     for keyword, wanted in schema.items():
         if keyword not in PROSE:

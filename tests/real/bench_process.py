@@ -54,7 +54,7 @@ class MarkedPort:
 
 
 class RecordedBus:
-    """One wire with its drives, and a pty for each link of the specification."""
+    """Wire with its drives, and a pty for each link of the specification."""
 
     def __init__(self, number: int, specification: dict[str, Any], record: JsonLineRecord) -> None:
         self.number, self.specification, self.record = number, specification, record

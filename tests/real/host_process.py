@@ -35,7 +35,8 @@ def print_event(**event: Any) -> None:
 def slow_machine_drive(bus: Bus, model: str, address: int = 1) -> Drive:
     """Return a drive whose replies may be 0.3 s late, because the machine may be busy."""
     timing = replace(profiles.load(model).timing, adapter_latency_s=0.3)
-    return Drive(bus, model, address, store=MemoryStore(), timing=timing)
+    options = {"setpoint_step": "0.01"} if model == "c320" else {}
+    return Drive(bus, model, address, options=options, store=MemoryStore(), timing=timing)
 
 
 async def run(model: str, urls: list[str]) -> None:
@@ -91,13 +92,19 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
             family="sunfar",
         )
     )
-    return BusRequest(drive.address, frame.request, RequestPriority.COMMAND, frame.retry_policy, permit)
+    return BusRequest(
+        station=drive.address,
+        request=frame.request,
+        priority=RequestPriority.COMMAND,
+        retry_policy=frame.retry_policy,
+        permit=permit,
+    )
 
 
 async def queue(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
         drives = [slow_machine_drive(bus, model, address) for address in range(1, count + 1)]
-        first = asyncio.create_task(bus.transact(BusRequest(1, drives[0].dialect.echo_test_read())))
+        first = asyncio.create_task(bus.transact(BusRequest(station=1, request=drives[0].dialect.echo_test_read())))
         await asyncio.sleep(0)
         starts = [asyncio.create_task(bus.transact(start_of(bus, drive))) for drive in drives]
         await asyncio.sleep(0)

@@ -22,6 +22,8 @@ C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
 SLOW_MACHINE_PROFILE = """format = 1
 extends = "c320"
 model = "slow_adapter"
+[options]
+setpoint_step.value = "0.01"
 [timing]
 adapter_latency_s = 0.3
 evidence = "user"
@@ -30,7 +32,7 @@ STEP_S = 0.01
 """Interval at which the plant samples its motors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordedRequest:
     """A request on the wire: seconds of its first and last bit, and its effect by the manual alone."""
 
@@ -110,7 +112,11 @@ class RecordedPlant:
             if each["what"] == "request" and each["line"] == line and each["t"] > since:
                 for data in split(given["model"], bytes.fromhex(each["data"])):
                     address, effect = classify_request(given["model"], given.get("encoding", "ascii"), data)
-                    found.append(RecordedRequest(each["t"], each["end"], address, effect, data, each["host"]))
+                    found.append(
+                        RecordedRequest(
+                            t=each["t"], end=each["end"], address=address, effect=effect, data=data, host=each["host"]
+                        )
+                    )
         return found
 
     def motor_changes(self, line: int = 0, since: float = 0.0) -> list[MotorChange]:

@@ -62,16 +62,16 @@ async def test_a_marked_byte_voids_its_frame_at_any_position(plants: Plants, nam
     events: list[TraceEvent] = []
     async with host(plant, specification["model"], specification["encoding"]) as bus:
         bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
-        clean = await bus.transact(BusRequest(1, request))
+        clean = await bus.transact(BusRequest(station=1, request=request))
         assert clean.error is None
         bus.trace(events.append)
         size = len(clean.received)
         for place in range(size):
             plant.order(mark=[place])
-            answer = await bus.transact(BusRequest(1, request))
+            answer = await bus.transact(BusRequest(station=1, request=request))
             assert answer.error is None and answer.reply == clean.reply
         plant.order(mark=[0, size - 1])
-        answer = await bus.transact(BusRequest(1, request))
+        answer = await bus.transact(BusRequest(station=1, request=request))
         assert isinstance(answer.error, LineError) and answer.reply is None
         voided = [one for one in events if one.kind is TraceKind.INVALID]
     assert [type(one.error) for one in voided] == [LineError] * (size + 2), "each of them, and nothing else"
@@ -86,7 +86,7 @@ async def test_a_good_ff_survives_the_doubling(plants: Plants, name: str) -> Non
     plant = plants({**specification, "marks": True})
     async with host(plant, specification["model"], specification["encoding"]) as bus:
         bus.port._mark_decoder = ParityMarkDecoder()  # type: ignore[attr-defined]
-        answer = await bus.transact(BusRequest(1, request))
+        answer = await bus.transact(BusRequest(station=1, request=request))
     assert value(answer.reply) == FF
     assert all("01ffff" in data for data, _ in delivered_replies(plant)), "the far end doubled it"
 
@@ -99,7 +99,7 @@ async def test_a_good_ff_survives_a_kernel_that_marks(plants: Plants, monkeypatc
     plant = plants(specification)
     async with host(plant, "vc660", "rtu") as bus:
         assert isinstance(bus.port._mark_decoder, ParityMarkDecoder)  # type: ignore[attr-defined]
-        answer = await bus.transact(BusRequest(1, request))
+        answer = await bus.transact(BusRequest(station=1, request=request))
     assert value(answer.reply) == FF
 
 

@@ -13,7 +13,7 @@ from drivebus.errors import ArmRequired, ControlNotHeld, InvalidParameters, NotF
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right, Role
 from drivebus.testing.virtual_time import run
-from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
+from fixtures.service import LOCAL, FakeAuditTrail, ServiceKit, remote_actor, running_service
 
 
 def test_every_drive_is_online_within_seconds() -> None:
@@ -24,6 +24,20 @@ def test_every_drive_is_online_within_seconds() -> None:
             assert [view["presence"] for view in found] == ["online"] * 4
             assert [view["state"] for view in found] == ["stopped"] * 4
             assert found[0]["signals"]["output_frequency"]["quality"] == "good"
+
+    run(scenario())
+
+
+def test_a_trail_that_was_cut_and_a_replaced_key_are_alarms_at_the_start() -> None:
+    async def scenario() -> None:
+        async with running_service(trail=FakeAuditTrail(records_missing=True, key_replaced=True)) as kit:
+            found = {alarm.kind: alarm.text.en for alarm in kit.service.plant.alarms.active()}
+            assert "records or checkpoints were missing" in found["audit_incomplete"]
+            assert "another key" in found["audit_key_replaced"]
+        async with running_service() as kit:
+            assert not {"audit_incomplete", "audit_key_replaced"} & {
+                alarm.kind for alarm in kit.service.plant.alarms.active()
+            }
 
     run(scenario())
 

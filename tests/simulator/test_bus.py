@@ -16,7 +16,7 @@ from drivebus.protocols import modbus, sunfar
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.models.catalog import make_station, parse_addresses
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedStation
 from fixtures.simulator import SimulatorClient, run_virtual
 
 STATUS = modbus.ReadRegisters(1, 0x3000, 4)
@@ -36,7 +36,7 @@ def test_a_station_class_without_its_own_methods_cannot_be_instantiated(missing:
         name: lambda self: None for name in {"handle_request", "reply_delay_s", "trip_code", "power_up"} - {missing}
     }
     with pytest.raises(TypeError, match=missing):
-        type("IncompleteStation", (Station,), methods)(1, {})
+        type("IncompleteStation", (SimulatedStation,), methods)(1, {})
 
 
 def test_a_transaction_takes_the_computed_time() -> None:

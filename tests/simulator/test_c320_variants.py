@@ -22,7 +22,14 @@ from fixtures.simulator import SimulatorClient
 def test_each_encoding_is_the_one_in_the_manual() -> None:
     """The digit ten is 3AH, and the checksum is of the changed digits."""
     strict = sunfar.SunfarCodec().encode_reply(
-        sunfar.SunfarReply(5, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, 1, 0x0A, 0x0016)
+        sunfar.SunfarReply(
+            address=5,
+            response=sunfar.SunfarResponse.OK,
+            state=sunfar.SunfarState.STOPPED,
+            group=1,
+            item=0x0A,
+            data=0x0016,
+        )
     )
     tolerant = c320.tolerant_digits(strict)
     assert b"A" in strict[1:-5] and b":" in tolerant[1:-5] and b"A" not in tolerant[1:-5]
@@ -43,8 +50,8 @@ def test_a_drive_of_any_encoding_runs_at_the_frequency_of_the_configured_master(
             status = await drive.status()
             assert status.state == "running"
             assert status.readings["output_frequency"].value == pytest.approx(30.0, abs=0.05)
-            assert (await drive.write({"F1.10": 0x0ABC})).status == "confirmed"
-            assert (await drive.read(["F1.10"]))["F1.10"].value == 0x0ABC
+            assert (await drive.write({"F9.4": 0x0ABC})).status == "confirmed"
+            assert (await drive.read(["F9.4"]))["F9.4"].value == 0x0ABC
             assert (await drive.stop()).status == "confirmed"
 
     run(scenario())
@@ -56,9 +63,9 @@ def test_a_strict_master_publishes_nothing_of_the_other_encoding(encoding: str, 
         port = open_port(f"sim://c320@1?{variant}")
         async with Bus(port) as bus:
             drive = Drive(bus, "c320", 1, encoding=encoding)
-            simulated_bus_of(port).station(1).keypad_set(0x010A, 0x0ABC)
+            simulated_bus_of(port).station(1).keypad_set(0x0904, 0x0ABC)
             with contextlib.suppress(ProtocolError, NoReply):
-                assert (await drive.read(["F1.10"]))["F1.10"].value is None
+                assert (await drive.read(["F9.4"]))["F9.4"].value is None
             assert set(bus.statistics().errors) & {"AlphabetError", "ChecksumError"}
 
     run(scenario())

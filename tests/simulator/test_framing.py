@@ -12,10 +12,10 @@ from drivebus.protocols.codec import Codec
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FrameReceiver, FramingRule, ReceivedFrame
 from drivebus.simulator.models.catalog import make_station
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedStation
 
 LINE = SerialSettings(9600)
-RTU_RULE = FramingRule(3.5, ends_by_silence=True)
+RTU_RULE = FramingRule(gap_characters=3.5, ends_by_silence=True)
 READ = modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0x3000, 4))
 KINDS = [("c320", {}), ("dzb100", {}), ("vc660", {}), ("df800", {}), ("df800", {"encoding": "ascii"})]
 
@@ -24,12 +24,12 @@ def rtu() -> FrameReceiver:
     return FrameReceiver((modbus.ModbusRtuCodec(),), RTU_RULE, LINE)
 
 
-def received_frames(station: Station, data: bytes) -> list[ReceivedFrame]:
+def received_frames(station: SimulatedStation, data: bytes) -> list[ReceivedFrame]:
     receiver = FrameReceiver(station.codecs, station.rule, LINE)
     return receiver.feed(data, 0, 1.0) + receiver.on_silence()
 
 
-def execute(station: Station, frame: ReceivedFrame, now: float) -> None:
+def execute(station: SimulatedStation, frame: ReceivedFrame, now: float) -> None:
     if frame.address == station.address:
         station.handle_frame(frame.message, frame.codec, LINE, now, error=frame.error)
 

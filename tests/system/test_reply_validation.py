@@ -14,7 +14,7 @@ import pytest
 from drivebus.bus import Bus, Poll
 from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import Drive, MemoryStore
-from drivebus.errors import NoReply, StartInhibited
+from drivebus.errors import AddressError, NoReply, StartInhibited
 from drivebus.ports import open_port
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
@@ -121,7 +121,14 @@ def permitted_write(bench: SystemBench, address: int, request: Any) -> BusReques
         stop_epoch=bench.bus.stop_epoch(address),
         command_id="test",
     )
-    return BusRequest(address, request, RequestPriority.COMMAND, RetryPolicy.EDGE_TRIGGERED, permit, until)
+    return BusRequest(
+        station=address,
+        request=request,
+        priority=RequestPriority.COMMAND,
+        retry_policy=RetryPolicy.EDGE_TRIGGERED,
+        permit=permit,
+        expires_at=until,
+    )
 
 
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
@@ -145,13 +152,19 @@ def test_a_wrong_echo_setting_never_forges_an_acknowledgement(
             for number in range(120):
                 if number % 3 == 0:
                     await bench.bus.transact(
-                        BusRequest(1, bench.drives[1].dialect.echo_test_read(), RequestPriority.COMMAND)
+                        BusRequest(
+                            station=1,
+                            request=bench.drives[1].dialect.echo_test_read(),
+                            priority=RequestPriority.COMMAND,
+                        )
                     )
                 result = await bench.bus.transact(permitted_write(bench, 2, writes[number % len(writes)]))
                 assert result.error is not None and result.reply is None
             if setting == "detect" or (setting == "on") is echoes:
                 accepted = await bench.bus.transact(
-                    BusRequest(1, bench.drives[1].dialect.echo_test_read(), RequestPriority.COMMAND)
+                    BusRequest(
+                        station=1, request=bench.drives[1].dialect.echo_test_read(), priority=RequestPriority.COMMAND
+                    )
                 )
                 assert accepted.error is None, "the replies of the other drive are received"
 
@@ -270,11 +283,15 @@ def test_a_reply_under_a_wrong_address_belongs_to_no_station(variant: SystemVari
             bench.station(1).faults.wrong_address = 2
             for _ in range(20):
                 rejected = await bench.bus.transact(
-                    BusRequest(1, bench.drives[1].dialect.echo_test_read(), RequestPriority.COMMAND)
+                    BusRequest(
+                        station=1, request=bench.drives[1].dialect.echo_test_read(), priority=RequestPriority.COMMAND
+                    )
                 )
-                assert isinstance(rejected.error, NoReply)
+                assert isinstance(rejected.error, NoReply | AddressError)
                 accepted = await bench.bus.transact(
-                    BusRequest(2, bench.drives[2].dialect.echo_test_read(), RequestPriority.COMMAND)
+                    BusRequest(
+                        station=2, request=bench.drives[2].dialect.echo_test_read(), priority=RequestPriority.COMMAND
+                    )
                 )
                 assert accepted.error is None or isinstance(accepted.error, NoReply)
             outcome = await outcome_or_error(bench.drives[1].run(10.0))

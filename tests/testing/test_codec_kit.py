@@ -57,8 +57,14 @@ class Toy:
 
 
 EXCHANGES = [
-    CodecExchange("speed", (3, 7), bytes.fromhex("55 03 07 5F"), (3, 7), bytes.fromhex("56 03 07 60")),
-    CodecExchange("all stop", (0, 0), bytes.fromhex("55 00 00 55")),
+    CodecExchange(
+        name="speed",
+        request=(3, 7),
+        sent=bytes.fromhex("55 03 07 5F"),
+        reply=(3, 7),
+        received=bytes.fromhex("56 03 07 60"),
+    ),
+    CodecExchange(name="all stop", request=(0, 0), sent=bytes.fromhex("55 00 00 55")),
 ]
 
 
@@ -154,7 +160,7 @@ def test_a_protocol_without_a_check_gets_its_accepted_flips_counted() -> None:
 
 
 def test_a_wrong_vector_is_reported() -> None:
-    wrong = CodecExchange("speed", (3, 8), bytes.fromhex("55 03 07 5F"))
+    wrong = CodecExchange(name="speed", request=(3, 8), sent=bytes.fromhex("55 03 07 5F"))
     with pytest.raises(CodecFault) as caught:
         check_codec(Toy(), [wrong])
     assert caught.value.rule == "encode_request returns the known bytes"

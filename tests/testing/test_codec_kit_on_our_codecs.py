@@ -40,7 +40,15 @@ def sunfar_request(fields: dict[str, Any]) -> sunfar.SunfarRequest:
 def sunfar_reply(fields: dict[str, Any]) -> sunfar.SunfarReply:
     item, data = (None, None) if "info" in fields else (fields["item"], fields["data"])
     state, response = sunfar.SunfarState(fields["state"]), sunfar.SunfarResponse(fields["response"])
-    return sunfar.SunfarReply(fields["address"], response, state, fields["group"], item, data, info=fields.get("info"))
+    return sunfar.SunfarReply(
+        address=fields["address"],
+        response=response,
+        state=state,
+        group=fields["group"],
+        item=item,
+        data=data,
+        info=fields.get("info"),
+    )
 
 
 def dzb100_request(fields: dict[str, Any]) -> dzb100.Dzb100Request:
@@ -56,7 +64,9 @@ def dzb100_request(fields: dict[str, Any]) -> dzb100.Dzb100Request:
 
 def dzb100_reply(fields: dict[str, Any]) -> dzb100.Dzb100Reply:
     index = fields["command"] if fields["head"] == "C" else fields["parameter"]
-    return dzb100.Dzb100Reply(fields["head"], fields["address"], index, fields["data"], fields["accepted"])
+    return dzb100.Dzb100Reply(
+        head=fields["head"], address=fields["address"], index=index, data=fields["data"], accepted=fields["accepted"]
+    )
 
 
 def modbus_request(fields: dict[str, Any]) -> Any:
@@ -100,7 +110,15 @@ def exchanges(family: str, encoding: str) -> list[CodecExchange]:
             fields = None if reply is None else reply.fields | reply.line.get("meant", {})
             message = None if fields is None else make_reply(fields)
             received = b"" if reply is None else reply.canonical or reply.data
-            made.append(CodecExchange(vector.id, make_request(vector.fields), sendable(vector), message, received))
+            made.append(
+                CodecExchange(
+                    name=vector.id,
+                    request=make_request(vector.fields),
+                    sent=sendable(vector),
+                    reply=message,
+                    received=received,
+                )
+            )
     return made
 
 

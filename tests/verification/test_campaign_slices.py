@@ -35,7 +35,7 @@ def test_every_campaign_has_a_module() -> None:
 @pytest.mark.parametrize("name", DONE)
 def test_a_slice_finds_no_violation(name: str) -> None:
     campaign = load_campaign(name)
-    campaign_run = run_campaign(campaign, CampaignRun(name, 1, campaign.ci_budget))
+    campaign_run = run_campaign(campaign, CampaignRun(campaign=name, seed=1, budget=campaign.ci_budget))
     assert campaign_run.violations == []
     assert campaign_run.trials > 0
 
@@ -44,10 +44,11 @@ def test_a_slice_finds_no_violation(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(SHORT))
 def test_the_same_seed_gives_the_same_trace_in_another_process(name: str) -> None:
     """Another process with another hash seed gives the same SHA-256."""
-    here = run_campaign(load_campaign(name), CampaignRun(name, 7, SHORT[name])).digest
+    here = run_campaign(load_campaign(name), CampaignRun(campaign=name, seed=7, budget=SHORT[name])).digest
     message = (
         "from verification.campaign import *; "
-        f"print(run_campaign(load_campaign({name!r}), CampaignRun({name!r}, 7, {SHORT[name]})).digest)"
+        f"run = CampaignRun(campaign={name!r}, seed=7, budget={SHORT[name]}); "
+        f"print(run_campaign(load_campaign({name!r}), run).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "4711"}
     done = subprocess.run([sys.executable, "-c", message], env=environment, capture_output=True, text=True, check=True)

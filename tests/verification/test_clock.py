@@ -32,7 +32,7 @@ NAMES = list(CLOCK_JUMPS_S)
 
 
 def campaign(jumps: int = 20, seed: int = 3) -> CampaignRun:
-    return run_campaign(clock.CAMPAIGN, CampaignRun("clock", seed, jumps))
+    return run_campaign(clock.CAMPAIGN, CampaignRun(campaign="clock", seed=seed, budget=jumps))
 
 
 def reported(campaign_run: CampaignRun, what: str) -> bool:
@@ -86,7 +86,7 @@ def test_a_bus_timed_by_the_wall_clock_is_found(monkeypatch: pytest.MonkeyPatch)
     plain, midnight = Bus.now, before_midnight(0.0)
     monkeypatch.setattr(Bus, "now", lambda bus: plain(bus) + (product_clock.wall_clock() - midnight).total_seconds())
     lines: list[str] = []
-    campaign_run = CampaignRun("clock", 1, 1, listener=lines.append)
+    campaign_run = CampaignRun(campaign="clock", seed=1, budget=1, listener=lines.append)
     clock.compare_clocks(campaign_run, VARIANTS_BY_NAME["vc660"], 0, ["+1 h", "-1 h"] * 30, Path())
     assert any(line.startswith("VIOLATION wall clock") for line in lines)
 
@@ -110,7 +110,7 @@ def test_samples_with_decreasing_times_are_found(monkeypatch: pytest.MonkeyPatch
         plain(trial, address, name, replace(reading, source_time=reading.source_time + moved))
 
     monkeypatch.setattr(clock.ClockTrial, "_on_sample", with_wall_time)
-    campaign_run = CampaignRun("clock", 1, 10)
+    campaign_run = CampaignRun(campaign="clock", seed=1, budget=10)
     clock.compare_clocks(campaign_run, VARIANTS_BY_NAME["vc660"], 0, ["-1 s", "+1 s"] * 5, Path())
     assert reported(campaign_run, "order of samples: output_frequency") or reported(campaign_run, "came after one at")
 
@@ -154,13 +154,13 @@ def test_a_budget_that_never_renews_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def budget() -> CampaignRun:
-    campaign_run = CampaignRun("clock", 1, 1)
+    campaign_run = CampaignRun(campaign="clock", seed=1, budget=1)
     clock.EepromBudgetTrial(campaign_run, DRIVE_VARIANTS[0], "budget", campaign_run.rng("budget")).use_budget(NAMES)
     return campaign_run
 
 
 def sleep_scenarios(count: int = 6) -> CampaignRun:
-    campaign_run = CampaignRun("clock", 1, count)
+    campaign_run = CampaignRun(campaign="clock", seed=1, budget=count)
     for number in range(count):
         HostSleepScenario(
             campaign_run, VARIANTS_BY_NAME["vc660"], f"night {number}", campaign_run.rng("night", number)

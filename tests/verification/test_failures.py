@@ -36,7 +36,7 @@ TRACE_LINES: list[str] = []
 
 
 def campaign_run(budget: int = 4) -> CampaignRun:
-    return CampaignRun("failures", 1, budget, listener=TRACE_LINES.append)
+    return CampaignRun(campaign="failures", seed=1, budget=budget, listener=TRACE_LINES.append)
 
 
 def reported(what: str) -> bool:
@@ -53,7 +53,7 @@ def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     code = (
         "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.failures import CAMPAIGN\n"
-        "print(run_campaign(CAMPAIGN, CampaignRun('failures', 5, 1)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun(campaign='failures', seed=5, budget=1)).digest)"
     )
     digests = {
         subprocess.run(

@@ -9,14 +9,19 @@ from verification.campaign import CampaignRun, load_campaign, run_campaign
 
 
 def violations(budget: int = 1) -> list[str]:
-    return run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, budget)).violations
+    return run_campaign(load_campaign("fairness"), CampaignRun(campaign="fairness", seed=1, budget=budget)).violations
 
 
 def test_the_first_cases_have_no_violation_and_are_reproducible() -> None:
-    first, second = (run_campaign(load_campaign("fairness"), CampaignRun("fairness", 1, 2)) for _ in range(2))
+    first, second = (
+        run_campaign(load_campaign("fairness"), CampaignRun(campaign="fairness", seed=1, budget=2)) for _ in range(2)
+    )
     assert first.violations == [] and first.trials == 2
     assert first.digest == second.digest
-    assert run_campaign(load_campaign("fairness"), CampaignRun("fairness", 2, 1)).digest != first.digest
+    assert (
+        run_campaign(load_campaign("fairness"), CampaignRun(campaign="fairness", seed=2, budget=1)).digest
+        != first.digest
+    )
 
 
 def test_probes_that_cost_more_than_a_tenth_are_found(monkeypatch: pytest.MonkeyPatch) -> None:

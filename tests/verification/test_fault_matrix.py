@@ -43,7 +43,7 @@ CELLS_BY_NAME = {cell.name: cell for cell in matrix.ALL_CELLS}
 
 
 def run_cell_once(name: str) -> CampaignRun:
-    campaign_run = CampaignRun("matrix", 1, 1)
+    campaign_run = CampaignRun(campaign="matrix", seed=1, budget=1)
     held = matrix.run_cell(campaign_run, CELLS_BY_NAME[name], 0)
     assert held is not bool(campaign_run.violations)
     return campaign_run
@@ -60,7 +60,7 @@ def test_every_cell_has_a_check_and_texts_in_both_languages() -> None:
 
 
 def test_all_cells_run_before_the_next_seed() -> None:
-    campaign_run = CampaignRun("matrix", 1, 3)
+    campaign_run = CampaignRun(campaign="matrix", seed=1, budget=3)
     matrix.run(campaign_run)
     assert campaign_run.figures["cells"] == {name: {"cases": 1, "held": 1} for name in list(CELLS_BY_NAME)[:3]}
     assert matrix.CAMPAIGN.full_budget % matrix.CAMPAIGN.ci_budget == 0
@@ -70,18 +70,21 @@ def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     code = (
         "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.matrix import CAMPAIGN\n"
-        "print(run_campaign(CAMPAIGN, CampaignRun('matrix', 3, 24)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun(campaign='matrix', seed=3, budget=24)).digest)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
     message = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
-    assert message.stdout.strip() == run_campaign(matrix.CAMPAIGN, CampaignRun("matrix", 3, 24)).digest
+    assert (
+        message.stdout.strip()
+        == run_campaign(matrix.CAMPAIGN, CampaignRun(campaign="matrix", seed=3, budget=24)).digest
+    )
 
 
 def test_an_exception_fails_the_cell() -> None:
     def breaks(at: Any) -> None:
         raise RuntimeError("broken")
 
-    campaign_run = CampaignRun("matrix", 1, 1)
+    campaign_run = CampaignRun(campaign="matrix", seed=1, budget=1)
     assert not matrix.run_cell(campaign_run, replace(CELLS_BY_NAME["batches/vc660"], check=breaks), 0)
     assert "RuntimeError: broken" in campaign_run.violations[0]
 
@@ -189,7 +192,7 @@ def it_will_stop(op: Any) -> Any:
 
 
 async def taken_for_stopped(drive: Drive, *_: Any) -> Outcome:
-    return Outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed", {"state": "stopped"})
+    return Outcome(status=OutcomeStatus.CONFIRMED, key="drives.stop_confirmed", params={"state": "stopped"})
 
 
 def one_word(self: CommandWord, pulse: int, level: int) -> tuple[int, ...]:
@@ -256,7 +259,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     (
         "status_fault/c320-ascii",
         "values of a fault are good",
-        replace_attribute(sunfar, "_without_item_echo", lambda reading: reading),
+        replace_attribute(sunfar, "without_item_echo", lambda reading: reading),
     ),
     ("duplicate_address/dzb100", "no alarm", replace_attribute(Station, "has_duplicate_address", says_no)),
     ("foreign_master/df800-ascii", "no alarm", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),

@@ -27,7 +27,7 @@ def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def campaign(budget: int, seed: int = 1) -> CampaignRun:
-    campaign_run = CampaignRun("flips", seed, budget)
+    campaign_run = CampaignRun(campaign="flips", seed=seed, budget=budget)
     flips.run(campaign_run)
     return campaign_run
 
@@ -82,7 +82,7 @@ def test_a_set_that_differs_from_the_record_is_found(no_table: None, monkeypatch
 
 
 def test_a_flip_that_passes_a_crc_is_found(no_table: None) -> None:
-    campaign_run = CampaignRun("flips", 1, 1)
+    campaign_run = CampaignRun(campaign="flips", seed=1, budget=1)
     case = next(c for c in bit_flips.recorded_cases() if c.vector == "vc660-stop" and c.role == "request")
     flips._compare_with_record(campaign_run, case, 1, ["0.0"], [])
     assert any("pass a CRC-16" in text for text in campaign_run.violations)
@@ -90,7 +90,14 @@ def test_a_flip_that_passes_a_crc_is_found(no_table: None) -> None:
 
 def test_a_case_is_tried_with_every_pattern() -> None:
     """Every pattern is tried once."""
-    case = FlipCase("x", True, "request", "dzb100", b"", bytes.fromhex("4303013030303030303030"))
+    case = FlipCase(
+        vector="x",
+        printed=True,
+        role="request",
+        codec="dzb100",
+        sent=b"",
+        frame=bytes.fromhex("4303013030303030303030"),
+    )
     found, disputed = bit_flips.accepted_flips(case, 1)
     assert not disputed
     judge = FUZZED_CODECS["dzb100"].reference

@@ -37,7 +37,7 @@ every_entry = pytest.mark.parametrize("entry", FUZZED_CODECS.values(), ids=FUZZE
 
 
 def campaign(budget: int, seed: int = 1) -> CampaignRun:
-    campaign_run = CampaignRun("fuzz", seed, budget)
+    campaign_run = CampaignRun(campaign="fuzz", seed=seed, budget=budget)
     fuzz.run(campaign_run)
     return campaign_run
 
@@ -164,7 +164,7 @@ class MixedCodec(FaultyCodec):
 
 def test_i8_any_other_exception_is_found() -> None:
     def decode(codec: Any, request: Any, data: bytes) -> DecodeResult:
-        int(data[3:5] or b"0", 16)  # T19
+        int(data[3:5] or b"0", 16)  # accepts signs and blanks (T19)
         return codec.decode_reply(request, data)
 
     assert any(text.startswith("I8 dzb100") and "ValueError" in text for text in faulty("dzb100", decode))

@@ -27,24 +27,24 @@ def many_late_replies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run_bus(kind: DriveVariant, frames: int, seed: int = 1) -> tuple[CampaignRun, late.LateReplyBus]:
-    campaign_run = CampaignRun("late", seed, frames)
+    campaign_run = CampaignRun(campaign="late", seed=seed, budget=frames)
     found = late.LateReplyBus(campaign_run, kind, kind.name, campaign_run.rng(kind.name))
     found.run_transactions(frames)
     return campaign_run, found
 
 
 def test_no_late_reply_is_accepted_and_runs_are_reproducible() -> None:
-    first, second = (run_campaign(late.CAMPAIGN, CampaignRun("late", 1, 200)) for _ in range(2))
+    first, second = (run_campaign(late.CAMPAIGN, CampaignRun(campaign="late", seed=1, budget=200)) for _ in range(2))
     assert first.violations == [] and first.trials == 200
     assert first.digest == second.digest
-    assert first.digest != run_campaign(late.CAMPAIGN, CampaignRun("late", 2, 200)).digest
+    assert first.digest != run_campaign(late.CAMPAIGN, CampaignRun(campaign="late", seed=2, budget=200)).digest
 
 
 def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     code = (
         "from verification.campaign import CampaignRun, run_campaign\n"
         "from verification.campaigns.late import CAMPAIGN\n"
-        "print(run_campaign(CAMPAIGN, CampaignRun('late', 5, 100)).digest)"
+        "print(run_campaign(CAMPAIGN, CampaignRun(campaign='late', seed=5, budget=100)).digest)"
     )
     digests = {
         subprocess.run(
@@ -73,7 +73,7 @@ def test_late_replies_during_newer_requests_are_never_accepted(
 def test_a_baseline_host_accepts_wrong_replies(kind: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
     """A host without the product's checks makes mistakes here."""
     many_late_replies(monkeypatch)
-    campaign_run = CampaignRun("late", 1, 1)
+    campaign_run = CampaignRun(campaign="late", seed=1, budget=1)
     counts = late.LateReplyBus(campaign_run, kind, kind.name, campaign_run.rng(kind.name)).run_baseline(1500)
     assert counts["misattributed"] > 0
     assert counts["accepted"] > counts["misattributed"]
@@ -135,7 +135,7 @@ def test_a_sync_probe_that_accepts_an_older_reply_is_found(monkeypatch: pytest.M
 def test_earlier_acceptances_of_late_replies_are_fixed(name: str, number: int) -> None:
     """Cases of the full campaign's seed 1. DF800: the late reply to a user's read was taken for a sync probe's. DZB100:
     two colliding stations made a digit that no checksum reveals; it is counted separately."""
-    campaign_run = CampaignRun("late", 1, 10**6)
+    campaign_run = CampaignRun(campaign="late", seed=1, budget=10**6)
     kind = VARIANTS_BY_NAME[name]
     found = late.LateReplyBus(campaign_run, kind, f"{name}/{number}", campaign_run.rng(name, number))
     found.run_transactions(late.TRANSACTIONS_PER_CHUNK)

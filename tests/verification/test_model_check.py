@@ -67,21 +67,22 @@ def found(text: str, **options: Any) -> None:
 @pytest.mark.parametrize(
     ("model", "frame", "effect"),
     [
-        ("c320", b"*0040100000185\r", RequestEffect.MOTION),
+        ("c320", b"*00401000001B5\r", RequestEffect.MOTION),
         ("c320", b"*01401000001B6\r", RequestEffect.MOTION),
         ("c320", b"*01403000001B8\r", RequestEffect.STOP),
         ("c320", b"*011010000183\r", RequestEffect.MOTION),
         ("dzb100", b"C\x03\x0101010005", RequestEffect.MOTION),
         ("dzb100", b"C\x03\x0101000000", RequestEffect.STOP),
         ("dzb100", b"C\x03\x0101020005", RequestEffect.MOTION),
-        ("vc660", bytes.fromhex("0106200000014200"), RequestEffect.MOTION),
-        ("df800", bytes.fromhex("0106200000024200"), RequestEffect.MOTION),
-        ("df800", bytes.fromhex("0106200000014200"), RequestEffect.STOP),
-        ("df800", bytes.fromhex("01062000000c4200"), RequestEffect.MOTION),
+        ("vc660", bytes.fromhex("01062000000143ca"), RequestEffect.MOTION),
+        ("df800", bytes.fromhex("01062000000203cb"), RequestEffect.MOTION),
+        ("df800", bytes.fromhex("01062000000143ca"), RequestEffect.STOP),
+        ("df800", bytes.fromhex("01062000000c820f"), RequestEffect.MOTION),
+        ("df800", bytes.fromhex("01062000000143cb"), RequestEffect.MOTION),
     ],
 )
 def test_frames_have_the_effect_of_the_manuals(model: str, frame: bytes, effect: RequestEffect) -> None:
-    """A start, a stop with data, a toggle, and a class-1 read that carries a run command are motion (T01, T11, T16)."""
+    """A start, a stop with data, a toggle, a read that carries a run command, and a wrong check (T01, T11, T16)."""
     assert worst_effect(model, frame, 0) is effect
 
 
@@ -172,7 +173,7 @@ def test_the_report_says_whether_the_space_was_closed(monkeypatch: pytest.Monkey
     monkeypatch.setattr(
         campaign, "ci_explorations", lambda: [replace(campaign.full_explorations()[0], domain=SearchDomain(small=True))]
     )
-    campaign_run = CampaignRun("gate", 1, 300)
+    campaign_run = CampaignRun(campaign="gate", seed=1, budget=300)
     campaign.CAMPAIGN.run(campaign_run)
     assert campaign_run.figures["closed"] is False and campaign_run.trials == 300 == campaign_run.counts["states"]
 
@@ -284,7 +285,11 @@ def test_a_start_classified_as_a_setting_is_found() -> None:
     one = model_subject("c320", CommandKind.RESET, COARSE)
     start = model_subject("c320", CommandKind.START, COARSE).frames
     one.frames, one.permit_needs = start, {}
-    one.dialect.station_config = replace(one.dialect.station_config, effect_of=lambda frame: Effect.SETTING)
+    right = one.dialect.station_config.effect_of
+    wrong = {Effect.MOTION: Effect.SETTING}
+    one.dialect.station_config = replace(
+        one.dialect.station_config, effect_of=lambda frame: wrong.get(right(frame), right(frame))
+    )
     findings = StateSearch(one, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings
     assert findings and "left without" in findings[0]
 

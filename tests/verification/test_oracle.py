@@ -12,6 +12,7 @@ import pytest
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import Permit
 from drivebus.bus.scheduler import Scheduler
+from drivebus.bus.station import UnansweredRequest
 from drivebus.bus.transaction import Transaction
 from drivebus.drives.context import EepromBudget
 from drivebus.drives.operations.context import OperationContext
@@ -22,14 +23,15 @@ from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
 from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
 from verification.fault_injection.clocks import JumpingWallClock, before_midnight, installed_clock
-from verification.reference.request_effects import RequestEffect, classify_request
-from verification.scenario.rules import decode_write
+from verification.reference.modbus import ModbusReference
+from verification.reference.request_effects import ReferenceWrite, RequestEffect, classify_request, decode_write
+from verification.reference.sunfar import SunfarReference
 from verification.scenario.scenario import Scenario
 
 
 @pytest.fixture
 def campaign_run() -> CampaignRun:
-    return CampaignRun("test", 1, 1)
+    return CampaignRun(campaign="test", seed=1, budget=1)
 
 
 def make_scenario(
@@ -147,7 +149,7 @@ def test_i3_a_stop_that_waits_for_others(campaign_run: CampaignRun, monkeypatch:
 @pytest.mark.parametrize(
     ("target", "replacement"),
     [
-        ("drivebus.drives.readings.ReadingPairs.with_staleness", lambda pairs, now, oldest: pairs.latest),
+        ("drivebus.drives.readings.ReadingPairs.with_staleness", lambda pairs, *_: pairs.latest),
         ("drivebus.values.Reading.age_s", lambda reading, now: 0.0),
     ],
     ids=["good-for-ever", "calls-itself-new"],
@@ -266,9 +268,41 @@ def test_i7_one_save_more_than_a_day_has(
 )
 def test_i7_an_unlisted_address_or_word(kind: DriveVariant, frame: str) -> None:
     """200BH, an address after the last one, undefined codes, the toggle and a monitor are rejected (T12, T16)."""
-    check = b"" if kind is DZB100 else b"\0\0"
-    with pytest.raises(ValueError):
-        decode_write(kind, bytes.fromhex(frame) + check)
+    data = bytes.fromhex(frame)
+    with pytest.raises(ValueError, match=r"is on no list|no command is"):
+        decode_write(kind, data if kind is DZB100 else ModbusReference("rtu").reseal(data + b"\0\0"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "frame", "content"),
+    [
+        (C320, b"*0041103E701D5\r", ReferenceWrite(hz=9.99)),
+        (C320, b"*00500117036602A0\r", ReferenceWrite(parameter=0x117, saved=True)),
+        (C320, b"*00300117036602A0\r", ReferenceWrite(parameter=0x117)),
+        (VC660, "01 06 20 01 03 E7 00 00", ReferenceWrite(hz=9.99)),
+        (VC660, "01 06 00 17 00 01 00 00", ReferenceWrite(parameter=0x17)),
+        (VC660, "01 06 80 17 00 01 00 00", ReferenceWrite(parameter=0x17, saved=True)),
+        (DF800, "01 06 00 6B 00 01 00 00", ReferenceWrite(parameter=107, saved=True)),
+        (DZB100, b"C\x03\x01010103E8", ReferenceWrite(hz=100.0)),
+        (DZB100, b"P\x03\x0101800001", ReferenceWrite(parameter=80, saved=True)),
+    ],
+)
+def test_a_write_has_the_content_of_the_manual(kind: DriveVariant, frame: bytes | str, content: ReferenceWrite) -> None:
+    data = bytes.fromhex(frame) if isinstance(frame, str) else frame
+    assert decode_write(kind, _sealed(kind.model, kind.encoding, data)) == content
+
+
+def test_i7_a_write_of_the_c320_that_carries_an_operation() -> None:
+    """Class 3 with a run command would start the motor (T01)."""
+    with pytest.raises(ValueError, match="carries operation 01"):
+        decode_write(C320, _sealed("c320", "ascii", b"*003010000001....\r"))
+
+
+def _sealed(family: str, encoding: str, frame: bytes) -> bytes:
+    """Return the frame with the check of its protocol; the DZB100 has none."""
+    if family == "dzb100":
+        return frame
+    return (SunfarReference(encoding) if family == "c320" else ModbusReference(encoding)).reseal(frame)
 
 
 def test_i8_an_error_that_escapes(campaign_run: CampaignRun) -> None:
@@ -327,7 +361,9 @@ def test_i11_a_read_that_acts(campaign_run: CampaignRun) -> None:
 def test_i12_requests_remembered_without_limit(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     remembered: list[Any] = []
     monkeypatch.setattr(
-        BusCore, "_remember_unanswered", lambda core, transaction, now: remembered.append((now, transaction.prepared))
+        BusCore,
+        "_remember_unanswered",
+        lambda core, transaction, now: remembered.append(UnansweredRequest(now, transaction.prepared, now)),
     )
     scenario = make_scenario(campaign_run, line_quality="loss=0.1")
     scenario.bus.core.stations[1].unanswered_requests = remembered
@@ -347,8 +383,8 @@ def test_i12_a_queue_that_only_grows(campaign_run: CampaignRun) -> None:
 
 
 def test_requests_have_the_effect_of_the_manuals() -> None:
-    """The oracle's own tables classify frames of the manuals (T01, T07, T16)."""
-    replacement = {
+    """The reference decoders classify frames of the manuals (T01, T07, T16)."""
+    effects = {
         ("c320", "ascii", "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D"): (0, RequestEffect.READ),
         ("c320", "ascii", "2A 30 30 34 31 31 30 33 45 37 30 31 44 35 0D"): (0, RequestEffect.MOTION),
         ("c320", "ascii", "2A 30 30 32 30 31 30 30 31 30 31 38 34 0D"): (0, RequestEffect.MOTION),
@@ -362,8 +398,25 @@ def test_requests_have_the_effect_of_the_manuals() -> None:
         ("dzb100", "ascii", "43 03 01 30 31 30 31 30 30 36 34"): (1, RequestEffect.MOTION),
         ("dzb100", "ascii", "43 03 01 30 31 30 30 30 30 30 30"): (1, RequestEffect.STOP),
     }
-    for (family, encoding, frame), meaning in replacement.items():
-        assert classify_request(family, encoding, bytes.fromhex(frame)) == meaning, frame
+    for (family, encoding, frame), meaning in effects.items():
+        data = _sealed(family, encoding, bytes.fromhex(frame))
+        assert classify_request(family, encoding, data) == meaning, frame
+
+
+@pytest.mark.parametrize(
+    ("family", "encoding", "frame"),
+    [
+        ("c320", "ascii", b"*001000000182\r"),
+        ("dzb100", "ascii", b"C\x03\x010101006"),
+        ("vc660", "rtu", bytes.fromhex("01 06 20 00 00 01 43 CB")),
+        ("df800", "ascii", b":010620000001D9\r\n"),
+    ],
+)
+def test_a_request_with_a_wrong_check_or_length_is_no_request_of_the_manual(
+    family: str, encoding: str, frame: bytes
+) -> None:
+    with pytest.raises(ValueError, match=r"^no request of"):
+        classify_request(family, encoding, frame)
 
 
 @pytest.mark.parametrize(
@@ -371,7 +424,7 @@ def test_requests_have_the_effect_of_the_manuals() -> None:
 )
 def test_undefined_requests_are_rejected(frame: str) -> None:
     with pytest.raises(ValueError):
-        classify_request("c320", "ascii", bytes.fromhex(frame))
+        classify_request("c320", "ascii", _sealed("c320", "ascii", bytes.fromhex(frame)))
 
 
 def test_i8_an_error_that_escapes_from_a_command(campaign_run: CampaignRun) -> None:

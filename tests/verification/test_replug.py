@@ -18,20 +18,24 @@ from verification.fault_injection.usb_adapter import reopen_ports
 
 
 def violations(budget: int = 40) -> list[str]:
-    return run_campaign(load_campaign("replug"), CampaignRun("replug", 1, budget)).violations
+    return run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=1, budget=budget)).violations
 
 
 def test_the_first_unplugs_have_no_violation_and_are_reproducible() -> None:
-    first, second = (run_campaign(load_campaign("replug"), CampaignRun("replug", 1, 60)) for _ in range(2))
+    first, second = (
+        run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=1, budget=60)) for _ in range(2)
+    )
     assert first.violations == [] and first.trials == 60
     assert first.digest == second.digest
     assert first.figures["names of the adapter"] != 1 and first.figures["real reopenings"]
-    assert run_campaign(load_campaign("replug"), CampaignRun("replug", 2, 1)).digest != first.digest
+    assert (
+        run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=2, budget=1)).digest != first.digest
+    )
 
 
 def test_a_drive_with_identical_sync_probes_returns_after_its_quarantine() -> None:
     """Seed 1, bus 10: the adapter was unplugged during a DF800's read of two registers."""
-    campaign_run = CampaignRun("replug", 1, 1000)
+    campaign_run = CampaignRun(campaign="replug", seed=1, budget=1000)
     bus = replug.ReplugBus(campaign_run, DF800, 10)
     for _ in range(16):
         bus.unplug()
@@ -48,7 +52,7 @@ def test_a_bus_that_reopens_its_port_too_rarely_is_found(monkeypatch: pytest.Mon
 
 def test_a_port_opened_by_its_name_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tty, "find_device", lambda path, identity: path)
-    bus = replug.ReplugBus(CampaignRun("replug", 1, 1), VC660, 3)
+    bus = replug.ReplugBus(CampaignRun(campaign="replug", seed=1, budget=1), VC660, 3)
     for _ in range(10):
         bus.unplug()
     assert any("opened the wrong adapter" in one for one in bus.campaign_run.violations)
@@ -104,7 +108,7 @@ def object_future() -> Any:
 
 def test_a_bus_that_does_not_detect_the_loss_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(BusCore, "on_port_lost", lambda self, error, now: [])
-    bus = replug.ReplugBus(CampaignRun("replug", 1, 1), VC660, 3)
+    bus = replug.ReplugBus(CampaignRun(campaign="replug", seed=1, budget=1), VC660, 3)
     bus._pull()
     assert any("has not detected it" in one for one in bus.campaign_run.violations)
 

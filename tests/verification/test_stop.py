@@ -19,14 +19,16 @@ from verification.campaign import CampaignRun, load_campaign, run_campaign
 
 
 def violations(budget: int = 100) -> list[str]:
-    return run_campaign(load_campaign("stop"), CampaignRun("stop", 1, budget)).violations
+    return run_campaign(load_campaign("stop"), CampaignRun(campaign="stop", seed=1, budget=budget)).violations
 
 
 def test_the_first_instants_have_no_violation_and_are_reproducible() -> None:
-    first, second = (run_campaign(load_campaign("stop"), CampaignRun("stop", 1, 300)) for _ in range(2))
+    first, second = (
+        run_campaign(load_campaign("stop"), CampaignRun(campaign="stop", seed=1, budget=300)) for _ in range(2)
+    )
     assert first.violations == [] and first.trials == 300
     assert first.digest == second.digest
-    assert run_campaign(load_campaign("stop"), CampaignRun("stop", 2, 50)).digest != first.digest
+    assert run_campaign(load_campaign("stop"), CampaignRun(campaign="stop", seed=2, budget=50)).digest != first.digest
 
 
 def test_a_stop_queued_like_other_requests_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,5 +33,7 @@ MISSING_CHECKS: dict[str, tuple[type, str, Callable[..., Any]]] = {
 def test_a_missing_check_is_found(check: str, monkeypatch: pytest.MonkeyPatch) -> None:
     owner, name, replacement = MISSING_CHECKS[check]
     monkeypatch.setattr(owner, name, replacement)
-    campaign_run = run_campaign(load_campaign("unauthorized"), CampaignRun("unauthorized", 3, 2000))
+    campaign_run = run_campaign(
+        load_campaign("unauthorized"), CampaignRun(campaign="unauthorized", seed=3, budget=2000)
+    )
     assert campaign_run.violation_count > 0

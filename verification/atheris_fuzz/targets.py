@@ -37,7 +37,7 @@ class ContractViolation(AssertionError):
 
 @dataclass(frozen=True, slots=True)
 class AtherisTarget:
-    """One encoding: its codec, the requests whose replies are decoded, and the function that adds a correct check."""
+    """Encoding under test: codec, requests whose replies are decoded, and the function that adds a correct check."""
 
     codec: Codec
     requests: Sequence[Any]

@@ -1,7 +1,7 @@
 """``audit``: audit trails of the real writer, manipulated afterwards.
 
 ``verify`` must find each manipulation. Manipulations that it cannot find (records after the last checkpoint cut off,
-the newest checkpoint removed) are tried too, and counted.
+or everything rolled back together with the head) are tried too, and counted.
 """
 
 from __future__ import annotations
@@ -189,15 +189,25 @@ def edit_checkpoint(rng: Random, files: TrailFiles) -> str:
     return f"{CHECKPOINT_FILE}@{at}"
 
 
-def delete_checkpoint(rng: Random, files: TrailFiles) -> str | None:
-    """Delete a checkpoint other than the newest."""
+def delete_checkpoint(rng: Random, files: TrailFiles) -> str:
     found = split_lines(files[CHECKPOINT_FILE])
-    if len(found) < 2:
-        return None
-    at = rng.randrange(len(found) - 1)
+    at = rng.randrange(len(found))
     del found[at]
     _store_lines(files, CHECKPOINT_FILE, found)
     return f"{CHECKPOINT_FILE}:{at + 1}"
+
+
+def roll_back(rng: Random, files: TrailFiles) -> str:
+    """Remove the newest checkpoints and all records after the last one left, or every file."""
+    found = split_lines(files[CHECKPOINT_FILE])
+    kept = found[: rng.randrange(len(found))]
+    last = json.loads(kept[-1])["n"] if kept else 0
+    for name in trail_files(files):
+        _store_lines(files, name, [line for line in split_lines(files[name]) if _record_number(line) <= last])
+        if not files[name]:
+            del files[name]
+    _store_lines(files, CHECKPOINT_FILE, kept)
+    return f"{CHECKPOINT_FILE}:{len(kept) + 1}, record {last + 1}"
 
 
 def forge_checkpoints(rng: Random, files: TrailFiles) -> str:
@@ -231,6 +241,7 @@ TAMPERINGS: dict[str, TamperFunction] = {
     "rewritten from a record on": rewrite_from_record,
     "checkpoint edited": edit_checkpoint,
     "checkpoint deleted": delete_checkpoint,
+    "rolled back": roll_back,
     "everything rewritten under another key": forge_checkpoints,
 }
 
@@ -244,7 +255,7 @@ RECORDS_PER_FILE = 4_000
 
 
 class AuditTrailTrial:
-    """One audit trail in a folder, and its files as the writer left them."""
+    """Audit trail in a folder, and its files as the writer left them."""
 
     def __init__(self, campaign_run: CampaignRun, number: int, folder: Path) -> None:
         self.campaign_run, self.rng = campaign_run, campaign_run.rng("trail", number)
@@ -272,6 +283,7 @@ class AuditTrailTrial:
             if self.rng.random() < 0.2:
                 chain.write_checkpoint()
         chain.write_checkpoint()
+        chain.write_head()
         chain.close()
 
     def verify_files(self, files: TrailFiles) -> AuditReport:
@@ -311,26 +323,16 @@ class AuditTrailTrial:
             self.campaign_run.violation(f"an unchanged trail is reported as changed: {report.problems[0]}")
 
     def count_undetectable(self) -> None:
-        """Count manipulations that ``verify`` cannot detect."""
-        files = dict(self.files)
-        found = split_lines(files[CHECKPOINT_FILE])
-        files[CHECKPOINT_FILE] = b"".join(found[:-1])
-        report = self.verify_files(files)
-        word = "found" if not report.ok else "not found: fewer records are covered"
-        self.campaign_run.count(f"undetectable: the newest checkpoint taken away, {word}")
-        if report.covered >= _last(self.files):
-            self.campaign_run.violation("a removed checkpoint still covers its record")
-        if report.ok and report.covered < _last(self.files):
-            self._cut_last_record(files)
-
-    def _cut_last_record(self, files: TrailFiles) -> None:
-        """Cut off the last record, which no checkpoint covers any more."""
-        name = trail_files(files)[-1]
-        found = split_lines(files[name])
-        if found:
-            files[name] = b"".join(found[:-1])
+        """Count manipulations that ``verify`` cannot detect: all files rolled back together with the head."""
+        files, head = dict(self.files), self.paths.head.read_bytes()
+        where = roll_back(self.rng, files)
+        kept = split_lines(files[CHECKPOINT_FILE])
+        if kept:
+            self.paths.head.write_bytes(kept[-1])
             word = "not found" if self.verify_files(files).ok else "found"
-            self.campaign_run.count(f"undetectable: the last record cut off behind the last checkpoint, {word}")
+            self.campaign_run.trace(f"rolled back with the head at {where}: {word}")
+            self.campaign_run.count(f"undetectable: rolled back together with the head, {word}")
+        self.paths.head.write_bytes(head)
 
 
 def _same(one: TrailFiles, other: TrailFiles) -> bool:
@@ -338,21 +340,17 @@ def _same(one: TrailFiles, other: TrailFiles) -> bool:
     return {name: data for name, data in one.items() if data} == {name: data for name, data in other.items() if data}
 
 
-def _last(files: TrailFiles) -> int:
-    return sum(len(split_lines(files[name])) for name in trail_files(files))
-
-
 def _entry(rng: Random) -> AuditEntry:
     drive, frame = f"fan-{rng.randrange(9)}", rng.randbytes(8).hex(" ").upper()
     return AuditEntry(
-        rng.choice(AUDITED_ACTIONS),
-        rng.choice(("li", "wang", "ann\x1b[31m")),
-        f"s-{rng.randrange(99)}",
-        "127.0.0.1",
-        drive,
-        {"frequency_hz": rng.uniform(0, 50)},
-        [{"sent": frame}] * rng.randrange(3),
-        rng.choice(("requested", "confirmed")),
+        what=rng.choice(AUDITED_ACTIONS),
+        who=rng.choice(("li", "wang", "ann\x1b[31m")),
+        session=f"s-{rng.randrange(99)}",
+        address="127.0.0.1",
+        target=drive,
+        params={"frequency_hz": rng.uniform(0, 50)},
+        frames=[{"sent": frame}] * rng.randrange(3),
+        outcome=rng.choice(("requested", "confirmed")),
     )
 
 

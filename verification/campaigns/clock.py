@@ -42,13 +42,13 @@ ScriptedEvent = tuple[float, str, tuple[Any, ...]]
 
 
 class ClockTrial:
-    """One run of a trial; ``jumps``: the wall clock jumps."""
+    """Run of a trial; ``jumps``: the wall clock jumps."""
 
     def __init__(
         self, campaign_run: CampaignRun, kind: DriveVariant, name: str, seed: int, capture: Path, jumps: bool
     ) -> None:
         self.lines: list[str] = []
-        self.campaign_run = CampaignRun("clock", campaign_run.seed, 1, listener=self.lines.append)
+        self.campaign_run = CampaignRun(campaign="clock", seed=campaign_run.seed, budget=1, listener=self.lines.append)
         rng, self.jumps = Random(seed), jumps
         self.clock = JumpingWallClock(
             before_midnight(rng.uniform(0.0, 2 * TRIAL_DURATION_S)), (loop := VirtualLoop()).time

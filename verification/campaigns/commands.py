@@ -66,7 +66,7 @@ COMMAND_WEIGHTS = {
 
 
 class CommandEpisode:
-    """One bus with two drives and an address without a drive."""
+    """Bus with two drives and an address without a drive."""
 
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
         self.campaign_run, self.kind = campaign_run, kind

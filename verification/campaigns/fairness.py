@@ -134,7 +134,7 @@ class FairnessBus:
         at, drive = self._restore_station(address), self.scenario.drives[address]
         with running(self.scenario.loop):
             task = self.scenario.loop.create_task(
-                self.scenario.bus.transact(BusRequest(address, drive.dialect.echo_test_read()))
+                self.scenario.bus.transact(BusRequest(station=address, request=drive.dialect.echo_test_read()))
             )
         while not task.done():
             self._advance()

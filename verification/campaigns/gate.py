@@ -24,7 +24,7 @@ it."""
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """One search: model, command kind, grid and domain."""
+    """Search of the campaign: model, command kind, grid and domain."""
 
     model: str
     kind: CommandKind

@@ -1,11 +1,8 @@
 """``late``: 0 to 20 % of all replies are late by up to 5 s; none may be accepted for another request (I5).
 
-Stations reply in the order of the requests, however late: no sync probe could detect a drive that does not. The figures
-give the number of replies that came later than the model's longest lateness.
-
-Two judges decide: the oracle (the request that caused the delivered frame) and ``ReplyLog`` (the station made exactly
-this reply between request and reception, and never repeats its values). A baseline host on the same bus shows that
-wrong replies could be accepted.
+Stations reply in the order of the requests, however late: no sync probe could detect a drive that does not. Two checks
+decide: the oracle by the request that caused the delivered frame, and ``ReplyLog`` by the reply that the station made
+for it. A baseline master on the same bus shows that wrong replies could be accepted.
 """
 
 from __future__ import annotations
@@ -57,7 +54,7 @@ def similar_reads(kind: DriveVariant, address: int) -> tuple[Any, ...]:
 
 
 class LateReplyBus:
-    """One bus with late replies, polled with requests whose replies have the same form."""
+    """Bus with late replies, polled with requests whose replies have the same form."""
 
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, name: str, rng: Random) -> None:
         self.kind, self.rng, self.campaign_run = kind, rng, campaign_run

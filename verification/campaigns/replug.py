@@ -108,7 +108,7 @@ class ReplugBus:
             "hosts": len(self.scenario.simulated_bus.masters),
             "tasks": len(loop.tasks) - sum(drive.stop_pending for drive in drives),
             "queued": len(self.scenario.bus.core.scheduler),
-            "polls": len(self.scenario.bus.core.scheduler.poll_schedule),
+            "polls": len(self.scenario.bus.core.scheduler.poll_schedule.heap),
         }
 
     def check_handles(self) -> None:

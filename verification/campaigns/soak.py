@@ -48,7 +48,7 @@ TURNING_STATES = frozenset(
 
 
 class SoakDay:
-    """One bus for some hours."""
+    """Bus that runs for some hours of virtual time."""
 
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, seed: int) -> None:
         self.campaign_run, self.kind, self.rng = campaign_run, kind, Random(f"soak/{seed}")
@@ -149,7 +149,7 @@ class SoakDay:
 
 def run_day(seed: int, hours: int, listener: Callable[[str], None] | None = None) -> PartResult:
     """Run one seed, in its own process."""
-    campaign_run = CampaignRun("soak", seed, hours, listener=listener)
+    campaign_run = CampaignRun(campaign="soak", seed=seed, budget=hours, listener=listener)
     kind = DRIVE_VARIANTS[seed % len(DRIVE_VARIANTS)]
     began, pages = time.process_time(), list[int]()
     day = SoakDay(campaign_run, kind, seed)

@@ -42,7 +42,7 @@ TRANSACTIONS_AT_LIMIT = 16
 
 
 class StopBus:
-    """One bus under load, and the stops that are commanded on it.
+    """Bus under load, and the stops that are commanded on it.
 
     ``number`` selects line quality, ramp and reader priorities.
     """
@@ -92,7 +92,9 @@ class StopBus:
         drive = self.scenario.drives[address]
         requests = [drive.dialect.read_parameter(p) for p in drive.profile.parameters.values() if p.readable]
         while not self.scenario.bus.is_closed:
-            await self.scenario.bus.transact(BusRequest(address, self.rng.choice(requests), priority))
+            await self.scenario.bus.transact(
+                BusRequest(station=address, request=self.rng.choice(requests), priority=priority)
+            )
 
     def wait_random(self) -> None:
         """Let a random time pass, at times exactly to the next event or just before it."""

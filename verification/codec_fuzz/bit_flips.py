@@ -50,7 +50,7 @@ MISSING_REQUESTS = {
 """Requests of the replies that name none."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FlipCase:
     """Frame and its receiver."""
 
@@ -116,7 +116,9 @@ def recorded_cases() -> dict[FlipCase, FlipSets]:
 
 def _read_case(row: dict[str, Any]) -> FlipCase:
     sent, frame = bytes.fromhex(row["sent"]), bytes.fromhex(row["frame"])
-    return FlipCase(row["vector"], row["printed"], row["as"], row["codec"], sent, frame)
+    return FlipCase(
+        vector=row["vector"], printed=row["printed"], role=row["as"], codec=row["codec"], sent=sent, frame=frame
+    )
 
 
 def vector_cases(folder: Path) -> Iterator[FlipCase]:
@@ -128,16 +130,27 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
         for frame in dict.fromkeys((printed, right[line["id"]])):
             for codec in CODECS_OF_VECTORS[line["model"], line["encoding"]]:
                 if line["direction"] == "request":
-                    yield FlipCase(line["id"], frame == printed, "request", codec, b"", frame)
+                    yield FlipCase(
+                        vector=line["id"], printed=frame == printed, role="request", codec=codec, sent=b"", frame=frame
+                    )
                     if frame == right[line["id"]]:
-                        yield FlipCase(line["id"], frame == printed, "echo", codec, frame, frame)
+                        yield FlipCase(
+                            vector=line["id"],
+                            printed=frame == printed,
+                            role="echo",
+                            codec=codec,
+                            sent=frame,
+                            frame=frame,
+                        )
                 else:
                     sent = (
                         bytes.fromhex(MISSING_REQUESTS[line["id"]])
                         if "reply_to" not in line
                         else right[line["reply_to"]]
                     )
-                    yield FlipCase(line["id"], frame == printed, "reply", codec, sent, frame)
+                    yield FlipCase(
+                        vector=line["id"], printed=frame == printed, role="reply", codec=codec, sent=sent, frame=frame
+                    )
 
 
 def write_record(folder: Path) -> None:

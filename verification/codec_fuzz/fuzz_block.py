@@ -1,4 +1,4 @@
-"""One block of the campaign ``fuzz``: frames are damaged, fed to one codec and compared with its reference.
+"""Block of the campaign ``fuzz``: frames are damaged, fed to a codec and compared with its reference.
 
 A block is a function of seed, codec and number.
 """
@@ -184,7 +184,7 @@ CHANCE_DAMAGE_KINDS = ("noise", "garbled", "substituted")
 """Kinds of damage with known odds; other accepted frames are valid by the reference or violations."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class BlockResult:
     """Result of one or more blocks of a codec."""
 
@@ -212,7 +212,7 @@ class BlockResult:
 
 @dataclass(frozen=True, slots=True)
 class FuzzTarget:
-    """One side of one exchange."""
+    """Side of an exchange."""
 
     decode: DecodeFunction
     sent: bytes

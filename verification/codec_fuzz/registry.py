@@ -57,11 +57,15 @@ def _sunfar_reply(rng: Random, request: Any, item: int, word: int) -> s.SunfarRe
     response, state = rng.choice((s.SunfarResponse.OK, *s.SunfarResponse)), rng.choice(list(s.SunfarState))
     group = 0 if isinstance(request, s.ReadMonitor | s.SunfarControl) else request.group
     if isinstance(request, s.ReadIdentity):
-        return s.SunfarReply(request.address, response, state, group, info=f"{item:02X}{word:04X}")
+        return s.SunfarReply(
+            address=request.address, response=response, state=state, group=group, info=f"{item:02X}{word:04X}"
+        )
     if isinstance(request, s.SunfarWriteParameter) and response is not s.SunfarResponse.OK:
         word = 0
     fault = rng.randrange(256) if state is s.SunfarState.FAULT else None
-    return s.SunfarReply(request.address, response, state, group, item, word, fault)
+    return s.SunfarReply(
+        address=request.address, response=response, state=state, group=group, item=item, data=word, fault_code=fault
+    )
 
 
 def dzb100_exchange(rng: Random, codec: Codec) -> LawfulExchange:
@@ -80,7 +84,9 @@ def dzb100_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     reads = isinstance(request, d.Dzb100ReadParameter | d.Dzb100Query) or accepted is False
     data = rng.getrandbits(16) if reads else int(sent[7:], 16)
     digit = None if accepted is not None else rng.randint(0, 8)
-    reply = d.Dzb100Reply(chr(request.head), address, request.index, data, accepted, digit)
+    reply = d.Dzb100Reply(
+        head=chr(request.head), address=address, index=request.index, data=data, accepted=accepted, digit=digit
+    )
     return LawfulExchange(request, sent, codec.encode_reply(reply))
 
 
@@ -165,7 +171,7 @@ def _is_write(request: Any) -> int:
 ReferenceCodec = SunfarReference | Dzb100Reference | ModbusReference
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FuzzedCodec:
     """Codec to fuzz."""
 
@@ -221,36 +227,86 @@ def _fuzzed_codecs() -> tuple[FuzzedCodec, ...]:
     loose = _HEX + b"abcdef:;<=>?"
     c320, modbus, df800 = sunfar_exchange, modbus_exchange, df800_exchange
     return (
-        FuzzedCodec("c320-ascii", SunfarCodec("ascii"), SunfarReference("ascii"), c320, _HEX, 18),
         FuzzedCodec(
-            "c320-ascii-tolerant", SunfarCodec("ascii", "tolerant"), SunfarReference("ascii", True), c320, loose, 18
+            name="c320-ascii",
+            codec=SunfarCodec("ascii"),
+            reference=SunfarReference("ascii"),
+            make_exchange=c320,
+            alphabet=_HEX,
+            longest=18,
         ),
-        FuzzedCodec("c320-hex", SunfarCodec("hex"), SunfarReference("hex"), c320, _NIBBLES, 18),
         FuzzedCodec(
-            "c320-hex-nibble", SunfarCodec("hex", nibble=True), SunfarReference("hex", True), c320, _NIBBLES, 18
+            name="c320-ascii-tolerant",
+            codec=SunfarCodec("ascii", "tolerant"),
+            reference=SunfarReference("ascii", True),
+            make_exchange=c320,
+            alphabet=loose,
+            longest=18,
         ),
         FuzzedCodec(
-            "dzb100",
-            Dzb100Codec(),
-            Dzb100Reference(),
-            dzb100_exchange,
-            _HEX + b"\x06\x07",
-            11,
-            dzb100_interpretations,
+            name="c320-hex",
+            codec=SunfarCodec("hex"),
+            reference=SunfarReference("hex"),
+            make_exchange=c320,
+            alphabet=_NIBBLES,
+            longest=18,
         ),
-        FuzzedCodec("modbus-rtu", ModbusRtuCodec(), ModbusReference("rtu"), modbus, _ALL, _RTU),
-        FuzzedCodec("modbus-ascii", ModbusAsciiCodec(), ModbusReference("ascii", marks=2), modbus, _HEX, _ASCII),
         FuzzedCodec(
-            "modbus-ascii-resync",
-            ModbusAsciiCodec(tolerate_leading_noise=True),
-            ModbusReference("ascii", resync=4, marks=2),
-            modbus,
-            _HEX,
-            _ASCII + 4,
+            name="c320-hex-nibble",
+            codec=SunfarCodec("hex", nibble=True),
+            reference=SunfarReference("hex", True),
+            make_exchange=c320,
+            alphabet=_NIBBLES,
+            longest=18,
         ),
-        FuzzedCodec("df800-rtu", ModbusRtuCodec("short", 4), ModbusReference("rtu", short=True), df800, _ALL, _RTU),
         FuzzedCodec(
-            "df800-ascii", ModbusAsciiCodec("short", 4), ModbusReference("ascii", True, marks=2), df800, _HEX, _ASCII
+            name="dzb100",
+            codec=Dzb100Codec(),
+            reference=Dzb100Reference(),
+            make_exchange=dzb100_exchange,
+            alphabet=_HEX + b"\x06\x07",
+            longest=11,
+            interpret=dzb100_interpretations,
+        ),
+        FuzzedCodec(
+            name="modbus-rtu",
+            codec=ModbusRtuCodec(),
+            reference=ModbusReference("rtu"),
+            make_exchange=modbus,
+            alphabet=_ALL,
+            longest=_RTU,
+        ),
+        FuzzedCodec(
+            name="modbus-ascii",
+            codec=ModbusAsciiCodec(),
+            reference=ModbusReference("ascii", marks=2),
+            make_exchange=modbus,
+            alphabet=_HEX,
+            longest=_ASCII,
+        ),
+        FuzzedCodec(
+            name="modbus-ascii-resync",
+            codec=ModbusAsciiCodec(tolerate_leading_noise=True),
+            reference=ModbusReference("ascii", resync=4, marks=2),
+            make_exchange=modbus,
+            alphabet=_HEX,
+            longest=_ASCII + 4,
+        ),
+        FuzzedCodec(
+            name="df800-rtu",
+            codec=ModbusRtuCodec("short", 4),
+            reference=ModbusReference("rtu", short=True),
+            make_exchange=df800,
+            alphabet=_ALL,
+            longest=_RTU,
+        ),
+        FuzzedCodec(
+            name="df800-ascii",
+            codec=ModbusAsciiCodec("short", 4),
+            reference=ModbusReference("ascii", True, marks=2),
+            make_exchange=df800,
+            alphabet=_HEX,
+            longest=_ASCII,
         ),
     )
 

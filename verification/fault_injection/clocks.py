@@ -237,7 +237,7 @@ class UntimedPortScenario(PortFailureScenario):
 
 def stall_clock(campaign_run: CampaignRun, nth: int) -> int:
     """Stall the bus clock at its ``nth`` reading; return the number of readings."""
-    own = CampaignRun("failures", campaign_run.seed, 1)
+    own = CampaignRun(campaign="failures", seed=campaign_run.seed, budget=1)
     trial = UntimedPortScenario(own, VC660, f"clock/{nth}")
     clock = StalledClock(trial.loop.time, nth)
     trial.scenario.bus._clock = clock
@@ -298,7 +298,7 @@ def is_bus_timer(timer: VirtualTimer) -> bool:
 
 
 class HostSleepScenario:
-    """One bus whose host sleeps during a run, a setpoint, a jog or a stop."""
+    """Bus whose host sleeps during a run, a setpoint, a jog or a stop."""
 
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, name: str, rng: Random) -> None:
         self.campaign_run, self.kind, self.rng = campaign_run, kind, rng

@@ -279,6 +279,8 @@ def fail_store(campaign_run: CampaignRun, disk: FaultyDisk, *, power: bool = Fal
     def saved(value: float) -> Any:
         command = scenario.command_by(save, 1, "write", value)
         scenario.finish(command, within_s=CALL_MAX_S["write"] + CALL_TIMEOUT_S)
+        if disk.is_killed and command.task is not None and command.task.done():
+            command.task.exception()  # a killed program logs nothing about its task
         return command
 
     with installed_disk(disk):
@@ -325,7 +327,7 @@ def fail_capture(campaign_run: CampaignRun, disk: FaultyDisk, clean: list[str], 
     The first run fills ``clean`` and ``records``.
     """
     path, lines = disk.folder / "x.dbcap", list[str]()
-    own = CampaignRun("failures", campaign_run.seed, 1, listener=lines.append)
+    own = CampaignRun(campaign="failures", seed=campaign_run.seed, budget=1, listener=lines.append)
     recorders, trials = list[RecordingPort](), list[PortFailureScenario]()
 
     def recorded(port: Any) -> RecordingPort:

@@ -44,7 +44,7 @@ def _check_missing_last_byte(run: CellRun) -> None:
     """Check that a drive without end mark and timeout, which takes the next frame's first byte, never moves."""
     scenario = run.scenario(1)
     station = scenario.station(1)
-    station.rule = type(station.rule)(1e6, start_bytes=station.rule.start_bytes)
+    station.rule = type(station.rule)(gap_characters=1e6, start_bytes=station.rule.start_bytes)
     scenario.simulated_bus._group_stations()
     scenario.read(1)
     for _ in range(3):

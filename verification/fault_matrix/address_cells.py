@@ -10,7 +10,7 @@ from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import NotPermitted
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.models.catalog import make_station
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedStation
 from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
@@ -50,7 +50,7 @@ def duplicate_address(run: CellRun) -> None:
         _check_only_stops(run, scenario, (scenario.station(1), second))
 
 
-def _check_only_stops(run: CellRun, scenario: MatrixScenario, two: tuple[Station, Station]) -> None:
+def _check_only_stops(run: CellRun, scenario: MatrixScenario, two: tuple[SimulatedStation, SimulatedStation]) -> None:
     mark = len(scenario.requests)
     for what in ("run", "set_frequency"):
         user_command = scenario.command_to_end(1, what, run.random_hz())
@@ -138,7 +138,9 @@ def only_stops_are_broadcast(run: CellRun) -> None:
     for wanted in forbidden_broadcasts(run.kind):
         for station in (1, run.kind.broadcast or 0):
             answer = scenario.loop.run_until_complete(
-                scenario.bus.transact(BusRequest(station, wanted, run.rng.choice(list(RequestPriority))))
+                scenario.bus.transact(
+                    BusRequest(station=station, request=wanted, priority=run.rng.choice(list(RequestPriority)))
+                )
             )
             scenario.expect(isinstance(answer.error, NotPermitted) and not answer.sent, f"{wanted}: {answer.error!r}")
     scenario.run(1.0)

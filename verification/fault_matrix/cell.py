@@ -31,7 +31,7 @@ CELL_MODULES = ("reply_cells", "damaged_frame_cells", "adapter_cells", "address_
 
 
 class CellRun:
-    """One run of a cell: a drive variant, a random generator, and the scenarios of the check."""
+    """Run of a cell: a drive variant, a random generator, and the scenarios of the check."""
 
     def __init__(self, campaign_run: CampaignRun, cell: MatrixCell, number: int) -> None:
         self.campaign_run, self.kind = campaign_run, cell.kind

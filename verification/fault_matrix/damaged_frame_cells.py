@@ -164,7 +164,7 @@ def _check_short_form(run: CellRun) -> None:
     scenario = run.scenario()
     codec = scenario.drives[1].dialect.codec
     if run.kind.model == "c320":
-        reply: Any = sunfar.SunfarReply(1, sunfar.SunfarResponse(run.rng.choice((6, 7, 8))))
+        reply: Any = sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse(run.rng.choice((6, 7, 8))))
     else:
         reply = modbus.ExceptionReply(1, 3, run.rng.choice((1, 2, 3, 4)) if run.kind.model == "vc660" else None)
     data = codec.encode_reply(reply)

@@ -13,7 +13,13 @@ from drivebus.simulator.motor import Trip
 from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixScenario
-from verification.reference.request_effects import RequestEffect, c320_field, modbus_write, status_read_key
+from verification.reference.request_effects import (
+    C320_CONTROL,
+    RequestEffect,
+    c320_class_and_operation,
+    modbus_write,
+    status_read_key,
+)
 from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
@@ -64,7 +70,7 @@ def _check_ram_writes(scenario: MatrixScenario, notation: str) -> None:
     )
     for one in scenario.requests_since(mark, RequestEffect.SETTING):
         if scenario.kind.model == "c320":
-            scenario.expect(c320_field(scenario.kind, one.data, 3, 1) == 3, "not class 3")
+            scenario.expect(c320_class_and_operation(scenario.kind, one.data)[0] == 3, "not class 3")
         else:
             scenario.expect((modbus_write(scenario.kind, one.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
 
@@ -84,10 +90,8 @@ def operation_only_after_status(run: CellRun) -> None:
         status_reads = [sent for sent in scenario.requests[one:other] if status_read_key(scenario.kind, sent.data)]
         scenario.expect(len(status_reads) >= 2, f"{len(status_reads)} looks before a start")
     for sent in scenario.requests:
-        control = c320_field(scenario.kind, sent.data, 3, 1) == 4
-        scenario.expect(
-            control or c320_field(scenario.kind, sent.data, 4, 2) == 0, f"{sent.data.hex()} carries an operation"
-        )
+        kind, operation = c320_class_and_operation(scenario.kind, sent.data)
+        scenario.expect(kind == C320_CONTROL or operation == 0, f"{sent.data.hex()} carries an operation")
 
 
 @cell("toggle", DZB100)

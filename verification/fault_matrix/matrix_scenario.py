@@ -175,7 +175,7 @@ class MatrixScenario(Scenario):
 
     def transact(self, address: int, wanted: Any) -> BusResult:
         """Run one transaction."""
-        answer: BusResult = self.loop.run_until_complete(self.bus.transact(BusRequest(address, wanted)))
+        answer: BusResult = self.loop.run_until_complete(self.bus.transact(BusRequest(station=address, request=wanted)))
         return answer
 
     def plain_read(self, address: int) -> tuple[Any, bytes]:

@@ -11,7 +11,13 @@ from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.motor import Trip
 from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_quarantine, check_void
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario, WireSend
-from verification.reference.request_effects import RequestEffect, c320_field, shows_standstill, status_read_key
+from verification.reference.request_effects import (
+    RequestEffect,
+    c320_class_and_operation,
+    is_sync_probe,
+    shows_standstill,
+    status_read_key,
+)
 
 # --- no reply ---------------------------------------------------------------------------------------------------------
 
@@ -249,7 +255,7 @@ def _check_same_key_other_class(scenario: MatrixScenario) -> None:
     parameter = next(
         one
         for one in sent
-        if c320_field(scenario.kind, one.data, 3, 1) == 2 and c320_field(scenario.kind, one.data, 6, 1) == 0
+        if c320_class_and_operation(scenario.kind, one.data)[0] == 2 and not is_sync_probe(scenario.kind, one.data)
     )
     scenario.expect(scenario.sync_probes(one for one in sent if one.start < parameter.start), "F0.1 right after d.1")
 
@@ -313,10 +319,15 @@ def error_reply(kind: Any, code: int | None, request: Any) -> Any:
     """Return the model's error reply with this code."""
     if kind.model == "c320":
         return sunfar.SunfarReply(
-            1, sunfar.SunfarResponse(code or 0), sunfar.SunfarState.STOPPED, request.group, request.item, 0
+            address=1,
+            response=sunfar.SunfarResponse(code or 0),
+            state=sunfar.SunfarState.STOPPED,
+            group=request.group,
+            item=request.item,
+            data=0,
         )
     if kind.model == "dzb100":
-        return dzb100.Dzb100Reply("P", 1, request.parameter, request.data, False)
+        return dzb100.Dzb100Reply(head="P", address=1, index=request.parameter, data=request.data, accepted=False)
     return modbus.ExceptionReply(1, 6, code)
 
 
@@ -340,7 +351,11 @@ def _check_rejected(scenario: MatrixScenario, notation: str, save: bool, code: i
         if not wrote:
             return answer(message, codec)
         found = error_reply(kind, code, request)
-        return sunfar.SunfarReply(1, found.response) if getattr(found, "response", 0) in (6, 7, 8) else found
+        return (
+            sunfar.SunfarReply(address=1, response=found.response)
+            if getattr(found, "response", 0) in (6, 7, 8)
+            else found
+        )
 
     station.handle_request = refusing
     mark, failed = len(scenario.requests), scenario.failure_count(1)

@@ -99,6 +99,8 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "sync_probe_count": "",
         "gap_s": "",
         "last_reply_at": "",
+        "last_frame": "",
+        "failure_reason": "",
         "config": "",
         "encode_cache": "",
     },
@@ -156,7 +158,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     },
     UnsolicitedBytes: {"buffer": "many", "_foreign_request_times": "many", "last_byte_at": ""},
     SilenceTimeout: {"_started_at": "", "_settings": ""},
-    PollSchedule: {"_heap": "", "_count": "", "_phase_count": "", "suspended": ""},
+    PollSchedule: {"heap": "", "_count": "", "_phase_count": "", "suspended": ""},
     ProbeBudget: {"allowed_at": ""},
 }
 """Attributes with their rule in the key; "" leaves out what is fixed, derived or only counted.

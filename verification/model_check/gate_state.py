@@ -1,4 +1,4 @@
-"""One state of the model check: a real bus core, a command, a permit and the permit monitor, with all events.
+"""State of the model check: a real bus core, a command, a permit and the permit monitor, with all events.
 
 A state can be copied and has a key; equal keys mean equal future behaviour.
 """
@@ -81,7 +81,7 @@ class GateState:
         self.subject = subject
         self.core = BusCore(grid_serial_settings(subject.grid), echo="off")
         self.core.add_station(subject.dialect.station_config)
-        self.monitor = PermitMonitor(subject.model)
+        self.monitor = PermitMonitor(model=subject.model)
         self.now = GRID_START_S
         self.alarm: float | None = None
         self.command: DriveCommand | None = None
@@ -264,7 +264,9 @@ class GateState:
         effect = self.monitor.effect_of(data)
         until = self.model_command.made_at + self.subject.limit_s(effect)
         self.held_permit = HeldPermit(
-            permit, PermitRecord(data, effect, until, self.model_command.counts, missing), place
+            permit,
+            PermitRecord(data=data, effect=effect, expires_at=until, counts=self.model_command.counts, missing=missing),
+            place,
         )
         return self
 
@@ -311,12 +313,17 @@ class GateState:
         self._own_core().add_station(self.subject.dialect.station_config)
 
     def _read(self, _: str) -> None:
-        self._submit_request(BusRequest(OUR_ADDRESS, self.subject.dialect.echo_test_read()), "read")
+        self._submit_request(BusRequest(station=OUR_ADDRESS, request=self.subject.dialect.echo_test_read()), "read")
 
     def _stop(self, _: str, how: StopMode = StopMode.STOP) -> None:
         self.monitor.on_stop()
         self._submit_request(
-            BusRequest(OUR_ADDRESS, self.subject.stop_request(how), RequestPriority.STOP, RetryPolicy.IDEMPOTENT),
+            BusRequest(
+                station=OUR_ADDRESS,
+                request=self.subject.stop_request(how),
+                priority=RequestPriority.STOP,
+                retry_policy=RetryPolicy.IDEMPOTENT,
+            ),
             "stop",
         )
 
@@ -324,7 +331,12 @@ class GateState:
         self.monitor.on_stop()
         request = self.subject.dialect.broadcast_stop()[0]
         address = self.subject.dialect.codec.address_of(request)
-        self._submit_request(BusRequest(address, request, RequestPriority.STOP, RetryPolicy.BROADCAST), "stop")
+        self._submit_request(
+            BusRequest(
+                station=address, request=request, priority=RequestPriority.STOP, retry_policy=RetryPolicy.BROADCAST
+            ),
+            "stop",
+        )
 
     def _make_command(self, _: str) -> None:
         self.command = self.subject.op.create_command(
@@ -343,7 +355,11 @@ class GateState:
         assert held is not None
         frame, slot = self.subject.frames[held.place], min({0, 1, 2} - set(self.permits))
         bus_request = BusRequest(
-            OUR_ADDRESS, frame.request, RequestPriority.PARAMETER, RetryPolicy.IDEMPOTENT, held.permit
+            station=OUR_ADDRESS,
+            request=frame.request,
+            priority=RequestPriority.PARAMETER,
+            retry_policy=RetryPolicy.IDEMPOTENT,
+            permit=held.permit,
         )
         if not raw:
             operation = self.subject.op.transact(
@@ -360,8 +376,8 @@ class GateState:
         request = self.subject.frames[0].request
         permit = self.held_permit.permit if self.held_permit is not None and self.held_permit.place == 0 else None
         bus_requests = [
-            ("a permit", BusRequest(OUR_ADDRESS, request, RequestPriority.COMMAND)),
-            ("a permit", BusRequest(OUR_ADDRESS, request, RequestPriority.POLL)),
+            ("a permit", BusRequest(station=OUR_ADDRESS, request=request, priority=RequestPriority.COMMAND)),
+            ("a permit", BusRequest(station=OUR_ADDRESS, request=request, priority=RequestPriority.POLL)),
         ]
         if permit is not None:
             swapped = Effect.SETTING if permit.effect is Effect.MOTION else Effect.MOTION
@@ -369,26 +385,46 @@ class GateState:
                 (
                     "permit for this station",
                     BusRequest(
-                        OUR_ADDRESS, request, RequestPriority.COMMAND, permit=replace(permit, station=OTHER_ADDRESS)
+                        station=OUR_ADDRESS,
+                        request=request,
+                        priority=RequestPriority.COMMAND,
+                        permit=replace(permit, station=OTHER_ADDRESS),
                     ),
                 ),
                 (
                     "permit for this station",
-                    BusRequest(OTHER_ADDRESS, self.subject.foreign, RequestPriority.COMMAND, permit=permit),
+                    BusRequest(
+                        station=OTHER_ADDRESS,
+                        request=self.subject.foreign,
+                        priority=RequestPriority.COMMAND,
+                        permit=permit,
+                    ),
                 ),
                 (
                     "permit for this station",
-                    BusRequest(OUR_ADDRESS, self.subject.foreign, RequestPriority.COMMAND, permit=permit),
+                    BusRequest(
+                        station=OUR_ADDRESS,
+                        request=self.subject.foreign,
+                        priority=RequestPriority.COMMAND,
+                        permit=permit,
+                    ),
                 ),
                 (
                     "permit for this effect",
-                    BusRequest(OUR_ADDRESS, request, RequestPriority.COMMAND, permit=replace(permit, effect=swapped)),
+                    BusRequest(
+                        station=OUR_ADDRESS,
+                        request=request,
+                        priority=RequestPriority.COMMAND,
+                        permit=replace(permit, effect=swapped),
+                    ),
                 ),
             ]
         self._own_core().add_station(self.subject.other.station_config)
         for slot, (what, bus_request) in enumerate(bus_requests, FIRST_FORGED_SLOT):
             data = self.subject.dialect.codec.encode_request(bus_request.request)
-            least = PermitRecord(data, self.monitor.effect_of(data), self.now, self.monitor.counts)
+            least = PermitRecord(
+                data=data, effect=self.monitor.effect_of(data), expires_at=self.now, counts=self.monitor.counts
+            )
             record = least if permit is None or self.held_permit is None else self.held_permit.record
             self.permits[slot] = replace(record, data=data, missing=(*record.missing, what))
             self._submit_request(bus_request, slot)

@@ -80,13 +80,13 @@ def grid_serial_settings(grid: TimeGrid) -> SerialSettings:
 MODEL_NAMES = ("c320", "dzb100", "vc660", "df800")
 OUR_ADDRESS, OTHER_ADDRESS = 1, 2
 """Stations of the model: the commanded one, and one whose permits must not count."""
-START_FREQUENCY_HZ = {"dzb100": 0.5}
-"""Frequency of a start, in Hz: below the cap of the DZB100; 20 Hz elsewhere."""
+START_FREQUENCY_HZ = {"c320": 0.5, "dzb100": 0.5}
+"""Frequency of a start, in Hz: below the cap of a drive whose scale is not calibrated; 20 Hz elsewhere."""
 START_DIRECTION = {"vc660": Direction.REVERSE, "df800": None}
 """Direction of a start: reverse where every later word must repeat it; none for the uncalibrated DF800."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ModelSubject:
     """Objects that all states of one search share; the command word, which changes, is restored for each state."""
 
@@ -137,14 +137,17 @@ class ModelSubject:
 
 def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject:
     """Build the subject of one model and command kind."""
-    options = {"direction_calibrated": True} if model == "df800" and kind is CommandKind.JOG else {}
+    options: dict[str, Any] = {"setpoint_step": "0.01"} if model == "c320" else {}
+    options |= {"direction_calibrated": True} if model == "df800" and kind is CommandKind.JOG else {}
     ours, other = (
         create_dialect(profiles.load(model), address, options=options, timing=grid.timing)
         for address in (OUR_ADDRESS, OTHER_ADDRESS)
     )
-    op = OperationContext(DriveContext(ours, EepromBudget(MemoryStore(), "model/1")))
+    op = OperationContext(DriveContext(dialect=ours, eeprom_budget=EepromBudget(MemoryStore(), "model/1")))
     frames, foreign = _command_frames(ours, kind, op), _command_frames(other, kind, op)[0].request
-    return ModelSubject(model, kind, grid, ours, other, op, frames, foreign)
+    return ModelSubject(
+        model=model, kind=kind, grid=grid, dialect=ours, other=other, op=op, frames=frames, foreign=foreign
+    )
 
 
 def _command_frames(dialect: Dialect, kind: CommandKind, op: OperationContext) -> tuple[CommandFrame, ...]:
@@ -161,7 +164,7 @@ def _runs_forward() -> ReadingPairs:
     """Return the reading pairs of a running DZB100: its last command, read twice."""
     pairs = ReadingPairs()
     for _ in range(2):
-        pairs.add({"command": Reading(1, raw=1)})
+        pairs.add({"command": Reading(value=1, raw=1)})
     return pairs
 
 
@@ -171,10 +174,17 @@ def normal_reply(request: Any, codec: Any) -> bytes:
     if isinstance(request, sunfar.SunfarControl | sunfar.ReadMonitor | sunfar.SunfarReadParameter):
         group, item = getattr(request, "group", 0), getattr(request, "item", 0)
         reply = sunfar.SunfarReply(
-            request.address, sunfar.SunfarResponse.OK, sunfar.SunfarState.STOPPED, group, item, 0
+            address=request.address,
+            response=sunfar.SunfarResponse.OK,
+            state=sunfar.SunfarState.STOPPED,
+            group=group,
+            item=item,
+            data=0,
         )
     elif isinstance(request, dzb100.Dzb100Control | dzb100.Dzb100Query | dzb100.Dzb100ReadParameter):
-        reply = dzb100.Dzb100Reply(chr(request.head), request.address, request.index, request.data, True)
+        reply = dzb100.Dzb100Reply(
+            head=chr(request.head), address=request.address, index=request.index, data=request.data, accepted=True
+        )
     elif isinstance(request, modbus.ReadRegisters):
         reply = modbus.RegisterValues(request.address, 3, (0,) * request.count)
     elif isinstance(request, modbus.Diagnostics):

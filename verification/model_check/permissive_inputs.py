@@ -43,9 +43,9 @@ EVIDENCE_AGES_S = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PermissiveInputs:
-    """One combination of inputs."""
+    """Combination of inputs."""
 
     age: str = "fresh"
     state: DriveState = DriveState.STOPPED
@@ -76,7 +76,16 @@ def input_combinations(subject: ModelSubject, small: bool) -> Iterator[Permissiv
     for age, state, limits, preflight, foreign, duplicate, (rate, damaged) in product(
         EVIDENCE_AGES_S, states, flags, preflights, flags, flags, links
     ):
-        yield PermissiveInputs(age, state, limits, preflight, foreign, duplicate, rate, damaged)
+        yield PermissiveInputs(
+            age=age,
+            state=state,
+            limits=limits,
+            preflight=preflight,
+            foreign=foreign,
+            duplicate=duplicate,
+            rate=rate,
+            damaged=damaged,
+        )
 
 
 def missing_permissives(subject: ModelSubject, effect: RequestEffect, shown: PermissiveInputs) -> tuple[str, ...]:
@@ -136,7 +145,7 @@ def request_permit(
     age = EVIDENCE_AGES_S[shown.age]
     if age is not None:
         names = subject.dialect.state_names
-        op.reading_pairs.add({n: Reading(1, source_time=now - (age if n == names[-1] else 0.0)) for n in names})
+        op.reading_pairs.add({n: Reading(value=1, source_time=now - (age if n == names[-1] else 0.0)) for n in names})
     conditions = replace(
         bus_state,
         foreign_master=bus_state.foreign_master if shown.foreign is None else shown.foreign,

@@ -41,7 +41,7 @@ class ModelCommand:
     counts: EventCounts
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PermitRecord:
     """Permit as the monitor knows it: its bytes, effect and expiry; ``missing``: conditions missing when it was
     granted."""
@@ -54,7 +54,7 @@ class PermitRecord:
     frames_sent: int = 0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class PermitMonitor:
     """Monitor of one station."""
 
@@ -67,7 +67,14 @@ class PermitMonitor:
     """Last word sent to the drive (VC660)."""
 
     def copy(self) -> PermitMonitor:
-        return PermitMonitor(self.model, self.counts, self.latched, self.is_open, self.present, self.command_word)
+        return PermitMonitor(
+            model=self.model,
+            counts=self.counts,
+            latched=self.latched,
+            is_open=self.is_open,
+            present=self.present,
+            command_word=self.command_word,
+        )
 
     def effect_of(self, data: bytes) -> RequestEffect:
         return worst_effect(self.model, data, self.command_word)
@@ -101,9 +108,8 @@ class PermitMonitor:
     ) -> tuple[RequestEffect, int | None, tuple[str, ...]]:
         """Return the effect of a sent frame, its slot, and the missing conditions."""
         effect = self.effect_of(data)
-        self.command_word = (
-            word if (word := command_word(data)) is not None and self.model == "vc660" else self.command_word
-        )
+        if self.model == "vc660" and (word := command_word(data)) is not None:
+            self.command_word = word
         if effect in (RequestEffect.READ, RequestEffect.STOP):
             return effect, None, ()
         matching = {

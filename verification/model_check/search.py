@@ -39,12 +39,12 @@ class PermitDecision:
     sole_reasons: frozenset[str]
     """Conditions that were the only missing one of a refused combination."""
     granted: tuple[tuple[PermissiveInputs, tuple[str, ...]], ...]
-    """One granted combination for each set of missing conditions."""
+    """Granted combination for each set of missing conditions."""
     is_wrong: bool
     """Whether a combination with nothing missing was refused."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class SearchResult:
     """Result of a search."""
 

@@ -92,6 +92,13 @@ class Dzb100Reference:
 
     # --- reading ----------------------------------------------------------------------------------------------------
 
+    def parse_request(self, sent: bytes) -> tuple[str, int, int, int]:
+        """Return kind, address, number (MM or NN) and data of a request. Raises ValueError for what the manual does not
+        define."""
+        if self.accepted_size(b"", sent) != len(sent):
+            raise ValueError(f"no request of the DZB100: {sent.hex(' ')}")
+        return KINDS[sent[0]], int(sent[3:5]), int(sent[5:7]), int(sent[7:11], 16)
+
     def decode_reply(self, sent: bytes, received: bytes) -> dict[str, Any] | None:
         """Return what the reply to this request means by the manual's letter; None where it knows no such reply."""
         kind, b = KINDS[sent[0]], received[2] if len(received) > 2 else 0

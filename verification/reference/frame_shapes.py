@@ -11,11 +11,13 @@ from typing import Literal
 Bytes = frozenset[int]
 CheckRule = Literal["none", "sum", "crc"]
 ANY: Bytes = frozenset(range(256))
+REMEMBERED_REQUESTS = 4096
+"""Parsed requests that a reference codec remembers: long campaigns keep their memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameShape:
-    """One kind of valid frame: the bytes allowed at each place, and the places of its checksum."""
+    """Kind of valid frame: the bytes allowed at each place, and the places of its checksum."""
 
     places: tuple[Bytes, ...]
     check: range

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
-from verification.reference.frame_shapes import ANY, Bytes, FrameShape, literal_places
+from verification.reference.frame_shapes import ANY, REMEMBERED_REQUESTS, Bytes, FrameShape, literal_places
 
 READ_LIMITS = {1: 2000, 2: 2000, 3: 125, 4: 125}
 """Function → largest number of bits or registers of one read."""
@@ -56,6 +56,17 @@ class ModbusReference:
     def address(self) -> slice:
         """Place of the address in a frame."""
         return slice(0, 1) if self.encoding == "rtu" else slice(1, 3)
+
+    def parse_request(self, sent: bytes) -> bytes:
+        """Return the octets of a request without their check. Raises ValueError for what the standard lacks."""
+        return _parse_request(self, sent)
+
+    def octets(self, frame: bytes) -> bytes:
+        """Return the octets of a whole frame without their check. Raises ValueError where marks, digits or check are
+        wrong."""
+        if not self.is_well_formed(frame):
+            raise ValueError(f"no frame of Modbus {self.encoding}: {frame.hex(' ')}")
+        return frame[:-2] if self.encoding == "rtu" else bytes.fromhex(frame[1:-4].decode())
 
     def accepted_size(self, sent: bytes, received: bytes) -> int | None:
         """Return how many bytes of ``received`` are the reply to ``sent`` (or, with nothing sent, a request); None:
@@ -133,6 +144,13 @@ class ModbusReference:
 
     def _octet_forms(self, request: bytes) -> Iterator[tuple[Bytes, ...]]:
         yield from _reply_forms(request, self.short) if request else _request_forms()
+
+
+@lru_cache(maxsize=REMEMBERED_REQUESTS)
+def _parse_request(reference: ModbusReference, sent: bytes) -> bytes:
+    if reference.accepted_size(b"", sent) != len(sent):
+        raise ValueError(f"no request of Modbus {reference.encoding}: {sent.hex(' ')}")
+    return reference.octets(sent)
 
 
 def _octets(digits: bytes) -> bytes | None:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import ClassVar
 
-from verification.reference.frame_shapes import ANY, Bytes, FrameShape, literal_places
+from verification.reference.frame_shapes import ANY, REMEMBERED_REQUESTS, Bytes, FrameShape, literal_places
 
 BROADCAST = 31
 """2.4.2: addresses are 0 to 30; 31 is every drive."""
@@ -153,7 +153,10 @@ class SunfarReference:
     # --- reading ----------------------------------------------------------------------------------------------------
 
     def parse_request(self, sent: bytes) -> list[int]:
-        """Return the fields of a valid request of ours: address, class, operation, then group, item and data."""
+        """Return the fields of a request: address, class, operation, then group, item and data as far as present.
+
+        Raises ValueError for what the manual does not define; ``tolerant`` does not apply, as we send no such frames.
+        """
         return _parse_request(SunfarReference(self.encoding), sent)
 
     def decode_reply(self, sent: bytes, received: bytes) -> dict[str, int] | None:
@@ -277,8 +280,10 @@ class SunfarReference:
         )
 
 
-@cache
+@lru_cache(maxsize=REMEMBERED_REQUESTS)
 def _parse_request(reference: SunfarReference, sent: bytes) -> list[int]:
+    if reference.accepted_size(b"", sent) != len(sent):
+        raise ValueError(f"no request of the C320: {sent.hex(' ')}")
     found = reference._read(sent, REQUEST_FIELDS[reference.digit(sent[3])])
     assert found is not None
     return found[0]

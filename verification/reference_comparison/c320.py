@@ -20,7 +20,7 @@ STATES = tuple(reference.STATES)
 
 
 class C320Comparison:
-    """One encoding; ``codec`` replaces the product's codec in tests of the comparison."""
+    """Comparison of one encoding; ``codec`` replaces the product's codec in tests of the comparison."""
 
     def __init__(self, encoding: str, codec: Any = None) -> None:
         self.name = f"c320-{encoding}"

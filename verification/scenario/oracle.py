@@ -14,7 +14,6 @@ from math import inf
 from typing import Any
 
 from drivebus import clock
-from drivebus.bus.messages import BusResult
 from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant, character_s
@@ -185,7 +184,14 @@ class Oracle:
     def on_command(self, address: int, what: str, arguments: tuple[Any, ...]) -> UserCommand:
         """Record a command that a user gives now."""
         self.command_count += 1
-        command = UserCommand(self.command_count, address, what, arguments, self.now(), clock.wall_clock().date())
+        command = UserCommand(
+            number=self.command_count,
+            address=address,
+            method=what,
+            arguments=arguments,
+            at=self.now(),
+            day=clock.wall_clock().date(),
+        )
         self.open_commands.setdefault(address, []).append(command)
         if address in self.histories:
             self.histories[address].on_command(command)
@@ -207,7 +213,7 @@ class Oracle:
         elif history is not None:
             check_outcome(command, history, self.kind.reports_running, self.violation)
 
-    def on_reply_accepted(self, answer: BusResult) -> None:
+    def on_reply_accepted(self, answer: Any) -> None:
         """Check that an accepted reply is the station's reply to this request (I5)."""
         if answer.error is not None or answer.reply is None:
             return

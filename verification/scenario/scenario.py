@@ -42,7 +42,7 @@ class ObservedBus(Bus):
 
 
 class Scenario:
-    """One bus in virtual time. ``options`` are those of ``sim://`` URLs: line quality, echo, ramp, seed, load …"""
+    """Bus in virtual time. ``options`` are those of ``sim://`` URLs: line quality, echo, ramp, seed, load …"""
 
     def __init__(
         self,

@@ -30,7 +30,7 @@ class SentRequest(NamedTuple):
     data: bytes
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class PendingStop:
     """Stop that was commanded and not yet sent."""
 
@@ -78,7 +78,9 @@ class StopTimer:
         """Record a stop command for a drive, or for all drives at the broadcast address."""
         now = self.scenario.loop.time()
         turnaround = self.last_request is not None and self.last_request.address == self.scenario.kind.broadcast
-        self._waiting.append(PendingStop(address, now, self._free_at(now) + self.bounds.gap_s, turnaround))
+        self._waiting.append(
+            PendingStop(address=address, at=now, due=self._free_at(now) + self.bounds.gap_s, after_broadcast=turnaround)
+        )
 
     def _free_at(self, now: float) -> float:
         """Return the latest end of the current transaction."""

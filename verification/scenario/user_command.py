@@ -16,7 +16,7 @@ STOP_METHODS = frozenset({"stop", "coast", "quick_stop"})
 MOTION_METHODS = frozenset({"run", "jog"})
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, kw_only=True)
 class UserCommand:
     """Command of a user, with its result."""
 

@@ -127,6 +127,11 @@ class Bus:
         return self.core.is_open
 
     @property
+    def port_opened_at(self) -> float | None:
+        """Monotonic second of the last opening of the port, None while it is not open. Older values may be wrong."""
+        return self.core.opened_at if self.core.is_open else None
+
+    @property
     def is_closed(self) -> bool:
         """Whether the bus was not opened yet, or closed by ``close``; then no port is opened automatically."""
         return self._loop is None
@@ -171,11 +176,15 @@ class Bus:
         return self.core.unsolicited.has_foreign_master(self.now())
 
     def stop_epoch(self, address: int) -> int:
-        """Return the number of stops of this station: a permit of an older epoch is void. Raises KeyError."""
+        """Return the stop epoch of this station: its stops, port losses and removals so far. A permit of an earlier
+        epoch is void. Raises KeyError."""
         return self.core.stations[address].stop_epoch
 
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
-        """Reject every frame that may move a motor of these stations (None: all) until ``release_start``."""
+        """Refuse every frame that may move a motor of these stations (None: all) until ``release_start``.
+
+        ``drives`` refuses setpoints, resets and parameter writes then too.
+        """
         self.core.set_start_inhibit(addresses, True)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:

@@ -19,8 +19,10 @@ Which code decides that a frame may be sent:
 1. Frames leave only in ``_send``, which only ``_send_next`` calls, with no transaction open.
 2. ``_send_next`` calls it only after the gap of silence. Only a stop is sent without it, after its silence timeout.
 3. The frame is the one that ``Scheduler.next`` chose at this very ``now``. It returns stops, sync probes, and requests
-   that it has just checked for expiry and by ``PreparedRequest.permit_error``: a write needs a permit for this station
-   and this effect, not expired and of the current stop epoch, and a start inhibit rejects every motion.
+   of callers that it has just checked for expiry and by ``PreparedRequest.permit_error``: a write needs a permit for
+   this station and this effect, not expired and of the current stop epoch, and a start inhibit refuses every motion
+   (``drives.permissives`` grants no permit at all then). Polls and sync probes only read: ``start_polling`` and
+   ``add_station`` check that.
 4. Effect and addressed station are decoded from the encoded bytes (``_prepare``), not taken from the caller.
 5. A stop needs no permit. ``submit`` queues it at once; it removes the commands that it overtakes and raises the stop
    epoch, which voids every permit granted before.
@@ -28,7 +30,8 @@ Which code decides that a frame may be sent:
 Which code decides that a reply is accepted:
 
 6. ``Transaction`` takes only a complete frame that the codec decodes as the reply to the one open request, without a
-   line error, received after the last bit of our own frame and apart from its echo, and followed by the gap of silence.
+   line error, apart from the echo of our own frame, and followed by the gap of silence. Where the port's timing is that
+   of the line (not over TCP or a pseudo-terminal), bytes received before the last bit of our own frame are no reply.
 7. ``_reject_reason`` then rejects a reply that may be our own echo, and any reply of a suspect station except to a
    sync probe. It is skipped only where neither is possible: the echo is ruled out and the station is trusted.
    ``_accept_reply`` is the only place where a reply becomes a result.
@@ -52,10 +55,11 @@ from typing import Any
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
 from drivebus.bus.compatibility import check_compatible
 from drivebus.bus.echo import EchoDetector
+from drivebus.bus.failure_reason import copy_error, failure_reason, late_reply
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.scheduler import NEVER, Scheduler
-from drivebus.bus.station import Presence, Station, StationHealth
+from drivebus.bus.station import Presence, Station, StationHealth, StationState, UnansweredRequest
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
@@ -155,12 +159,18 @@ class BusCore:
     # --- stations ------------------------------------------------------------------------------------------------
 
     def add_station(self, config: StationConfig) -> None:
-        """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix."""
+        """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix.
+
+        Raises ValueError for a sync request that does more than read.
+        """
         if config.address in self.stations:
             raise ConfigurationError("bus.address_taken", address=config.address)
         if config.address == config.codec.broadcast_address:
             raise ConfigurationError("bus.address_broadcast", address=config.address)
         check_compatible(config, (station.config for station in self.stations.values()), self._allow_mixed)
+        effect = config.effect_of(config.codec.encode_request(config.sync_request(0)))
+        if effect is not Effect.NONE:
+            raise ValueError(f"station {config.address}: a sync request only reads, this one is {effect.value}")
         station = self.stations[config.address] = Station(config, self.settings)
         station.start_inhibited = self.all_starts_inhibited
         if config.address in self.removed_stations:
@@ -339,6 +349,7 @@ class BusCore:
             self._complete(prepared, error)
         for station in self.stations.values():
             station.stop_epoch += 1
+            station.failure_reason = None
             self._mark_suspect(station, now)
         self._silence_timeout.reset()
         return self._advance(now)
@@ -441,11 +452,11 @@ class BusCore:
         if self.tracing:
             self._trace(
                 TraceEvent(
-                    now,
-                    TraceKind.SENT,
-                    prepared.data,
-                    station.address,
-                    prepared.request,
+                    time=now,
+                    kind=TraceKind.SENT,
+                    data=prepared.data,
+                    station=station.address,
+                    message=prepared.request,
                     attempt=prepared.attempts,
                 )
             )
@@ -519,19 +530,20 @@ class BusCore:
         if not prepared.is_broadcast:
             assert transaction.last_byte_at is not None
             station.last_reply_at = transaction.last_byte_at
+            station.last_frame = transaction.buffer
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
-            else:
+            elif station.state is not StationState.ONLINE:
                 station.mark_replied()
             if self.tracing:
                 self._trace(
                     TraceEvent(
-                        transaction.last_byte_at or now,
-                        TraceKind.REPLY,
-                        bytes(transaction.buffer),
-                        station.address,
-                        transaction.message,
+                        time=transaction.last_byte_at or now,
+                        kind=TraceKind.REPLY,
+                        data=bytes(transaction.buffer),
+                        station=station.address,
+                        message=transaction.message,
                     )
                 )
         self._complete(prepared, None, transaction)
@@ -540,21 +552,26 @@ class BusCore:
         """Handle a failed transaction: mark the station suspect, retry where allowed, or take it offline.
 
         Damage (a checksum or line error on exactly a reply's worth of bytes, with no late reply due on the bus) means
-        that the reply has come: a read may be repeated at once. After anything else it may still come.
+        that the reply has come: a read or an idempotent write may be repeated at once. After anything else it may
+        still come.
         """
         prepared, station = transaction.prepared, transaction.prepared.station
         self._count_failure(transaction, error, now)
+        reason = failure_reason(transaction, error)
         self._remember_unanswered(transaction, now)
         self._detect_foreign_request(transaction, now)
+        received = transaction.received_count > 0 or reason is not error
         if self.stations.get(station.address) is not station:  # removed meanwhile
             self._complete(prepared, error, transaction)
         elif isinstance(error, UntrustedReply):
+            station.last_frame = transaction.buffer
             self._handle_untrusted_reply(prepared, error, now)
             self._complete(prepared, error, transaction)
         elif prepared.is_sync_probe:
-            self._handle_sync_failure(transaction, now)
+            self._handle_sync_failure(transaction, reason if received else None, now)
         else:
             if not (transaction.is_damaged_reply(error) and self._no_late_reply_due(now)):
+                station.failure_reason = reason if received else None
                 self._mark_suspect(station, now)
             if station.state.presence is Presence.NEVER_SEEN and isinstance(error, NoReply):
                 station.mark_offline(now)
@@ -562,7 +579,7 @@ class BusCore:
                 self.counters.count_event("retry")
                 self.scheduler.requeue(prepared)
             else:
-                self._complete(prepared, error, transaction)
+                self._complete(prepared, reason, transaction)
 
     def _handle_untrusted_reply(self, prepared: PreparedRequest, error: UntrustedReply, now: float) -> None:
         station = prepared.station
@@ -573,9 +590,15 @@ class BusCore:
         elif prepared.is_sync_probe:
             self._mark_online(station, now, verified=False)
 
-    def _handle_sync_failure(self, transaction: Transaction, now: float) -> None:
-        """Take the station offline and fail the requests that waited for its sync probe."""
+    def _handle_sync_failure(self, transaction: Transaction, received: Exception | None, now: float) -> None:
+        """Take the station offline and fail the requests that waited for its sync probe.
+
+        ``received``: the error that names the bytes in place of the reply, None without any. Then the error is that of
+        the bytes since the sync probe before, and only without those that the station is offline.
+        """
         station = transaction.prepared.station
+        error = received or station.failure_reason or NoReply("bus.offline", station=station.address)
+        station.failure_reason = None
         self._mark_suspect(station, now)
         if station.state.is_unreachable:
             self.scheduler.probe_budget.spend(now - transaction.sent_at + station.gap_s, now)
@@ -583,7 +606,7 @@ class BusCore:
         for waiting in self.scheduler.remove_if(
             lambda prepared: prepared.station is station and prepared.priority is not RequestPriority.STOP
         ):
-            self._complete(waiting, NoReply("bus.offline", station=station.address))
+            self._complete(waiting, copy_error(error))
 
     def _may_retry(self, prepared: PreparedRequest) -> bool:
         """Return whether a request may be sent again; never to a station that is not online."""
@@ -600,8 +623,9 @@ class BusCore:
     def _remember_unanswered(self, transaction: Transaction, now: float) -> None:
         """Record that the reply may still come, also where another frame was received and rejected in its place."""
         station = transaction.prepared.station
-        pending = [entry for entry in station.unanswered_requests if entry[0] > now]
-        station.unanswered_requests = [*pending, (now + MAX_REPLY_LATENESS_S, transaction.prepared.request)]
+        pending = [entry for entry in station.unanswered_requests if entry.until > now]
+        unanswered = UnansweredRequest(now + MAX_REPLY_LATENESS_S, transaction.prepared.request, transaction.tx_end_at)
+        station.unanswered_requests = [*pending, unanswered]
 
     def _mark_suspect(self, station: Station, now: float) -> None:
         """Quarantine a station whose late reply may be on its way, and schedule its sync probe."""
@@ -610,6 +634,7 @@ class BusCore:
 
     def _mark_online(self, station: Station, now: float, *, verified: bool) -> None:
         """End the quarantine of a station that has answered its sync probe."""
+        station.failure_reason = None
         station.mark_online(verified=verified)
         self.scheduler.mark_trusted(station, now)
 
@@ -675,7 +700,17 @@ class BusCore:
             silent = isinstance(error, NoReply) and not transaction.received_count
             kind = TraceKind.NO_REPLY if silent else TraceKind.INVALID
             received = bytes(transaction.buffer)
-            self._trace(TraceEvent(now, kind, received, station.address, None, error, prepared.attempts))
+            self._trace(
+                TraceEvent(
+                    time=now,
+                    kind=kind,
+                    data=received,
+                    station=station.address,
+                    message=None,
+                    error=error,
+                    attempt=prepared.attempts,
+                )
+            )
 
     # --- unsolicited bytes ---------------------------------------------------------------------------------------
 
@@ -699,7 +734,7 @@ class BusCore:
         if early:
             self.counters.count_event(TraceKind.BEFORE_TX_END.value, len(early))
             if self.tracing:
-                self._trace(TraceEvent(transaction.tx_end_at, TraceKind.BEFORE_TX_END, early))
+                self._trace(TraceEvent(time=transaction.tx_end_at, kind=TraceKind.BEFORE_TX_END, data=early))
         for data, error in transaction.foreign_frames or ():
             self._record_foreign_frame(data, error, now)
 
@@ -723,6 +758,8 @@ class BusCore:
         request, size = found
         if is_late_reply(prepared.station, request, data[:size]):
             frame = UnsolicitedFrame(TraceKind.LATE, prepared.station, request, size)
+        elif data[:size] == prepared.station.last_frame:
+            frame = UnsolicitedFrame(TraceKind.DUPLICATE, prepared.station, request, size)
         else:
             self.unsolicited.record_foreign_request(now)
             frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request, size)
@@ -740,11 +777,14 @@ class BusCore:
             )
             if kind is TraceKind.DUPLICATE or late_duplicate:
                 station.record_duplicate_reply(now)
+            if kind is TraceKind.LATE:
+                station.last_frame = data
+                station.failure_reason = late_reply(station, data, received_at) or station.failure_reason
             if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
                 self._mark_suspect(station, now)
         if self.tracing:
             address = None if station is None else station.address
-            self._trace(TraceEvent(received_at, kind, data, address, frame.message))
+            self._trace(TraceEvent(time=received_at, kind=kind, data=data, station=address, message=frame.message))
 
 
 def _matches_older_request(transaction: Transaction) -> bool:
@@ -755,6 +795,6 @@ def _matches_older_request(transaction: Transaction) -> bool:
     """
     station, data = transaction.prepared.station, bytes(transaction.buffer)
     return any(
-        transaction.sent_at < until and station.decode_reply_to(request, data) is not None
-        for until, request in station.unanswered_requests
+        transaction.sent_at < entry.until and station.decode_reply_to(entry.request, data) is not None
+        for entry in station.unanswered_requests
     )

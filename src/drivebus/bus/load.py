@@ -19,7 +19,10 @@ class DriveLoad:
     """Mean time between two replies to its slowest poll, every station replying at its limit; a single reply may be a
     cycle later."""
     stop_bound_s: float
-    """Longest time from the request of a stop to its last bit on the wire, whether the other stations reply or not."""
+    """Longest time from the request of a stop to its last bit on the wire, whether the other stations reply or not.
+
+    A device that sends without pause adds at most ``STOP_SILENCE_TIMEOUT_CHARACTERS``.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -55,7 +55,7 @@ class Permit:
             raise ValueError(f"permit for station {self.station}: expires_at is NaN, expected monotonic seconds")
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class BusRequest:
     """Transaction to perform. The bus reads it once, at ``submit``; later changes have no effect.
 

@@ -78,7 +78,7 @@ class PreparedRequest:
         self.max_attempts = READ_ATTEMPTS if reads else self._max_write_attempts()
 
     def _max_write_attempts(self) -> int:
-        """Return 1 for motion; else the retry policy of the permit decides, so that no caller can repeat a start."""
+        """Return 1 for motion; else the retry policy of the permit decides, so that the bus never repeats a start."""
         if self.is_broadcast or self.effect is Effect.MOTION:
             return 1
         if self.effect is Effect.STOP:
@@ -115,7 +115,7 @@ def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:
     """Return the priority: a stop is a stop whatever was requested, and nothing else uses its priority."""
     if effect is Effect.STOP:
         return RequestPriority.STOP
-    return bus_request.priority or RequestPriority.COMMAND
+    return RequestPriority.COMMAND if bus_request.priority is RequestPriority.STOP else bus_request.priority
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,9 @@ class PreparedPoll(PreparedRequest):
     __slots__ = ("cancelled", "due_at", "period_s", "phase_at", "retry_queued")
 
     def __init__(self, poll: Poll, token: Any, station: Station, settings: SerialSettings, phase_at: float) -> None:
-        bus_request = BusRequest(station.address, poll.request, RequestPriority.POLL, tag=poll.tag)
+        bus_request = BusRequest(
+            station=station.address, request=poll.request, priority=RequestPriority.POLL, tag=poll.tag
+        )
         super().__init__(bus_request, token, station, settings)
         self.period_s = poll.period_s
         self.phase_at = self.due_at = phase_at

@@ -36,10 +36,11 @@ GOLDEN_RATIO = 0.6180339887498949  # its multiples modulo 1 spread any number of
 class PollSchedule:
     """All polls of a bus, the most overdue first."""
 
-    __slots__ = ("_count", "_heap", "_phase_count", "suspended")
+    __slots__ = ("_count", "_phase_count", "heap", "suspended")
 
     def __init__(self) -> None:
-        self._heap: list[tuple[float, int, PreparedPoll]] = []
+        self.heap: list[tuple[float, int, PreparedPoll]] = []
+        """Due time, order of scheduling, poll."""
         self._count = 0
         self._phase_count = 0
         self.suspended: dict[Station, list[PreparedPoll]] = {}
@@ -56,11 +57,11 @@ class PollSchedule:
     def add(self, poll: PreparedPoll, at: float | None = None) -> None:
         """Add a poll, due at its own time, or at ``at`` this once."""
         self._count += 1
-        heappush(self._heap, (poll.due_at if at is None else at, self._count, poll))
+        heappush(self.heap, (poll.due_at if at is None else at, self._count, poll))
 
     def next_due(self, now: float) -> PreparedPoll | None:
         """Return the most overdue poll that may be sent; it stays scheduled. Suspend polls of suspect stations."""
-        heap = self._heap
+        heap = self.heap
         while heap:
             due_at, _, poll = heap[0]
             if due_at > now:
@@ -80,7 +81,7 @@ class PollSchedule:
         """Set the next due time of the first poll, which is being sent or skipped."""
         poll.skip_to(now)
         self._count += 1
-        heapreplace(self._heap, (poll.due_at, self._count, poll))
+        heapreplace(self.heap, (poll.due_at, self._count, poll))
 
     def resume(self, station: Station, now: float) -> None:
         """Make the suspended polls of a station due now, each once however many times it was missed."""
@@ -89,20 +90,17 @@ class PollSchedule:
 
     def cancel_if(self, unwanted: Callable[[PreparedPoll], bool]) -> None:
         """Remove polls, suspended ones too."""
-        for _, _, poll in self._heap:
+        for _, _, poll in self.heap:
             if unwanted(poll):
                 poll.cancelled = True
-        self._heap = [entry for entry in self._heap if not entry[2].cancelled]
-        heapify(self._heap)
+        self.heap = [entry for entry in self.heap if not entry[2].cancelled]
+        heapify(self.heap)
         for station, polls in list(self.suspended.items()):
             self.suspended[station] = [poll for poll in polls if not unwanted(poll)]
 
-    def next_due_at(self) -> float | None:
-        """Return when the most overdue poll is due, None without polls."""
-        return self._heap[0][0] if self._heap else None
-
-    def __len__(self) -> int:
-        return len(self._heap)
+    def next_due_at(self) -> float:
+        """Return when the most overdue poll is due, NEVER without polls."""
+        return self.heap[0][0] if self.heap else NEVER
 
 
 class Scheduler:
@@ -159,7 +157,12 @@ class Scheduler:
         stops, commands, parameters, polls, probes = self.queues
         if stops:
             return min(stops, key=self._stop_order)
-        if self._urgent_in_row >= MAX_COMMANDS_IN_ROW and (chosen := self._next_background(polls, now)):
+        polling = polls or self.poll_schedule.heap
+        if (
+            self._urgent_in_row >= MAX_COMMANDS_IN_ROW
+            and (polling or self.untrusted_stations)
+            and (chosen := self._next_background(polls, now))
+        ):
             return chosen
         parameters_first = self._commands_in_row >= MAX_COMMANDS_IN_ROW
         for queue in (parameters, commands) if parameters_first else (commands, parameters):
@@ -169,7 +172,7 @@ class Scheduler:
             return chosen
         if probes and self._polls_in_row >= MAX_POLLS_IN_ROW and (chosen := self._next_sendable(probes, now)):
             return chosen
-        if chosen := self._next_poll(polls, now):
+        if polling and (chosen := self._next_poll(polls, now)):
             return chosen
         return self._next_sendable(probes, now) if probes else None
 
@@ -285,13 +288,9 @@ class Scheduler:
     def _next_poll(self, retries: deque[PreparedRequest], now: float) -> PreparedRequest | None:
         if retries and (retry := self._next_sendable(retries, now)):
             return retry
-        if not self.poll_schedule:
-            return None
         if poll := self.poll_schedule.next_due(now):
             return poll
-        due_at = self.poll_schedule.next_due_at()
-        if due_at is not None:
-            self._wake_no_later_than(due_at)
+        self._wake_no_later_than(self.poll_schedule.next_due_at())
         return None
 
     def _next_sync_probe(self, now: float) -> PreparedRequest | None:
@@ -312,7 +311,7 @@ class Scheduler:
         if pending is None:
             request = station.config.sync_request(station.sync_probe_count)
             station.sync_probe_count += 1
-            bus_request = BusRequest(station.address, request, RequestPriority.PROBE)
+            bus_request = BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE)
             pending = PreparedRequest(bus_request, None, station, self._settings, is_sync_probe=True)
             self._pending_sync_probes[station] = pending
         return pending

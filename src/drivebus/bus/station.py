@@ -7,7 +7,7 @@ State of a station, by event (``-``: the event does not occur in this state and 
     NEVER_SEEN         | ONLINE | -              | -               | NEVER_SEEN_SUSPECT | -
     NEVER_SEEN_SUSPECT | -      | ONLINE         | NEVER_SEEN      | NEVER_SEEN_SUSPECT | ABSENT
     ABSENT             | -      | ONLINE         | NEVER_SEEN      | ABSENT             | ABSENT
-    ONLINE             | ONLINE | -              | -               | SUSPECT            | -
+    ONLINE             | -      | -              | -               | SUSPECT            | -
     SUSPECT            | -      | ONLINE         | ONLINE          | SUSPECT            | OFFLINE
     OFFLINE            | -      | ONLINE         | ONLINE          | OFFLINE            | OFFLINE
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from drivebus.bus.messages import StationConfig
 from drivebus.bus.statistics import Counters
@@ -50,7 +50,7 @@ class StationState(Enum):
     NEVER_SEEN = Presence.NEVER_SEEN, "trusted"
     """Never replied: may be addressed. Assumed: no late reply to an earlier process is on its way."""
     NEVER_SEEN_SUSPECT = Presence.NEVER_SEEN, "suspect"
-    """Never replied correctly, but invalid bytes or bytes of unknown origin were received."""
+    """Never replied correctly, but invalid bytes or bytes of unknown origin were received, or the port was lost."""
     ABSENT = Presence.NEVER_SEEN, "no contact"
     """Never replied, probed at growing intervals."""
     ONLINE = Presence.ONLINE, "trusted"
@@ -72,7 +72,7 @@ class StationEvent(Enum):
     """Event that may change the state of a station."""
 
     REPLY = "reply"
-    """A trusted reply to a data request."""
+    """A trusted reply to a data request, from a station that is not online; later ones are no event."""
     SYNC_CONFIRMED = "sync confirmed"
     """A sync probe was answered with its own, distinguishable reply."""
     SYNC_UNVERIFIED = "sync unverified"
@@ -94,7 +94,6 @@ TRANSITIONS = {
     (StationState.ABSENT, StationEvent.SYNC_UNVERIFIED): StationState.NEVER_SEEN,
     (StationState.ABSENT, StationEvent.SUSPICION): StationState.ABSENT,
     (StationState.ABSENT, StationEvent.NO_CONTACT): StationState.ABSENT,
-    (StationState.ONLINE, StationEvent.REPLY): StationState.ONLINE,
     (StationState.ONLINE, StationEvent.SUSPICION): StationState.SUSPECT,
     (StationState.SUSPECT, StationEvent.SYNC_CONFIRMED): StationState.ONLINE,
     (StationState.SUSPECT, StationEvent.SYNC_UNVERIFIED): StationState.ONLINE,
@@ -142,6 +141,16 @@ class EncodedRequest:
     """A read addressed to this very station: it needs no further check."""
 
 
+class UnansweredRequest(NamedTuple):
+    """Request whose reply may still come. Times are monotonic seconds."""
+
+    until: float
+    """Time after which its reply can no longer come."""
+    request: Any
+    tx_end_at: float
+    """Its last bit on the wire."""
+
+
 class Station:
     """Registered address with its state, timing and counters. Times are monotonic seconds."""
 
@@ -152,7 +161,9 @@ class Station:
         "counters",
         "duplicate_reply_times",
         "encode_cache",
+        "failure_reason",
         "gap_s",
+        "last_frame",
         "last_reply_at",
         "last_request",
         "last_request_answered",
@@ -185,8 +196,10 @@ class Station:
         self.sync_probe_count = 0
         self.sync_rejections = 0
         """Sync probes in a row that were answered with an error reply."""
-        self.unanswered_requests: list[tuple[float, Any]] = []
-        """Requests without a trusted reply, each with the time until which its reply may still come."""
+        self.unanswered_requests: list[UnansweredRequest] = []
+        """Requests without a trusted reply."""
+        self.failure_reason: Exception | None = None
+        """Names the bytes that made the station suspect or came since, for requests whose sync probe gets no reply."""
         self.last_request: Any = None
         """Last sent request; an unsolicited frame may be its reply."""
         self.last_request_answered = False
@@ -194,6 +207,8 @@ class Station:
         self.last_request_sent_at = 0.0
         """Time of its last bit on the wire."""
         self.last_reply_at: float | None = None
+        self.last_frame: bytes | bytearray = b""
+        """Last whole reply that was received, accepted or not; its bytes again are a second reply."""
         self.duplicate_reply_times: list[float] = []
         self.counters = Counters()
         self.encode_cache: dict[Any, EncodedRequest] = {}
@@ -210,7 +225,7 @@ class Station:
         self.state = TRANSITIONS.get((self.state, event), self.state)
 
     def mark_replied(self) -> None:
-        """Change the state after a trusted reply to a data request."""
+        """Change the state after the first trusted reply to a data request."""
         self._change(StationEvent.REPLY)
 
     def mark_suspect(self, now: float) -> None:

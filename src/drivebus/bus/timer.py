@@ -4,8 +4,7 @@ An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms la
 character gap. A timerfd wakes the loop's selector at the very microsecond. Where there is none (Windows, macOS,
 virtual loops) the loop's own ``call_at`` and its clock serve.
 
-The clock of a bus goes on while the system is suspended, which a loop's does not: what was queued before has expired
-when the system resumes, and no command is sent hours late.
+The clock of a bus goes on while the system is suspended: a command that was queued before has expired afterwards.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class TraceKind(StrEnum):
     """Received before our own last stop bit: can be no reply."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TraceEvent:
     """Bytes on the wire. ``time``: monotonic second of the first bit sent or the last byte received."""
 

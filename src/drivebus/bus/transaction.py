@@ -8,7 +8,8 @@
                             └ deadline (absolute) ▶ no reply (NoReply)
 
 Received bytes never move the deadline; ``BusCore.on_data`` still adds bytes that a busy host reads up to 0.2 s after
-it, because they may have come in time. Bytes received before our own last stop bit are no reply.
+it, because they may have come in time. Bytes received before our own last stop bit are no reply, where the port's
+timing is that of the line.
 """
 
 from __future__ import annotations
@@ -211,7 +212,8 @@ class Transaction:
         if isinstance(result, CompleteIfSilent):
             self.bytes_needed = result.need
         elif len(self.buffer) > self.message_size:
-            self._invalidate(TrailingError("bus.trailing", expected=self.message_size, found=len(self.buffer)))
+            station, size = self.prepared.station.address, self.message_size
+            self._invalidate(TrailingError("bus.trailing", station=station, expected=size, found=len(self.buffer)))
 
     def _update_end(self, now: float) -> None:
         """Set ``ends_at``: after the gap for a valid reply, when the bytes end for an invalid one."""

@@ -32,7 +32,7 @@ class PcapngInterface:
 
 @dataclass(frozen=True, slots=True)
 class PcapngPacket:
-    """One captured packet."""
+    """Captured packet."""
 
     time_us: int
     """Microseconds since the Unix epoch, 0 to ``MAX_TIME_US``."""

@@ -36,7 +36,7 @@ class Option(click.Option):
 
 
 class Choice(click.Choice[str]):
-    """One of a few words; a wrong value is reported in the user's language."""
+    """Choice among a few words; a wrong value is reported in the user's language."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:
@@ -76,7 +76,7 @@ class _LocalizedHelp:
 
 
 class CliCommand(_LocalizedHelp, click.Command):
-    """One command. ``examples`` are command lines that work as they stand; a test parses each."""
+    """Command of the command line. ``examples`` are command lines that work as they stand; a test parses each."""
 
     def __init__(self, name: str, *, examples: Sequence[str] = (), help_key: str = "", **rest: Any) -> None:
         super().__init__(name, **rest)

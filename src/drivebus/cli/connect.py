@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive, DriveLimits
     from drivebus.ports import Port
     from drivebus.profiles import DriveProfile
+    from drivebus.serial_settings import SerialSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +94,15 @@ def open_port(url: str, profile: DriveProfile, baud: int | None, format: str | N
     return ports.open_port(url, baud=baud, format=format, defaults=defaults)
 
 
+def note_foreign_settings(settings: SerialSettings, profile: DriveProfile) -> None:
+    """Print a note where the manual of the model does not have the baud rate or format of the port."""
+    serial = profile.serial
+    if settings.baud in serial.bauds and settings.format in serial.formats:
+        return
+    expected = f"{', '.join(map(str, serial.bauds))}; {', '.join(serial.formats)}"
+    output.print_note("cli.serial_not_in_manual", model=profile.model, found=settings, expected=expected)
+
+
 @asynccontextmanager
 async def open_drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
     """Open the bus with the drive on it, within the user's ``limits``; close both afterwards.
@@ -110,11 +120,12 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
 
     profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record) as port:
+        note_foreign_settings(port.settings, profile)
         async with Bus(port) as bus:
             drive = Drive(bus, profile, target.address, encoding=target.encoding, options=options, limits=limits)
             try:
                 yield bus, drive
-            except BusError:
+            except BusError:  # a reply from another address is a ProtocolError, with a remedy of its own
                 if bus.health(target.address).foreign_master:
                     output.print_note("hint.foreign_master")
                 raise

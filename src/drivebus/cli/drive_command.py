@@ -102,8 +102,9 @@ def pop_remote_target(given: dict[str, Any]) -> Target | None:
     for name in _PORT_OPTIONS:
         given.pop(name, None)
     from drivebus.cli.remote.client import call_once
+    from drivebus.service.api.operations.drives import DRIVES_GET
 
-    view = call_once(service, "drives.get", {"drive": drive})
+    view = call_once(service, DRIVES_GET.name, {"drive": drive})
     return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
 
 

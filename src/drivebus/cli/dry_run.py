@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
-from drivebus.cli.connect import Target
+from drivebus.cli.connect import Target, note_foreign_settings
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -79,12 +79,30 @@ class DryRun:
 
     def __init__(self, target: Target) -> None:
         from drivebus.drives.dialects.create import create_dialect
+        from drivebus.drives.drive import known_options
 
-        self.serial_settings = target.open_port().settings
+        port = target.open_port()
+        known = known_options(port, target.profile, target.address)
+        self.serial_settings = port.settings
+        note_foreign_settings(port.settings, target.profile)
         self.dialect: Dialect = create_dialect(
-            target.profile, target.address, encoding=target.encoding, options=target.drive_options()
+            target.profile, target.address, encoding=target.encoding, options=known | target.drive_options()
         )
         self.frames: list[PlannedFrame] = []
+        self._notes: list[tuple[str, dict[str, Any]]] = []
+
+    def assume_setpoint_step(self) -> None:
+        """Show frequencies in the named model's step, with a note, where the step of the drive is not stated."""
+        from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
+
+        profile = self.dialect.profile
+        steps_hz = possible_steps_hz(profile, self.dialect.options)
+        if len(steps_hz) == 1:
+            return
+        scale = profile.setpoint_scale
+        cap = scale.value(highest_safe_word(steps_hz))
+        self.dialect.set_option(SETPOINT_STEP, f"{scale.factor:g}")
+        self._notes.append(("dry.note.step", {"model": profile.model, "step_hz": scale.factor, "cap_hz": cap}))
 
     def add(self, purpose: str, requests: Iterable[Any]) -> None:
         """Add requests in the order of sending."""
@@ -93,11 +111,13 @@ class DryRun:
 
     def print(self, *notes: str) -> ExitCode:
         """Print the frames; ``notes`` are catalogue keys."""
-        return print_plan(self.frames, self.serial_settings, notes)
+        return print_plan(self.frames, self.serial_settings, [*self._notes, *((note, {}) for note in notes)])
 
 
-def print_plan(planned: Sequence[PlannedFrame], settings: SerialSettings, notes: Sequence[str] = ()) -> ExitCode:
-    """Print frames and the total time on the bus."""
+def print_plan(
+    planned: Sequence[PlannedFrame], settings: SerialSettings, notes: Sequence[tuple[str, dict[str, Any]]] = ()
+) -> ExitCode:
+    """Print frames and the total time on the bus; ``notes`` are catalogue keys with their parameters."""
     total = sum(frame.bus_s for frame in planned)
     output.print_json(
         {
@@ -105,12 +125,12 @@ def print_plan(planned: Sequence[PlannedFrame], settings: SerialSettings, notes:
             "serial": str(settings),
             "frames": [frame.to_json() for frame in planned],
             "bus_s": round(total, 6),
-            "notes": [output.text(note) for note in notes],
+            "notes": [output.text(note, **params) for note, params in notes],
         }
     )
     output.print_text(_plan_text(planned, settings, total))
-    for note in notes:
-        output.print_message(note)
+    for note, params in notes:
+        output.print_message(note, **params)
     return ExitCode.DONE
 
 

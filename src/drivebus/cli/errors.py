@@ -76,9 +76,12 @@ def error_json(error: DrivebusError) -> dict[str, Any]:
 
 
 def error_hint(error: DrivebusError) -> str | None:
-    """Return the remedy at the command line, ``hint.<key>``; None if the catalogue has none."""
-    key = f"hint.{error.key}"
-    return output.text(key) if i18n.known(key) else None
+    """Return the remedy at the command line, ``hint.<key>`` of the error or its cause; None without one."""
+    cause = error.__cause__
+    for one in (error, cause) if isinstance(cause, DrivebusError) else (error,):
+        if i18n.known(key := f"hint.{one.key}"):
+            return output.text(key)
+    return None
 
 
 def error_text(error: DrivebusError) -> str:

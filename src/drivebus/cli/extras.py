@@ -1,10 +1,11 @@
-"""Packages of the optional extras of the installation: ``server`` and ``tui``."""
+"""Packages of the optional extras of the installation: ``cli``, ``server`` and ``tui``."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
 EXTRA_PACKAGES = {
+    "cli": ("click", "rich"),
     "server": ("argon2", "fastapi", "httptools", "prometheus_client", "uvicorn", "websockets"),
     "tui": ("textual",),
 }

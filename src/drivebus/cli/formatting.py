@@ -11,8 +11,9 @@ from drivebus.types import Json
 from drivebus.values import Quality, Reading
 
 if TYPE_CHECKING:
+    from drivebus.drives.dialects.base import Identity
     from drivebus.drives.outcome import FrameExchange, Outcome
-    from drivebus.drives.state import DriveStatus
+    from drivebus.drives.state import DriveStatus, Fault
     from drivebus.profiles.model import DriveProfile, Parameter, Signal
 
 MISSING_VALUE = "–"
@@ -31,6 +32,8 @@ def format_value(value: float | int | str | None, unit: str = "", entry: Signal 
 
 def _format_number(value: float, entry: Signal | Parameter | None) -> str:
     decimals = entry.scale.decimals if entry is not None else 0
+    if entry is not None and entry.scale.coding == "bcd" and not (decimals or entry.unit):
+        return f"{value:04.0f}"  # a digit code, as on the keypad
     rounded = f"{value:.{decimals}f}"
     return rounded if abs(float(rounded) - value) < 1e-9 else f"{value:g}"
 
@@ -80,15 +83,18 @@ def status_json(status: DriveStatus, now: float) -> Json:
     }
 
 
-def status_text(status: DriveStatus, now: float, profile: DriveProfile) -> str:
-    """Format the page of a drive: state, fault, readings with their age."""
+def status_text(status: DriveStatus, now: float, profile: DriveProfile, identity: Identity | None = None) -> str:
+    """Format the page of a drive: state, fault, identity, readings with their age."""
     rows = [(output.text("status.state"), state_text(status))]
     if status.fault is not None:
-        label = f"{status.fault.label} {output.to_json_value(status.fault.text)}".strip()
-        rows.append((output.text("status.fault"), label))
+        rows.append((output.text("status.fault"), fault_text(status.fault)))
         for name in ("cause", "remedy"):
             text = getattr(status.fault, name)
             rows += [(output.text(f"status.{name}"), output.to_json_value(text))] if text else []
+    if warning := warning_text(status):
+        rows.append((output.text("status.warning"), warning))
+    if identity is not None:
+        rows.append((output.text("status.identity"), identity_text(identity)))
     page = [output.two_columns(rows, min(_MAX_PAGE_CELLS, output.terminal_width(sys.stdout)), indent=0)]
     readings = [_reading_row(name, reading, now, profile) for name, reading in status.readings.items()]
     if readings:
@@ -98,6 +104,48 @@ def status_text(status: DriveStatus, now: float, profile: DriveProfile) -> str:
         head = [output.text(f"status.{name}") for name in columns]
         page.append(output.fitted_table(head, [[row[name] for name in columns] for row in readings]))
     return "\n\n".join(page)
+
+
+def fault_text(fault: Fault) -> str:
+    """Format the label of the keypad and the text of a fault; a text that names its label stands alone."""
+    text: str = output.to_json_value(fault.text)
+    return text if fault.label in text else f"{fault.label} {text}".strip()
+
+
+def identity_text(identity: Identity) -> str:
+    """Format what a drive reports about itself: rating, its digits, and whether the host controls it."""
+    parts = []
+    if identity.voltage_class_v is not None:
+        parts.append(f"{identity.voltage_class_v} V")
+    if identity.power_kw is not None:
+        parts.append(f"{identity.power_kw:g} kW")
+    parts += [f"{output.text(f'status.identity_{part}')} {digits}" for part, digits in identity.digits]
+    if identity.host_controls is not None:
+        parts.append(output.text("status.run_by_host" if identity.host_controls else "status.run_by_other"))
+    if identity.host_sets_frequency is not None:
+        key = "status.frequency_by_host" if identity.host_sets_frequency else "status.frequency_by_other"
+        parts.append(output.text(key))
+    return output.text("status.comma").join(parts)
+
+
+def identity_json(identity: Identity) -> Json:
+    """Return what a drive reports about itself; None for what it does not report."""
+    return {
+        "voltage_class_v": identity.voltage_class_v,
+        "power_kw": identity.power_kw,
+        "digits": dict(identity.digits),
+        "host_controls": identity.host_controls,
+        "host_sets_frequency": identity.host_sets_frequency,
+    }
+
+
+def warning_text(status: DriveStatus) -> str:
+    """Format the bits of the drive's warning word; empty where none is set or reported."""
+    word = status.readings.get("warning_word")
+    if word is None or not word.raw or word.quality is Quality.BAD:
+        return ""
+    bits = ", ".join(str(bit) for bit in range(16) if word.raw >> bit & 1)
+    return output.text("status.warning_bits", bits=bits, word=f"{word.raw:04X}H")
 
 
 def _reading_row(name: str, reading: Reading, now: float, profile: DriveProfile) -> dict[str, str]:

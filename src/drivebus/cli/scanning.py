@@ -30,8 +30,23 @@ def parse_words(text: str) -> tuple[str, ...]:
     return found
 
 
+def parse_bauds(text: str) -> tuple[int, ...]:
+    """Parse ``9600,19200``. Raises ValueError."""
+    found = tuple(int(part) for part in parse_words(text))
+    if any(not 50 <= baud <= 4_000_000 for baud in found):
+        raise ValueError(text)
+    return found
+
+
+def parse_formats(text: str) -> tuple[str, ...]:
+    """Parse ``8N1,8E1``. Raises ValueError."""
+    from drivebus.serial_settings import SerialSettings
+
+    return tuple(SerialSettings.parse(9600, part).format for part in parse_words(text))
+
+
 def search_options() -> list[click.Parameter]:
-    """Return ``--models`` and ``--addresses``: what a scan looks for."""
+    """Return ``--models``, ``--addresses``, ``--bauds`` and ``--formats``: what a scan looks for."""
     from drivebus.protocols.family import default_scan_models
 
     models = options.ParsedType("models", parse_words, "cli.expect.models")
@@ -39,6 +54,18 @@ def search_options() -> list[click.Parameter]:
     return [
         Option(["--models"], default=default, type=models, metavar="M,...", example="--models c320,vc660"),
         Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
+        Option(
+            ["--bauds"],
+            type=options.ParsedType("bauds", parse_bauds, "cli.expect.bauds"),
+            metavar="B,...",
+            example="--bauds 9600,19200",
+        ),
+        Option(
+            ["--formats"],
+            type=options.ParsedType("formats", parse_formats, "cli.expect.formats"),
+            metavar="F,...",
+            example="--formats 8N1,8E1",
+        ),
     ]
 
 
@@ -65,12 +92,12 @@ class ScanRequest:
     def plan(self) -> list[ScanPass]:
         """Return the passes. ``?baud=`` and ``&format=`` of the URL, and a raw TCP server, fix the settings."""
         from drivebus import ports, profiles
-        from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan
+        from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan, with_look_alikes
 
         parsed = ports.parse_port_url(self.port)
         fixed = ports.open_port(self.port).settings if parsed.scheme in FIXED_SETTINGS_SCHEMES else None
         return plan_scan(
-            [profiles.load(model) for model in self.models],
+            with_look_alikes([profiles.load(model) for model in self.models]),
             addresses=self.addresses,
             bauds=self.bauds or ((parsed.settings.baud,) if "baud" in parsed.explicit else None),
             formats=self.formats or ((parsed.settings.format,) if "format" in parsed.explicit else None),
@@ -99,10 +126,10 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
         if sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             return None
-    progress = scan.ScanProgress(sum(scan_pass.duration_s for scan_pass in passes))
+    progress = scan.ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
     with ScanProgressBar() as bar:
         await scan.scan(passes, request.open_port, progress, bar.on_progress)
-    return [drive for drive in progress.found if not drive.doubtful]
+    return [drive for drive in progress.found if drive.valid_reply]
 
 
 def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive], None]) -> list[DetectedDrive]:
@@ -190,9 +217,26 @@ def device_json(drive: DetectedDrive) -> Json:
         "baud": drive.settings.baud,
         "format": drive.settings.format,
         "doubtful": drive.doubtful,
+        "valid_reply": drive.valid_reply,
+        "setpoint_steps_hz": dict(drive.setpoint_steps_hz),
         "sent": drive.exchange[0],
         "received": drive.exchange[1],
     }
+
+
+def _note(drive: DetectedDrive) -> str:
+    """Return why the model is in doubt; empty where it is not."""
+    if not drive.valid_reply:
+        return output.text("scan.no_valid_reply")
+    if not drive.doubtful:
+        return ""
+    models_by_step: dict[float, list[str]] = {}
+    for model, step in drive.setpoint_steps_hz.items():
+        models_by_step.setdefault(step, []).append(model)
+    if len(models_by_step) == 1:
+        return output.text("scan.alike")
+    steps = [output.text("scan.step", models=", ".join(names), step=f"{hz:g}") for hz, names in models_by_step.items()]
+    return output.text("scan.alike_steps", steps="; ".join(steps))
 
 
 def _scan_table(found: list[DetectedDrive]) -> str:
@@ -205,34 +249,41 @@ def _scan_table(found: list[DetectedDrive]) -> str:
             " / ".join(drive.models),
             drive.encoding,
             str(drive.settings),
-            output.text("scan.doubtful") if drive.doubtful else "",
+            _note(drive),
         ]
         for drive in found
     ]
     return output.fitted_table(head, rows)
 
 
+def duration_params(passes: list[ScanPass]) -> dict[str, str]:
+    """Return the announced durations: of the likely settings and addresses, and of all."""
+    from drivebus.commissioning.scan import durations_s
+
+    likely, total = durations_s(passes)
+    return {"likely": format_duration(likely), "time": format_duration(total)}
+
+
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
     """Print the first request of each pass, byte for byte, and the number of requests."""
     from drivebus.cli.dry_run import plan_frames
-    from drivebus.commissioning.scan import probe_request
+    from drivebus.commissioning.scan import durations_s, probe_request
     from drivebus.drives.dialects.create import create_dialect
 
     documents = []
     for scan_pass in passes:
         candidate = scan_pass.candidates[0]
-        if not scan_pass.addresses:
-            continue
         dialect = create_dialect(candidate.profile, scan_pass.addresses[0], encoding=candidate.encoding)
         station = dialect.station_config
         frame = plan_frames("scan", [probe_request(dialect)], station.codec, station.timing, scan_pass.settings)[0]
         where = {"serial": str(scan_pass.settings), "family": candidate.profile.family, "encoding": candidate.encoding}
-        documents.append(
-            where | {"requests": scan_pass.probe_count, "seconds": round(scan_pass.duration_s, 3)} | frame.to_json()
-        )
+        effort = {"requests": scan_pass.probe_count, "seconds": round(scan_pass.duration_s, 3)}
+        documents.append(where | {"likely": scan_pass.is_likely} | effort | frame.to_json())
         data, time = output.to_json_value(frame.data), format_duration(scan_pass.duration_s)
         output.print_message("scan.pass", hex=data, time=time, count=scan_pass.probe_count, **where)
-    total = sum(scan_pass.duration_s for scan_pass in passes)
-    output.print_json({"dry_run": True, "passes": documents, "seconds": round(total, 3)})
-    output.print_message("scan.total", time=format_duration(total))
+    likely, total = durations_s(passes)
+    output.print_json(
+        {"dry_run": True, "passes": documents, "likely_seconds": round(likely, 3), "seconds": round(total, 3)}
+    )
+    output.print_message("scan.total", **duration_params(passes))
     return ExitCode.DONE

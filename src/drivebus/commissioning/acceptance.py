@@ -197,7 +197,7 @@ async def check_parity(session: AcceptanceSession) -> StepOutcome:
 
 async def _reads(bus: Bus, drive: Drive, count: int) -> None:
     for _ in range(count):
-        await bus.transact(BusRequest(drive.address, drive.dialect.echo_test_read()))
+        await bus.transact(BusRequest(station=drive.address, request=drive.dialect.echo_test_read()))
 
 
 def _min_reply_s(bus: Bus, drive: Drive) -> float:
@@ -244,7 +244,9 @@ async def check_power_loss(session: AcceptanceSession) -> StepOutcome:
 async def replies_now(bus: Bus, drive: Drive) -> bool:
     """Return whether the drive replies to a read now."""
     try:
-        return (await bus.transact(BusRequest(drive.address, drive.dialect.echo_test_read()))).error is None
+        return (
+            await bus.transact(BusRequest(station=drive.address, request=drive.dialect.echo_test_read()))
+        ).error is None
     except DrivebusError:
         return False
 

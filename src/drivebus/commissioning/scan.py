@@ -7,22 +7,28 @@ runs the plan on real buses, with one opening of the port per pass; ``sniff`` li
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP
 from drivebus.errors import PortError, PortLost
 from drivebus.ports import Port
 from drivebus.profiles.model import DriveProfile
 from drivebus.protocols.codec import Effect
+from drivebus.protocols.family import protocol_family
 from drivebus.serial_settings import SerialSettings
 
 FIXED_SETTINGS_SCHEMES = frozenset({"tcp", "memory", "replay"})
 """Port schemes whose serial settings can't be changed: they get one pass."""
+LIKELY_BAUDS = (9600, 19200, 4800, 38400)
+LIKELY_ADDRESSES = range(9)
+"""Searched first: nearly every drive is found there, long before the rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +44,17 @@ class ScanCandidate:
         return self.profile.family, self.encoding
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ScanPass:
-    """One opening of the port: candidates, addresses and one serial setting."""
+    """Scan with a single serial setting: candidates and addresses."""
 
     settings: SerialSettings
     candidates: tuple[ScanCandidate, ...]
     addresses: tuple[int, ...]
     has_factory_settings: bool
     """The setting is the factory setting of a candidate."""
+    is_likely: bool
+    """Part of the first search, of ``LIKELY_BAUDS`` and ``LIKELY_ADDRESSES``."""
     duration_s: float
     """Duration in seconds if no drive answers."""
 
@@ -55,8 +63,16 @@ class ScanPass:
         return len(self.addresses)
 
 
+def with_look_alikes(wanted: Sequence[DriveProfile]) -> list[DriveProfile]:
+    """Add the models of a family that a scan can't tell from a wanted one and that count in another step."""
+    families = {profile.family for profile in wanted if SETPOINT_STEP in profile.options}
+    known = {profile.model for profile in wanted}
+    names = [name for family in sorted(families) for name in protocol_family(family).scan_models if name not in known]
+    return [*wanted, *(profile for profile in map(profiles.load, names) if SETPOINT_STEP in profile.options)]
+
+
 def plan_scan(
-    profiles: Sequence[DriveProfile],
+    models: Sequence[DriveProfile],
     *,
     addresses: Sequence[int] | None = None,
     bauds: Sequence[int] | None = None,
@@ -64,17 +80,26 @@ def plan_scan(
     encodings: Sequence[str] | None = None,
     fixed: SerialSettings | None = None,
 ) -> list[ScanPass]:
-    """Return the passes, factory settings first. ``fixed`` is the only setting of a port that has no choice."""
+    """Return the passes: likely ones first, factory settings first among them.
+
+    ``fixed`` is the only setting of a port that has no choice.
+    """
     kinds: dict[tuple[str, str], list[ScanCandidate]] = {}
-    for profile in profiles:
+    for profile in models:
         for encoding in profile.encodings:
             if encodings is None or encoding in encodings:
                 kinds.setdefault((profile.family, encoding), []).append(ScanCandidate(profile, encoding))
     passes: list[ScanPass] = []
     for candidates in kinds.values():
         for settings in _serial_settings(candidates, bauds, formats, fixed):
-            passes.append(_build_pass(candidates, settings, addresses))
-    return sorted(passes, key=lambda each: not each.has_factory_settings)
+            passes += _build_passes(candidates, settings, addresses)
+    return sorted(passes, key=_search_order)
+
+
+def _search_order(scan_pass: ScanPass) -> tuple[bool, bool, int, int]:
+    baud = scan_pass.settings.baud
+    rank = LIKELY_BAUDS.index(baud) if baud in LIKELY_BAUDS else len(LIKELY_BAUDS)
+    return not scan_pass.is_likely, not scan_pass.has_factory_settings, rank, -baud
 
 
 def _serial_settings(
@@ -95,17 +120,36 @@ def _serial_settings(
     return list(found)
 
 
-def _build_pass(
+def _build_passes(
     candidates: Sequence[ScanCandidate], settings: SerialSettings, addresses: Sequence[int] | None
-) -> ScanPass:
+) -> list[ScanPass]:
+    """Return one pass over the likely addresses and one over the others, where there are any."""
     low = min(candidate.profile.addresses[0] for candidate in candidates)
     high = max(candidate.profile.addresses[1] for candidate in candidates)
     broadcasts = {candidate.profile.broadcast for candidate in candidates}
     wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
     factory = any(str(settings) == f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates)
-    return ScanPass(
-        settings, tuple(candidates), tuple(wanted), factory, len(wanted) * probe_duration_s(candidates[0], settings)
-    )
+    usual = settings.baud in LIKELY_BAUDS
+    likely = tuple(address for address in wanted if usual and address in LIKELY_ADDRESSES)
+    others = tuple(address for address in wanted if address not in likely)
+    probe_s = probe_duration_s(candidates[0], settings)
+    return [
+        ScanPass(
+            settings=settings,
+            candidates=tuple(candidates),
+            addresses=part,
+            has_factory_settings=factory,
+            is_likely=part is likely,
+            duration_s=len(part) * probe_s,
+        )
+        for part in (likely, others)
+        if part
+    ]
+
+
+def durations_s(passes: Sequence[ScanPass]) -> tuple[float, float]:
+    """Return the seconds of the likely passes and of all passes if no drive answers."""
+    return sum(each.duration_s for each in passes if each.is_likely), sum(each.duration_s for each in passes)
 
 
 def probe_duration_s(candidate: ScanCandidate, settings: SerialSettings) -> float:
@@ -135,17 +179,24 @@ class DetectedDrive:
 
     models: tuple[str, ...]
     """Models that fit, the most likely first; related models with the same frames can't be distinguished."""
+    setpoint_steps_hz: Mapping[str, float]
+    """Model to the step in which it counts its frequency."""
     family: str
     encoding: str
     address: int
     settings: SerialSettings
     exchange: tuple[bytes, bytes]
     """Request and reply."""
-    doubtful: bool = False
-    """Bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
+    valid_reply: bool = True
+    """False: bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the bus can't tell which model it is."""
+        return not self.valid_reply or len(self.models) > 1
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ScanProgress:
     """Progress of a scan, with the drives found so far."""
 
@@ -227,7 +278,7 @@ async def scan(
 
 def _remaining_passes(queue: Sequence[ScanPass], found: Sequence[DetectedDrive]) -> list[ScanPass]:
     """Return the passes of the serial setting that was answered; all of them as long as none was."""
-    answered = {drive.settings for drive in found if not drive.doubtful}
+    answered = {drive.settings for drive in found if drive.valid_reply}
     return [each for each in queue if not answered or each.settings in answered]
 
 
@@ -236,6 +287,9 @@ async def _run_pass(
 ) -> None:
     async with Bus(port) as bus:
         for address in scan_pass.addresses:
+            if _is_known(progress.found, scan_pass, address):
+                progress.done_s += scan_pass.duration_s / scan_pass.probe_count
+                continue
             progress.settings, progress.address, progress.kind = (
                 scan_pass.settings,
                 address,
@@ -245,22 +299,38 @@ async def _run_pass(
             found = await _probe_address(bus, scan_pass, address)
             if found is not None:
                 progress.found.append(found)
-            progress.done_s += scan_pass.duration_s / max(1, scan_pass.probe_count)
+            progress.done_s += scan_pass.duration_s / scan_pass.probe_count
     on_progress(progress)
+
+
+def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int) -> bool:
+    """Return whether a drive of this family has answered at this address in another encoding: it is listed once."""
+    family = scan_pass.candidates[0].profile.family
+    return any(
+        drive.valid_reply and (drive.family, drive.address, drive.settings) == (family, address, scan_pass.settings)
+        for drive in found
+    )
 
 
 async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
     """Probe an address with the first candidate, and with the others only if bytes are received."""
     fits: list[ScanCandidate] = []
+    answered: dict[bytes, bool] = {}  # probes that were sent; models with the same one are not probed again
     first: BusResult | None = None
     good: BusResult | None = None
     for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
             continue
-        result, rejected = await _probe(bus, candidate, address)
+        dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
+        frame = dialect.codec.encode_request(probe_request(dialect))
+        if frame in answered:
+            fits += [candidate] if answered[frame] else []
+            continue
+        result, rejected = await _probe(bus, dialect, address)
+        answered[frame] = result.reply is not None and not rejected
         if result.received:
             first = first or result
-        if result.reply is not None and not rejected:
+        if answered[frame]:
             fits.append(candidate)
             good = good or result
         if first is None:
@@ -271,12 +341,13 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
+        setpoint_steps_hz={c.profile.model: c.profile.setpoint_scale.factor for c in candidates},
         family=scan_pass.candidates[0].profile.family,
         encoding=scan_pass.candidates[0].encoding,
         address=address,
         settings=scan_pass.settings,
         exchange=(answer.sent, answer.received),
-        doubtful=not fits,
+        valid_reply=bool(fits),
     )
 
 
@@ -286,12 +357,13 @@ def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate
     return with_status or list(fits)
 
 
-async def _probe(bus: Bus, candidate: ScanCandidate, address: int) -> tuple[BusResult, bool]:
+async def _probe(bus: Bus, dialect: Dialect, address: int) -> tuple[BusResult, bool]:
     """Send one probe; the second value is True if the drive rejected it."""
-    dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
     bus.add_station(dialect.station_config)
     try:
-        result = await bus.transact(BusRequest(address, probe_request(dialect), RequestPriority.PROBE))
+        result = await bus.transact(
+            BusRequest(station=address, request=probe_request(dialect), priority=RequestPriority.PROBE)
+        )
     finally:
         bus.remove_station(address)
     if isinstance(result.error, PortError):

@@ -29,14 +29,19 @@ class StopReport:
     outcomes: tuple[tuple[int, Outcome], ...]  # address and outcome
 
     @property
+    def acknowledged(self) -> tuple[int, ...]:
+        """Addresses of drives that accepted the stop and cannot report standstill (DF800)."""
+        return tuple(address for address, outcome in self.outcomes if outcome.status is OutcomeStatus.ACKNOWLEDGED)
+
+    @property
     def unconfirmed(self) -> tuple[int, ...]:
-        """Addresses of drives that did not report standstill and must be checked."""
-        return tuple(address for address, outcome in self.outcomes if outcome.status != "confirmed")
+        """Addresses of drives whose stop failed or is unknown; they must be checked."""
+        return tuple(address for address, outcome in self.outcomes if not outcome.succeeded)
 
     @property
     def confirmed(self) -> bool:
-        """Whether every drive reported standstill."""
-        return not self.unconfirmed
+        """Whether every drive reported standstill; False for a drive that only acknowledged the stop."""
+        return not (self.acknowledged or self.unconfirmed)
 
 
 async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
@@ -61,7 +66,9 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
         for place, request in enumerate(drive.dialect.broadcast_stop()):
             # the frames after a stop let the stops of other drives go first
             priority = RequestPriority.COMMAND if place else RequestPriority.STOP
-            bus_request = BusRequest(drive.address, request, priority, RetryPolicy.BROADCAST)
+            bus_request = BusRequest(
+                station=drive.address, request=request, priority=priority, retry_policy=RetryPolicy.BROADCAST
+            )
             requests.setdefault(drive.dialect.codec.encode_request(request), bus_request)
     sent: list[FrameExchange] = []
     for _ in range(BROADCAST_COUNT if requests else 0):
@@ -80,6 +87,6 @@ async def _stop(drive: Drive, drives: int) -> Outcome:
         outcome: Outcome = error.outcome
         return outcome
     except DrivebusError as error:
-        return Outcome(OutcomeStatus.UNKNOWN, error.key, error.params)
+        return Outcome(status=OutcomeStatus.UNKNOWN, key=error.key, params=error.params)
     except KeyError:
-        return Outcome(OutcomeStatus.UNKNOWN, "bus.unregistered", {"station": drive.address})
+        return Outcome(status=OutcomeStatus.UNKNOWN, key="bus.unregistered", params={"station": drive.address})

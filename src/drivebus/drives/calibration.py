@@ -19,6 +19,7 @@ from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import Store, drive_key
+from drivebus.errors import ConfigurationError
 
 
 class Calibration:
@@ -71,9 +72,12 @@ class Calibration:
         )
 
     def load(self) -> None:
-        """Apply the stored options. A record that can't be read determines nothing."""
+        """Apply the stored options. A record or file that can't be read determines nothing, and prevents no stop."""
         for option in self._dialect.profile.options:
-            text = self._store.get(self._key(option))
+            try:
+                text = self._store.get(self._key(option))
+            except ConfigurationError:
+                return
             if text is None or option in self._explicit_options:
                 continue
             try:

@@ -105,6 +105,8 @@ class UnmetPrecondition:
     found: int | None
     accepted: tuple[int, ...]
     keypad: Text
+    rejection: Text | None = None
+    """Why the drive rejected the read; its setting is unknown then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,7 @@ class Preflight:
         return not self.unmet
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class DriveContext:
     """Dialect, limits, pre-flight check, ramps, EEPROM budget and command numbers of one drive."""
 

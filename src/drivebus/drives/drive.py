@@ -16,11 +16,12 @@ from drivebus.drives.dialects.base import Dialect, Identity, StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operations import parameters, reset, setpoint, start, status
+from drivebus.drives.operations import loopback, parameters, reset, setpoint, start, status
 from drivebus.drives.operations import preflight as preflights
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.start import wait_at_speed
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome, raise_for_status
@@ -28,11 +29,17 @@ from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key
+from drivebus.ports.base import Port, drive_options
 from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Reading
 
 VOLATILE_SCHEMES = ("sim", "memory", "replay")  # port URLs of drives without an EEPROM that wears
+
+
+def known_options(port: Port, profile: DriveProfile, address: int) -> dict[str, Any]:
+    """Return the options of a profile that the port knows of the drive at an address (simulated drives)."""
+    return {name: value for name, value in drive_options(port, address).items() if name in profile.options}
 
 
 class Drive:
@@ -59,9 +66,17 @@ class Drive:
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
         self._store = store if store is not None else _store_for(bus)
-        self.dialect: Dialect = create_dialect(loaded, address, encoding=encoding, options=options, timing=timing)
+        self.dialect: Dialect = create_dialect(
+            loaded,
+            address,
+            encoding=encoding,
+            options=known_options(bus.port, loaded, address) | dict(options or {}),
+            timing=timing,
+        )
         limits = limits or DriveLimits()
-        self._context = DriveContext(self.dialect, self._eeprom_budget(limits), limits, on_read=self._publish_read)
+        self._context = DriveContext(
+            dialect=self.dialect, eeprom_budget=self._eeprom_budget(limits), limits=limits, on_read=self._publish_read
+        )
         self._runner = OperationRunner(bus, self._context, self._store, self._load_stored)
         self._stops = StopSupervisor(self._runner)
         self._calibration = Calibration(self._runner, self._stops, self._store, frozenset(options or ()))
@@ -148,6 +163,10 @@ class Drive:
         """Read the drive's identity (C320 class 0); of other models only that it answers."""
         return await self._runner.run(status.identify(self._read_context()))
 
+    async def loopback_test(self, count: int = 10) -> LoopbackReport:
+        """Send requests that the drive returns unchanged. Raises CapabilityError where the model has no loop-back."""
+        return await self._runner.run(loopback.loopback_test(self._read_context(), count))
+
     async def preflight(self) -> Preflight:
         """Read whether the drive accepts commands from the bus; unmet preconditions are in the result."""
         return await self._runner.run(preflights.read_preflight(self._read_context()))
@@ -163,10 +182,12 @@ class Drive:
         wait: bool = False,
         timeout_s: float | None = None,
         requested_at: float | None = None,
+        on_progress: Callable[[DriveStatus], None] | None = None,
     ) -> Outcome:
         """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
 
-        ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp).
+        ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp);
+        ``on_progress`` is called with every status that is read meanwhile.
         ``requested_at``: time of the request by ``bus.now()``. A frame that moves leaves at most 5 s after it, checks
         included; None: at most 2 s after the checks.
         """
@@ -175,7 +196,8 @@ class Drive:
         outcome = raise_for_status(await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait)))
         if not wait:
             return outcome
-        return raise_for_status(await self._runner.run(wait_at_speed(op, frequency_hz, outcome, timeout_s)))
+        waiting = wait_at_speed(op, frequency_hz, outcome, timeout_s, way, on_progress)
+        return raise_for_status(await self._runner.run(waiting))
 
     async def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:
         """Change the set frequency and read it back where the model shows it.
@@ -236,16 +258,21 @@ class Drive:
         return self._stops.stopping
 
     async def reset_fault(self) -> Outcome:
-        """Reset a fault, once, while the drive reports one."""
+        """Reset a fault while the drive reports one; again only while it is unanswered and the fault verified."""
         return raise_for_status(await self._runner.run_command(reset.reset_fault(self._runner.new_command())))
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         """Read parameters in the manual's notation or signals by name. Raises ProfileError for an unknown name."""
         return await self._runner.run(parameters.read_values(self._read_context(), tuple(names)))
 
-    async def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
-        """Write parameters to RAM, or with ``save`` to EEPROM; each is read back and named in the outcome's notes."""
-        operation = parameters.write_values(self._read_context(), values, save)
+    async def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+        """Write parameters to RAM, or with ``save`` to EEPROM; each is read back and named in the outcome's notes.
+
+        A value is a number in the parameter's unit, or a text with the raw word in hexadecimal (``0010H``, ``0x10``).
+        ``force``: send also what raises ConfirmationRequired otherwise: a new address, baud rate or format, or an input
+        terminal that may start the motor. A later stop supersedes every write that has not been sent yet.
+        """
+        operation = parameters.write_values(self._runner.new_command(), values, save, force)
         return raise_for_status(await self._runner.run_command(operation))
 
     def open_calibrations(self) -> tuple[CalibrationStep, ...]:

@@ -16,7 +16,7 @@ from drivebus.errors import StartInhibited
 
 
 class JogSession:
-    """One jog: ``async with drive.jog(5.0) as session: ... session.renew()``, or ``start`` and ``stop``.
+    """Jog of a drive: ``async with drive.jog(5.0) as session: ... session.renew()``, or ``start`` and ``stop``.
 
     The jog ends with the session or ``lease_s`` after the last renewal. The lease is measured by ``Bus.now``, which
     goes on while the machine is suspended, as the motor does.

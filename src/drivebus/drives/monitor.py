@@ -1,4 +1,7 @@
-"""Monitor of one drive: polls keep its readings current, and readings that are too old are marked bad."""
+"""Monitor of one drive: polls keep its readings current, and readings that are too old are marked bad.
+
+While the port is not open, every reading is bad and the state unknown, until they are read again.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 
 from drivebus.bus import Bus, Poll, PollSubscription
 from drivebus.bus.messages import BusResult
-from drivebus.drives.dialects.base import Dialect, fault_from_code
+from drivebus.drives.dialects.base import Dialect, reported_fault
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
@@ -99,20 +102,30 @@ class Monitor:
         """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
         now = self._bus.now()
         derived = self._current_state(now)
-        aged = self._reading_pairs.with_staleness(now, self._validity_s)
+        aged = self._reading_pairs.with_staleness(now, self._validity_s, self._bus.port_opened_at)
         readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
-        code = derived.fault_code
-        fault = None if code is None else fault_from_code(self._dialect.profile, code)
-        found = DriveStatus(derived.state, derived.direction, fault, readings, derived.reason, self._derived_at)
+        fault = reported_fault(self._dialect.profile, derived)
+        found = DriveStatus(
+            state=derived.state,
+            direction=derived.direction,
+            fault=fault,
+            readings=readings,
+            reason=derived.reason,
+            at=self._derived_at,
+        )
         return complete_status(self._dialect, found, self._names)
 
     def _current_state(self, now: float) -> DerivedState:
         if not self._dialect.reports_run_state:
             return DerivedState(DriveState.UNKNOWN, reason="drives.no_run_status")
+        bad_reason = self._reading_pairs.bad_reason(*self._dialect.state_names)
         if self._derived_at is None:
-            return STATE_NOT_READ
+            return STATE_NOT_READ if bad_reason is None else DerivedState(DriveState.UNKNOWN, reason=bad_reason)
+        opened_at = self._bus.port_opened_at
+        if opened_at is None or self._derived_at < opened_at:
+            return DerivedState(DriveState.UNKNOWN, reason="drives.port_lost")
         if now - self._derived_at > self._state_validity_s:
-            return DerivedState(DriveState.UNKNOWN, reason="drives.stale")
+            return DerivedState(DriveState.UNKNOWN, reason=bad_reason or "drives.stale")
         return self._derived
 
     def close(self) -> None:

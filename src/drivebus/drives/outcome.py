@@ -27,9 +27,9 @@ class OutcomeStatus(StrEnum):
     """The command was sent, and nothing shows whether it was executed."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameExchange:
-    """One frame of an operation and its reply: the evidence of an outcome."""
+    """Frame of an operation and its reply: the evidence of an outcome."""
 
     sent: bytes
     received: bytes
@@ -39,7 +39,7 @@ class FrameExchange:
     params: Mapping[str, Any] = field(default_factory=dict)  # of the error
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """Outcome of a command: status, sentence (``key`` and ``params``), frames and drive status."""
 

@@ -25,6 +25,8 @@ class CommandKind(LocalizedEnum):
     SETPOINT = "setpoint"
     RESET = "reset"
     WRITE = "write"
+    INPUTS = "inputs"
+    """Write to input terminals, one of which may start the motor; the user has confirmed it."""
 
 
 COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an operator waits for a start or a reset
@@ -33,6 +35,7 @@ COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an
     CommandKind.SETPOINT: 5.0,
     CommandKind.RESET: 2.0,
     CommandKind.WRITE: 5.0,
+    CommandKind.INPUTS: 2.0,
 }
 MAX_STATUS_AGE_S = 2.0  # a start needs a status that is no older than the command itself may be
 MIN_FAILURES_FOR_ERROR_RATE = 3  # one lost frame in a hundred would otherwise inhibit every start for 5 minutes
@@ -44,7 +47,7 @@ _SETPOINT_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, Drive
 
 @dataclass(frozen=True, slots=True)
 class DriveCommand:
-    """One command of a user. It can't be renewed: a later request is another command."""
+    """Command of a user. It can't be renewed: a later request is another command."""
 
     id: str
     kind: CommandKind
@@ -90,12 +93,13 @@ def grant_permit(inputs: PermitInputs) -> Permit:
     _check_valid(command, effect, conditions)
     if effect not in (Effect.SETTING, Effect.MOTION):
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
-    if effect is Effect.MOTION and command.kind not in _MOTION_KINDS:
+    if effect is Effect.MOTION and command.kind not in (*_MOTION_KINDS, CommandKind.INPUTS):
         raise NotPermitted("drives.frame_would_move", kind=command.kind)
     _raise_first(unmet_bus_permissives(inputs.station, conditions))
     if command.kind in (CommandKind.START, CommandKind.JOG) or effect is Effect.MOTION:
         _raise_first(unmet_start_permissives(conditions, inputs.family))
-        _check_drive_state(command, conditions, inputs.evidence)
+        if command.kind is not CommandKind.INPUTS:  # an input may also have to be cleared on a running drive
+            _check_drive_state(command, conditions, inputs.evidence)
     if command.kind in _MOTION_KINDS and not inputs.evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
     return Permit(

@@ -50,19 +50,33 @@ class ReadingPairs:
         known = [time for time in times if time is not None]
         return min(known) if known and len(known) == len(times) else None
 
+    def bad_reason(self, *names: str) -> str | None:
+        """Return why the first of these newest readings that is bad can't be used, None where none is bad."""
+        bad = [self.latest[name] for name in names if name in self.latest and self.latest[name].quality is Quality.BAD]
+        return bad[0].reason if bad else None
+
     def clear(self, *names: str) -> None:
         """Remove readings that are older than a command: they can't show its effect."""
         for name in names or (*self.latest, *self.previous):
             self.latest.pop(name, None)
             self.previous.pop(name, None)
 
-    def with_staleness(self, now: float, oldest_s: Mapping[str, float]) -> dict[str, Reading]:
-        """Return the newest readings, those beyond their age limit in seconds marked bad; the value stays."""
-        return {name: _mark_stale(reading, now, oldest_s.get(name)) for name, reading in self.latest.items()}
+    def with_staleness(
+        self, now: float, oldest_s: Mapping[str, float], port_opened_at: float | None
+    ) -> dict[str, Reading]:
+        """Return the newest readings, bad where too old or not read since the port was opened; the value stays.
+
+        ``oldest_s``: age limits in seconds. ``port_opened_at``: None while the port is not open.
+        """
+        return {
+            name: _mark_stale(reading, now, oldest_s.get(name), port_opened_at) for name, reading in self.latest.items()
+        }
 
 
-def _mark_stale(reading: Reading, now: float, limit_s: float | None) -> Reading:
+def _mark_stale(reading: Reading, now: float, limit_s: float | None, port_opened_at: float | None) -> Reading:
     age = reading.age_s(now)
+    if reading.source_time is not None and (port_opened_at is None or reading.source_time < port_opened_at):
+        return replace(reading, quality=Quality.BAD, reason="drives.port_lost")
     if limit_s is None or age is None or age <= limit_s:
         return reading
     return replace(reading, quality=Quality.BAD, reason="drives.stale")

@@ -96,12 +96,13 @@ class DerivedState:
     direction: Direction | None = None
     fault_code: int | None = None
     reason: str | None = None  # i18n key of why the state is UNKNOWN
+    further_fault_codes: tuple[int, ...] = ()  # where a drive reports several faults at once
 
 
 STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveStatus:
     """Status of a drive at one moment; what is not known has a reason."""
 

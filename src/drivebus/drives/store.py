@@ -6,7 +6,7 @@ import contextlib
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -70,21 +70,32 @@ class FileStore:
             with _locked(self.path.with_suffix(".lock")):
                 values = self._read()
                 values[key] = change(values.get(key))
-                _replace(self.path, json.dumps({"format": STORE_FORMAT, "values": values}, indent=1, sort_keys=True))
+                _replace(self.path, _encode(values))
         except OSError as error:
             problem = error.strerror or str(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
 
+    def put_aside(self, values: Mapping[str, str], suffix: str) -> Path:
+        """Keep a file that can't be read under its name with ``suffix``, replace it by a new one, return the new path.
+
+        Raises ConfigurationError. The file that can't be read stays until it is replaced: no file would read as empty.
+        """
+        aside = self.path.with_name(self.path.name + suffix)
+        try:
+            with _locked(self.path.with_suffix(".lock")):
+                _link_or_copy(self.path, aside)
+                _replace(self.path, _encode(values))
+        except OSError as error:
+            problem = error.strerror or str(error)
+            raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
+        return aside
+
     def _read(self) -> dict[str, str]:
         try:
-            text = self.path.read_text(encoding="utf-8")
+            found: Any = json.loads(self.path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return {}
-        except OSError as error:
-            raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
-        try:
-            found = json.loads(text)
-        except ValueError as error:
+        except (OSError, ValueError, RecursionError) as error:  # not UTF-8 is a ValueError too
             raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
         values = found.get("values") if isinstance(found, dict) and found.get("format") == STORE_FORMAT else None
         if not isinstance(values, dict) or not all(isinstance(v, str) for v in values.values()):
@@ -105,8 +116,23 @@ def default_path() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "store.json"
 
 
+def _encode(values: Mapping[str, str]) -> str:
+    return json.dumps({"format": STORE_FORMAT, "values": values}, indent=1, sort_keys=True)
+
+
 def _replace(path: Path, text: str) -> None:
     atomic_write.atomic_write(path, text.encode())
+
+
+def _link_or_copy(path: Path, other: Path) -> None:
+    """Give a file a second name; copy it on a file system without hard links. Durable on return. Raises OSError."""
+    try:
+        os.link(path, other)
+    except FileExistsError:
+        raise
+    except OSError:
+        atomic_write.atomic_write(other, path.read_bytes())
+    atomic_write.fsync_directory(path.parent)
 
 
 @contextlib.contextmanager

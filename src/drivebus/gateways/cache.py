@@ -21,7 +21,7 @@ _BUS_STATE_KEYS = frozenset({"is_open", "foreign_master"})
 _MISSING: Any = object()
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class TopicChange:
     """Changes of one or several messages of the service."""
 

@@ -15,7 +15,7 @@ Patterns = tuple[str, ...]
 MAX_URGENT_DELAY_S = 0.25  # changes of state, quality and alarms never wait longer for a client's interval
 HEARTBEAT_AFTER_S = 0.7
 """After this time without a message the next one of the service is passed on, empty or not. The service sends at least
-one a second, so a client gets one every 1.7 s; twice that without any is a lost connection."""
+one a second, so a client gets one at least every 1.7 s. The page takes 2 s without any for a lost connection."""
 MAX_QUEUED_MESSAGES = 32  # a client that leaves more unread (8 s at four a second) is closed as slow
 
 

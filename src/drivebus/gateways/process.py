@@ -13,7 +13,8 @@ from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments, decode_arguments
-from drivebus.service.process.tuning import NICE_GATEWAY, set_nice
+from drivebus.service.process.logging_setup import configure_logging
+from drivebus.service.process.tuning import NICE_GATEWAY, raise_file_limit, set_nice
 
 T = TypeVar("T")
 Serve = Callable[[SocketClient, GatewayArguments[T], asyncio.Event], Awaitable[None]]
@@ -26,11 +27,13 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T]) -> int:
     The code is 2 for arguments or settings that cannot be used.
     """
     set_nice(NICE_GATEWAY)
+    raise_file_limit()
     try:
         arguments = decode_arguments(sys.stdin.buffer.readline(), settings)
     except ValueError as error:
         print(f"gateway {name}: drivebus serve starts it: {error}", file=sys.stderr, flush=True)
         return 2
+    configure_logging(arguments.log_format)
     try:
         asyncio.run(_run(arguments, serve))
     except ConfigurationError as error:

@@ -40,9 +40,10 @@ def catalogue(language: str) -> dict[str, str]:
 
 
 @cache
-def catalogue_json(language: str) -> bytes:
-    """Return ``catalogue`` as compact JSON in UTF-8."""
-    return json.dumps(catalogue(language), ensure_ascii=False, separators=(",", ":")).encode()
+def catalogue_json(language: str, without: frozenset[str] = frozenset()) -> bytes:
+    """Return ``catalogue`` as compact JSON in UTF-8, without the keys whose first part is in ``without``."""
+    texts = {key: text for key, text in catalogue(language).items() if key.partition(".")[0] not in without}
+    return json.dumps(texts, ensure_ascii=False, separators=(",", ":")).encode()
 
 
 class _Placeholders(dict[str, Any]):

@@ -74,6 +74,12 @@ def port_notes(port: Port) -> tuple[PortNote, ...]:
     return tuple(getattr(port, "notes", ()))
 
 
+def drive_options(port: Port, address: int) -> Mapping[str, Any]:
+    """Return the profile options that the port itself knows of a drive; only the port of simulated drives knows any."""
+    known: Mapping[int, Mapping[str, Any]] = getattr(port, "drive_options", {})
+    return known.get(address, {})
+
+
 @runtime_checkable
 class PausableReader(Protocol):
     """A port that can leave received bytes in the kernel for a while."""

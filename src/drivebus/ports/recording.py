@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from drivebus import clock
 from drivebus.capture.dbcap import CaptureHeader, CaptureWriter
@@ -58,6 +60,10 @@ class RecordingPort:
     @property
     def notes(self) -> tuple[PortNote, ...]:
         return port_notes(self._port)
+
+    @property
+    def drive_options(self) -> Mapping[int, Mapping[str, Any]]:
+        return getattr(self._port, "drive_options", {})
 
     @property
     def error(self) -> OSError | None:

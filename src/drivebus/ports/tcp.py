@@ -3,9 +3,8 @@
 The serial settings are made on the server itself. Line timing and parity checks are lost: the network batches bytes
 and no parity error is reported. The baud rate of the port URL must be the server's own: bus timing is computed from it.
 
-A frame that the network delays is a hazard: a start could reach the drive long after it was requested. So the
-connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
-``TCP_STALL_TIMEOUT_S``.
+The connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
+``TCP_STALL_TIMEOUT_S``, as a start could reach the drive long after it was requested.
 """
 
 from __future__ import annotations

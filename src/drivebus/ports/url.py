@@ -7,8 +7,10 @@ sim://c320@0-3,7 · memory://name · replay://FILE.dbcap
 from __future__ import annotations
 
 import re
+import stat
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
@@ -132,7 +134,7 @@ def parse_port_url(
             explicit=explicit,
         )
     path = unquote(target)
-    if not path:
+    if not path and scheme != "sim":  # that port names the simulated drives
         raise PortUrlError("ports.link-empty", link=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
     return PortUrl(
         text=text,
@@ -148,9 +150,18 @@ def parse_port_url(
 def _split_scheme(text: str) -> tuple[str, str]:
     if match := _SCHEME.match(text):
         return match[1].lower(), text[match.end() :]
-    if _COM.fullmatch(text.partition("?")[0]) or text.startswith(("/", "./", "../")):
+    path = text.partition("?")[0]
+    if _COM.fullmatch(path) or path.startswith(("/", "./", "../")) or _is_device(path):
         return "serial", text
     raise PortUrlError("ports.link", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
+
+
+def _is_device(path: str) -> bool:
+    """Return whether a relative path leads to a terminal device, such as the link that ``simulate --link`` makes."""
+    try:
+        return stat.S_ISCHR(Path(path).stat().st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def _suggestion(text: str) -> str:

@@ -26,7 +26,7 @@ DEFAULT_CATALOGUE = "profiles"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostic:
-    """One fault of one file."""
+    """Fault of a profile file."""
 
     kind: str
     """Last part of the i18n key of its text, ``<catalogue>.kind.<kind>``."""

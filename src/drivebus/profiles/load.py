@@ -53,7 +53,7 @@ DATA_DIRECTORY = Path(__file__).parent / "data"
 
 @dataclass(frozen=True, slots=True)
 class _TomlSource:
-    """One file of an ``extends`` chain."""
+    """File of an ``extends`` chain."""
 
     path: Path
     text: str
@@ -358,10 +358,10 @@ def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
     )
 
 
-def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, Text]]:
+def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.UnplacedParameter]]:
     """Build the parameters with an address, and the reason for each that has none."""
     placed: dict[str, m.Parameter] = {}
-    unplaced: dict[str, Text] = {}
+    unplaced: dict[str, m.UnplacedParameter] = {}
     for notation, parameter in parsed.parameters.items():
         locator = resolve_locator(parsed, notation, parameter.register_)
         if isinstance(locator, tuple):
@@ -369,7 +369,9 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
             maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
             placed[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
-            unplaced[notation] = Text(locator.text("en"), locator.text("zh"))
+            described = _build_parameter(notation, parameter, ("unplaced", 0), parameter.maximum)
+            reason = Text(locator.text("en"), locator.text("zh"))
+            unplaced[notation] = m.UnplacedParameter(described, reason)
     return placed, unplaced
 
 
@@ -384,6 +386,7 @@ def _build_parameter(notation: str, parsed: ParameterIn, locator: Locator, maxim
         maximum=maximum,
         writable=parsed.writable,
         choices={int(raw): _build_text(choice) for raw, choice in parsed.choices.items()},
+        choices_complete=parsed.choices_complete,
         help=_build_text(parsed.help) if parsed.help else None,
         caveat=parsed.caveat,
         factory=parsed.factory,
@@ -397,9 +400,10 @@ def _uncertain_reason(parsed: ValueIn) -> str | None:
     return None if parsed.scale_published else "profiles.scale_unpublished"
 
 
-def _build_preconditions(parsed: ProfileIn, unplaced: dict[str, Text]) -> tuple[m.Precondition, ...]:
+def _build_preconditions(parsed: ProfileIn, unplaced: Mapping[str, m.UnplacedParameter]) -> tuple[m.Precondition, ...]:
+    reasons = {notation: one.reason for notation, one in unplaced.items()}
     return tuple(
-        m.Precondition(notation, tuple(wanted.accepted), _build_text(wanted.keypad), unplaced.get(notation))
+        m.Precondition(notation, tuple(wanted.accepted), _build_text(wanted.keypad), reasons.get(notation))
         for notation, wanted in parsed.preconditions.items()
     )
 
@@ -426,12 +430,12 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
         for setting, choices in parsed.variants.items()
     }
     return m.CommandMap(
-        parsed.register_,
-        {name: _build_bit(bit) for name, bit in parsed.bits.items()},
-        parsed.setpoint_register,
-        parsed.rewrite_levels_after_pulse,
-        parsed.function,
-        cast("Any", variants),
+        register=parsed.register_,
+        bits={name: _build_bit(bit) for name, bit in parsed.bits.items()},
+        setpoint_register=parsed.setpoint_register,
+        rewrite_levels_after_pulse=parsed.rewrite_levels_after_pulse,
+        function=parsed.function,
+        variants=cast("Any", variants),
     )
 
 

@@ -33,7 +33,7 @@ class Caveat:
     evidence: Evidence
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
     """Value that is polled."""
 
@@ -55,7 +55,7 @@ class Signal:
     """i18n key of the reason why every reading is at best uncertain, as when the scale is not published."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """Parameter of the drive."""
 
@@ -68,6 +68,8 @@ class Parameter:
     maximum: float | None = None
     writable: bool = True
     choices: Mapping[int, Text] = field(default_factory=dict)
+    choices_complete: bool = True
+    """False where the manual names the choices as examples only: the drive knows others."""
     help: Text | None = None
     caveat: str | None = None
     factory: float | None = None
@@ -79,6 +81,15 @@ class Parameter:
     """False where only the notation gave the address: a raw word without range."""
     uncertain: str | None = None
     """i18n key of the reason why its value is uncertain."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnplacedParameter:
+    """Parameter whose address the manual does not give, with what the user has to supply."""
+
+    parameter: Parameter
+    """Its locator is ("unplaced", 0): it can't be read or written."""
+    reason: Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +118,7 @@ class FaultEntry:
 
 @dataclass(frozen=True, slots=True)
 class CommandBit:
-    """One bit, or one value of the field under ``mask``, of a command word."""
+    """Bit of a command word, or value of its field under ``mask``."""
 
     mask: int
     value: int
@@ -115,7 +126,7 @@ class CommandBit:
     """It acts on its edge; otherwise it is a level that every write sets."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CommandMap:
     """Command word of a register-based model.
 
@@ -204,7 +215,7 @@ class SerialDefaults:
     formats: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OpenQuestion:
     """Behaviour that the manuals leave open, with the value in force, the reason, and how to determine it."""
 
@@ -279,8 +290,8 @@ class DriveProfile:
     format_version: int = 1
     open_questions: tuple[OpenQuestion, ...] = ()
     notation: NotationRule = NotationRule("modbus", "register", 0xFFFF)
-    unplaced: Mapping[str, Text] = field(default_factory=dict)
-    """Parameters without a known address, each with what the user has to supply."""
+    unplaced: Mapping[str, UnplacedParameter] = field(default_factory=dict)
+    """Parameters without a known address, by notation."""
     roles: Mapping[str, str] = field(default_factory=dict)
     """Parameters of the protocol itself: monitor_selector (content of a class-4 reply), protocol, address, baud,
     format, reply_delay. Absent where unknown."""

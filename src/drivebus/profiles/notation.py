@@ -8,11 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from drivebus.errors import ProfileError
+from drivebus.errors import LimitError, ProfileError
 from drivebus.profiles.diagnostics import bilingual_text, nearest_names
 from drivebus.profiles.model import DriveProfile, NotationRule, Parameter, Signal
 from drivebus.protocols.family import Locator, NotationStyle, protocol_family
+from drivebus.values import parse_hex_word
 
+_LEADING_ZERO = re.compile(r"0[0-9]+", re.ASCII)
 _GROUP_AND_ITEM = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
 
 
@@ -29,6 +31,34 @@ def parse_notation(notation: str, rule: NotationRule, group_sizes: Mapping[str, 
     return locator
 
 
+def parse_value(text: str) -> float | str:
+    """Return the number that a user typed as the value of a parameter. Raises ValueError where it is none.
+
+    A hexadecimal word (``0010H``, ``0x10``) and digits behind a zero (``0010``) are returned as text: their meaning
+    depends on the parameter.
+    """
+    if parse_hex_word(text) is not None or _LEADING_ZERO.fullmatch(text):
+        return text
+    return float(text)
+
+
+def parse_number(parameter: Parameter, text: str) -> float:
+    """Return the number of a text. Raises LimitError, also for digits behind a zero that are ambiguous.
+
+    ``0010`` means the digits of the keypad where the parameter is coded so; elsewhere it may be ten or the word 0010H.
+    """
+    try:
+        number = float(text)
+    except ValueError as error:
+        raise LimitError("drives.parameter_word", notation=parameter.notation, value=text) from error
+    if _LEADING_ZERO.fullmatch(text) and parameter.scale.coding != "bcd" and int(text, 16) != int(text):
+        word = f"{int(text, 16):04X}H"
+        raise LimitError(
+            "drives.parameter_digits", notation=parameter.notation, value=text, number=int(text), word=word
+        )
+    return number
+
+
 def format_locator(locator: Locator, profile: DriveProfile) -> str:
     """Return the manual's notation of an address: the profile's own where it lists the address."""
     listed = _find_listed(profile, locator)
@@ -40,9 +70,9 @@ def format_locator(locator: Locator, profile: DriveProfile) -> str:
 def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
     """Return the signal or parameter of a name: a signal's name, or any notation (``F0.01`` is ``F0.1``).
 
-    A well-formed notation that the profile does not list gives a Parameter with ``listed`` False: readable, and
-    writable unless it is a bare register. Raises ProfileError ``profiles.unknown_name`` with similar names,
-    ``profiles.unplaced`` or ``profiles.beyond_group``.
+    A well-formed notation that the profile does not list gives a Parameter with ``listed`` False, which is only read;
+    ``writable`` False marks a bare register. Raises ProfileError: ``profiles.unknown_name``, with similar names
+    ``profiles.unknown_name_near``, ``profiles.unplaced`` or ``profiles.beyond_group``.
     """
     signal = profile.signals.get(name.strip().lower())
     if signal is not None:
@@ -55,7 +85,7 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
             return by_numbers
         if error.key != "profiles.notation":
             raise
-        raise ProfileError("profiles.unknown_name", **_unknown_name_params(profile, name)) from None
+        raise _unknown_name_error(profile, name) from None
     return _find_listed(profile, locator) or _unlisted_parameter(profile, name, locator)
 
 
@@ -79,14 +109,17 @@ def _group_and_item(notation: str) -> tuple[int, int] | None:
     return (int(match[1]), int(match[2])) if match else None
 
 
-def _unknown_name_params(profile: DriveProfile, name: str) -> dict[str, object]:
-    near = nearest_names(name, [*profile.signals, *profile.parameters])
-    return {
-        "name": name,
-        "model": profile.model,
-        "examples": _style(profile.notation).examples,
-        "near": ", ".join(near) or "-",
-    }
+def _unknown_name_error(profile: DriveProfile, name: str) -> ProfileError:
+    """Return the error of a name with similar ones: none of a number, of a notation only those of its group."""
+    examples = _style(profile.notation).examples
+    group, dot, _ = name.strip().upper().partition(".")
+    near = [] if name.strip().isdecimal() else nearest_names(name, [*profile.signals, *profile.parameters])
+    near = [found for found in near if not dot or found.upper().partition(".")[0] == group]
+    if not near:
+        return ProfileError("profiles.unknown_name", name=name, model=profile.model, examples=examples)
+    return ProfileError(
+        "profiles.unknown_name_near", name=name, model=profile.model, examples=examples, near=", ".join(near)
+    )
 
 
 def _unlisted_parameter(profile: DriveProfile, name: str, locator: Locator) -> Parameter:

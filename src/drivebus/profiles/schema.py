@@ -141,6 +141,8 @@ class ParameterIn(ValueIn):
     maximum_option: Name | None = None
     """Option that holds the maximum, where the user supplies it."""
     choices: dict[str, BilingualTextIn] = {}
+    choices_complete: bool = True
+    """False where the manual names the choices as examples only."""
     help: BilingualTextIn | None = None
     caveat: str | None = None
     factory: float | None = None

@@ -6,6 +6,7 @@ TOML over lines and decides nothing about values.
 
 from __future__ import annotations
 
+import codecs
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,11 +41,13 @@ class TomlFault(Exception):
 
 
 def decode_toml(raw: bytes) -> tuple[str, dict[str, Any]]:
-    """Return the text and the data of a file's bytes. Raises TomlFault for size, encoding or syntax."""
+    """Return the text and the data of a file's bytes; a byte order mark is skipped.
+
+    Raises TomlFault for size, encoding or syntax.
+    """
     if len(raw) > MAX_TOML_BYTES:
         raise TomlFault(issue("too_large", (), len(raw), most=MAX_TOML_BYTES), 1)
-    if raw.startswith(b"\xef\xbb\xbf"):
-        raise TomlFault(issue("bom", (), "EF BB BF"), 1)
+    raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
         text = raw.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:

@@ -27,9 +27,9 @@ class Incomplete:
     need: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Complete:
-    """The first ``size`` bytes are this message."""
+    """The first ``size`` bytes are this message. Not frozen, which would take twice as long to make for each frame."""
 
     message: Any
     size: int
@@ -48,7 +48,7 @@ DecodeResult = Incomplete | Complete | CompleteIfSilent
 
 
 class Codec(Protocol):
-    """One encoding of one protocol, master and station side. A frame must begin at offset 0; nothing is searched.
+    """Encoding of a protocol, master and station side. A frame must begin at offset 0; nothing is searched.
 
     Decoding raises only subclasses of ``drivebus.errors.ProtocolError``, for any bytes, and gives the same result whole
     or byte by byte.
@@ -57,7 +57,7 @@ class Codec(Protocol):
     family: str
     """Name of the ``ProtocolFamily``."""
     encoding: str
-    """One of the family's encodings, such as "ascii" or "rtu"."""
+    """Name of the family's encoding, such as "ascii" or "rtu"."""
 
     @property
     def broadcast_address(self) -> int | None:

@@ -1,7 +1,7 @@
 """Protocol families: one object per family, and the registry from which the rest of the package takes it.
 
-A family joins a codec, frame descriptions, a drive dialect, simulated drives and profiles under one name. Nothing else
-in the package names a family: a table keyed by family names would be a second place to edit.
+A family joins a codec, frame descriptions, a drive dialect, simulated drives and profiles under one name. No table
+elsewhere is keyed by family names: it would be a second place to edit.
 
 Built-in families are listed in ``BUILT_IN``. Another package registers its own with an entry point of the group
 ``drivebus.families`` that names a ``ProtocolFamily``. This module is below ``profiles``, ``drives`` and ``simulator``,

@@ -13,18 +13,15 @@ from drivebus.clock import wall_ms
 from drivebus.service.alarms import AlarmEngine, SystemAlarm
 from drivebus.service.alarms.service import AlarmService
 from drivebus.service.api.dispatcher import Dispatcher
-from drivebus.service.api.operations.history import TimeRangeParams
-from drivebus.service.api.operations.operation import NoParams
+from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.queries import Queries
-from drivebus.service.audit import AuditTrail
-from drivebus.service.auth.actor import Actor, local_actor
+from drivebus.service.auth.actor import SERVICE_NAME, Actor, local_actor
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
 from drivebus.service.control.stops import StopCommands
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.incidents.service import IncidentService
 from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
@@ -38,7 +35,7 @@ from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
 
-SERVICE_ACTOR = local_actor("drivebus", "service")
+SERVICE_ACTOR = local_actor(SERVICE_NAME, "service")
 """Actor of what the service does by itself: policies, interlocks, its own end."""
 
 
@@ -102,23 +99,20 @@ class Service:
         self.jogs = RemoteJogs(self.plant, self.commands)
         self.incidents = IncidentService(self.plant, storage.incidents)
         self.publisher = LivePublisher(self.plant, self.groups)
-        operations = (
-            self.commands,
-            self.groups,
-            self.stops,
-            self.jogs,
-            Queries(self.plant, self.groups),
-            ConfigReload(self.plant, self.publisher),
-            AlarmService(self.plant, storage.alarm_log),
-            self.incidents,
-            storage.historian.queries,
-            storage.run_statistics,
+        self.reload = ConfigReload(self.plant, self.publisher)
+        handlers = bound_handlers(
+            (
+                self.commands,
+                self.groups,
+                self.stops,
+                self.jogs,
+                Queries(self.plant, self.groups),
+                self.reload,
+                AlarmService(self.plant, storage.alarm_log),
+                self.incidents,
+            )
         )
-        handlers = _audit_handlers(storage.audit)
-        for one in operations:
-            handlers |= one.handlers()
-        motions = self.commands.motions() | self.groups.motions() | self.jogs.motions()
-        self.dispatcher = Dispatcher(self.plant, handlers, motions)
+        self.dispatcher = Dispatcher(self.plant, handlers)
         self.policies = StopPolicies(self.plant, self.dispatcher.call, SERVICE_ACTOR)
         self.supervision = SupervisionCycle(
             self.plant,
@@ -139,10 +133,13 @@ class Service:
         plant.started_ms = plant.wall_ms()
         if plant.audit.records_missing:
             plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject="audit.jsonl")
+        if plant.audit.key_replaced:
+            plant.raise_alarm(SystemAlarm.AUDIT_KEY_REPLACED, subject=plant.audit.paths.key.name)
         for bus in plant.config.buses:
             plant.add_bus(bus, plant.config.drives)
         for drive in plant.config.drives:
             plant.add_drive(drive, self.publisher.on_status)
+        plant.report_lost_limits()
         for runtime in plant.buses.values():
             runtime.start()
         self.supervision.run_once()
@@ -153,6 +150,7 @@ class Service:
         if self.plant.state != "running":
             return {}
         self.plant.state = "stopping"
+        self.reload.close()
         outcomes = await self.stops.stop_started_drives(SERVICE_ACTOR)
         if self._supervision_task is not None:
             self._supervision_task.cancel()
@@ -197,13 +195,3 @@ class Service:
     async def record(self, entry: Json, actor: Actor) -> None:
         """See ``ServiceClient.record``. Raises AuditUnavailable."""
         await self.dispatcher.record(entry, actor)
-
-
-def _audit_handlers(audit: AuditTrail) -> dict[str, OperationHandler]:
-    async def list_records(params: TimeRangeParams, actor: Actor) -> Json:
-        return await audit.query(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
-
-    async def verify(params: NoParams, actor: Actor) -> Json:
-        return await audit.verify()
-
-    return {"audit.list": list_records, "audit.verify": verify}

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FrameReceiver, ReceivedFrame
 from drivebus.simulator.line_quality import LineQuality, parse_line_quality
-from drivebus.simulator.station import Station
+from drivebus.simulator.station import SimulatedStation
 from drivebus.simulator.timer import LoopTimer
 from drivebus.simulator.wire import Side, Transmission, Wire
 
@@ -36,7 +36,7 @@ class SimulatedBus:
 
     def __init__(
         self,
-        stations: Iterable[Station],
+        stations: Iterable[SimulatedStation],
         line: SerialSettings | None = None,
         *,
         line_quality: LineQuality | str = "clean",
@@ -56,10 +56,10 @@ class SimulatedBus:
         """Tolerance of measured silences in seconds, higher on ports that the operating system delays."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._timer: LoopTimer | None = None
-        self._groups: list[tuple[FrameReceiver, list[Station]]] = []
+        self._groups: list[tuple[FrameReceiver, list[SimulatedStation]]] = []
         self._group_stations()
 
-    def station(self, address: int) -> Station:
+    def station(self, address: int) -> SimulatedStation:
         """Return the first station at an address, at the present time. Raises KeyError."""
         self.advance()
         for station in self.stations:
@@ -80,7 +80,7 @@ class SimulatedBus:
             self._switch_loop(loop)
         return loop.time()
 
-    def add(self, station: Station) -> None:
+    def add(self, station: SimulatedStation) -> None:
         """Add a station; at an address in use, a duplicate."""
         self.stations.append(station)
         self._group_stations()
@@ -131,7 +131,7 @@ class SimulatedBus:
 
     def _group_stations(self) -> None:
         """Create one frame receiver for all stations with equal framing."""
-        groups: dict[Any, tuple[FrameReceiver, list[Station]]] = {}
+        groups: dict[Any, tuple[FrameReceiver, list[SimulatedStation]]] = {}
         for station in self.stations:
             key = (station.rule, tuple((codec.family, codec.encoding) for codec in station.codecs))
             if key not in groups:
@@ -204,7 +204,9 @@ class SimulatedBus:
             for frame in frames:
                 self._dispatch(frame, stations, transmission, now)
 
-    def _dispatch(self, frame: ReceivedFrame, stations: list[Station], transmission: Transmission, now: float) -> None:
+    def _dispatch(
+        self, frame: ReceivedFrame, stations: list[SimulatedStation], transmission: Transmission, now: float
+    ) -> None:
         if frame.address is None:
             return
         for station in stations:

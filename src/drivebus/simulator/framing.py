@@ -14,7 +14,7 @@ from drivebus.protocols.codec import Codec, Complete
 from drivebus.serial_settings import SerialSettings
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FramingRule:
     """Framing of one family."""
 
@@ -33,7 +33,7 @@ class FramingRule:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ReceivedFrame:
     """Received frame: its request, or the error of its decoding."""
 
@@ -118,14 +118,28 @@ class FrameReceiver:
         except ProtocolError as error:
             size = error.size or len(frame)
             return ReceivedFrame(
-                codec, None, error, frame[:size], _error_address(error), self._short_gap, self._silence_s
+                codec=codec,
+                message=None,
+                error=error,
+                frame=frame[:size],
+                address=_error_address(error),
+                short_gap=self._short_gap,
+                silence_s=self._silence_s,
             )
         if not isinstance(verdict, Complete):
             return None
         message = verdict.message
         request = getattr(message, "request", message)
         address = codec.broadcast_address if getattr(request, "broadcast", False) else codec.address_of(request)
-        return ReceivedFrame(codec, message, None, frame[: verdict.size], address, self._short_gap, self._silence_s)
+        return ReceivedFrame(
+            codec=codec,
+            message=message,
+            error=None,
+            frame=frame[: verdict.size],
+            address=address,
+            short_gap=self._short_gap,
+            silence_s=self._silence_s,
+        )
 
     def _codec_for(self, frame: bytes) -> Codec:
         """Return the codec: a C320 frame names its encoding by the first byte, other families have one codec."""

@@ -25,7 +25,7 @@ NAMED_QUALITIES = {
 _PROBABILITY_KEYS = ("loss", "flip", "duplicate", "cut_first", "cut_last", "junk")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LineQuality:
     """Impairments of a line; probabilities are 0…1."""
 

@@ -38,7 +38,7 @@ class OutputPhase(Enum):
     DC_BRAKING = "dc braking"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Nameplate:
     """Nameplate of a motor. ``inertia_s`` is the time from standstill to rated speed at rated torque."""
 
@@ -95,9 +95,8 @@ _MAX_BRAKING_STEP_S = 0.005
 
 
 class Motor:
-    """Motor with its power stage. Signed frequencies: negative is reverse.
+    """Motor with its power stage; negative frequencies are reverse, and time passes only in ``step``.
 
-    Commands: ``run``, ``stop``, ``coast``, ``force_trip``, ``reset``. Time passes only in ``step``.
     A start finds a rotor that still turns (flying start). ``decel_s`` too short for the inertia trips on over-voltage.
     """
 

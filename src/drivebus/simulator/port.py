@@ -12,7 +12,7 @@ from typing import Any
 from drivebus.errors import PortLost, PortUnavailable, PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.bus import SimulatedBus
-from drivebus.simulator.models.catalog import make_stations, station_option_names
+from drivebus.simulator.models.catalog import make_stations, simulated_models, station_option_names
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
 
@@ -31,6 +31,11 @@ class SimPort:
     @property
     def identity(self) -> str:
         return f"sim:{self.simulated_bus.name or self.url}"
+
+    @property
+    def drive_options(self) -> dict[int, dict[str, str]]:
+        """Profile options that the simulated drives state of themselves, by address."""
+        return {station.address: station.profile_options for station in self.simulated_bus.stations}
 
     async def open(self, receiver: Receiver) -> None:
         """Open the port. Raises PortUnavailable while the bus is unplugged or this port is open."""
@@ -89,6 +94,8 @@ def open_port(url: Any) -> SimPort:
     echo, load, ramp (seconds), drives (serial settings of the stations, ``19200-8E1``, where the master's are wrong on
     purpose), and the options of the models (``direction_field``, …).
     """
+    if not url.path:
+        raise PortUrlError("sim.empty", link=url.text, models=", ".join(simulated_models()))
     url.reject_unknown_options(
         "seed", "line_quality", "name", "echo", "load", "ramp", "drives", *station_option_names()
     )

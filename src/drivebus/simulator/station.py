@@ -20,7 +20,7 @@ from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import ParameterMemory, ParameterSpec
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class InjectedFaults:
     """Faults injected into a station by tests, demos and the CLI."""
 
@@ -48,7 +48,7 @@ class StationReply:
     delay_s: float
 
 
-class Station(ABC):
+class SimulatedStation(ABC):
     """Simulated drive. ``frame_count`` counts its requests, ``gap_violations`` those after too little silence."""
 
     family: ClassVar[str]
@@ -100,6 +100,11 @@ class Station(ABC):
         """Return the model's fault code."""
 
     # Common to all models.
+
+    @property
+    def profile_options(self) -> dict[str, str]:
+        """Values of profile options that a ``sim://`` port states, where the bus cannot show them."""
+        return {}
 
     @property
     def displayed_motor(self) -> Motor:
@@ -195,7 +200,7 @@ class Station(ABC):
 class SimulatedModel:
     """Drive model that can be simulated: its station, addresses and options."""
 
-    station: Callable[..., Station]
+    station: Callable[..., SimulatedStation]
     """``(address, motor=…, **options)``."""
     addresses: range
     options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

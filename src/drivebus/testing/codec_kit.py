@@ -25,7 +25,7 @@ class CodecFault(AssertionError):
         super().__init__(f"{exchange}: {rule} [{data.hex(' ').upper()}] {detail}".rstrip())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CodecExchange:
     """A request and its reply, as messages and as bytes from an independent source (a manual, a peer)."""
 

@@ -9,12 +9,12 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
+from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
-from drivebus.web import metrics
 from drivebus.web.api.openapi import install_openapi
-from drivebus.web.api.routes import api_router
+from drivebus.web.api.routes import gateway_router, service_router
 from drivebus.web.context import WebContext
 from drivebus.web.errors import install_error_handlers
 from drivebus.web.gateway import WebConfig
@@ -22,26 +22,36 @@ from drivebus.web.live import endpoint as live
 from drivebus.web.live.endpoint import LiveEndpoint
 from drivebus.web.middleware.auth import AuthMiddleware
 from drivebus.web.middleware.denial_log import DenialLog
+from drivebus.web.middleware.head import HeadMiddleware
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.security_headers import SecurityHeadersMiddleware
+from drivebus.web.middleware.trusted_proxies import TrustedProxies
+from drivebus.web.operations import WEB_OPERATIONS
 from drivebus.web.route import AccessRouter, Route, RouteTable
-from drivebus.web.routes import session, static_files, users
+from drivebus.web.routes import description, session, static_files, users
+from drivebus.web.service_health import ServiceHealth
 
 
 class _WebApp(FastAPI):
-    """FastAPI app with the security headers also on responses to unexpected errors."""
+    """FastAPI app with the security headers, and HEAD without body, also on responses to unexpected errors."""
 
     def build_middleware_stack(self) -> ASGIApp:
-        return SecurityHeadersMiddleware(super().build_middleware_stack())
+        return SecurityHeadersMiddleware(HeadMiddleware(super().build_middleware_stack()))
 
 
-FIXED_ROUTERS = (session.router, users.router, static_files.router, live.router, metrics.router)
-"""Routers of the routes that are no operations of the service."""
+EXEMPT_ROUTERS = (static_files.router, live.router)
+"""Routers of the routes that are no operations: files of the page, and the WebSocket."""
+HANDLERS = bound_handlers((description, session, users))
+"""Handlers of the operations of this process."""
+
+
+def _routers(operations: Iterable[Operation]) -> tuple[AccessRouter, ...]:
+    return (*EXEMPT_ROUTERS, gateway_router(WEB_OPERATIONS.values(), HANDLERS), service_router(operations))
 
 
 def declared_routes(operations: Iterable[Operation] = OPERATIONS.values()) -> list[Route]:
     """Return every route of an app with the access that it requires."""
-    return [route for router in (*FIXED_ROUTERS, api_router(operations)) for route in router.routes]
+    return [route for router in _routers(operations) for route in router.routes]
 
 
 def make_app(
@@ -53,7 +63,7 @@ def make_app(
     routers: Sequence[AccessRouter] = (),
 ) -> FastAPI:
     """Return the app; ``routers`` are additional ones."""
-    every = (*FIXED_ROUTERS, api_router(operations), *routers)
+    every = (*_routers(operations), *routers)
     denials = DenialLog(client, auth.clock)
 
     @asynccontextmanager
@@ -68,9 +78,18 @@ def make_app(
         openapi_url=None,
         redirect_slashes=False,
         lifespan=lifespan,
-        middleware=[Middleware(AuthMiddleware, auth=auth, hosts=HostCheck(web), denials=denials, routes=table)],
+        middleware=[
+            Middleware(
+                AuthMiddleware,
+                auth=auth,
+                hosts=HostCheck(web),
+                proxies=TrustedProxies(web.trusted_proxies),
+                denials=denials,
+                routes=table,
+            )
+        ],
     )
-    app.state.context = WebContext(auth=auth, client=client, denials=denials)
+    app.state.context = WebContext(auth=auth, client=client, denials=denials, health=ServiceHealth(client))
     app.state.live = LiveEndpoint(client)
     install_error_handlers(app)
     for router in every:

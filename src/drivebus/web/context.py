@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 from starlette.requests import HTTPConnection
 
 from drivebus.errors import DrivebusError
+from drivebus.service.api.operations import Operation
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential
 from drivebus.service.auth.errors import AuthUnavailable
@@ -16,6 +17,7 @@ from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.middleware.denial_log import DenialLog, try_record
+from drivebus.web.service_health import ServiceHealth
 
 T = TypeVar("T")
 
@@ -27,14 +29,16 @@ class WebContext:
     auth: AuthService
     client: ServiceClient
     denials: DenialLog
+    health: ServiceHealth
 
     async def record_change(
-        self, what: str, target: str, params: Json, actor: Actor, change: Coroutine[Any, Any, T]
+        self, operation: Operation, target: str, params: Json, actor: Actor, change: Coroutine[Any, Any, T]
     ) -> T:
-        """Run ``change`` with an audit record before and after it.
+        """Run the ``change`` of an operation with an audit record before and after it.
 
         Raises AuthUnavailable, and changes nothing, where the trail cannot be written.
         """
+        what = operation.name
         if not await try_record(self.client, audit_entry(what, target, params, "requested"), actor):
             change.close()
             raise AuthUnavailable("auth.no_record")

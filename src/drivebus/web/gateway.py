@@ -5,6 +5,7 @@ The service imports this module, so it imports no HTTP.
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,10 +17,11 @@ from pydantic import Field
 from drivebus.profiles.diagnostics import Issue, issue
 from drivebus.service.config.gateways import Gateway, ResolvePath
 from drivebus.service.config.loopback import is_loopback
+from drivebus.service.config.model import CertificateFiles
 from drivebus.service.config.schema import GatewayTable, PathText
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WebConfig:
     """Address of the page and the API. Any but loopback needs ``certificate`` and an administrator."""
 
@@ -29,6 +31,8 @@ class WebConfig:
     key: Path | None = None
     origins: tuple[str, ...] = ()
     """Further origins under which browsers reach the page, such as a reverse proxy's."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses or networks of reverse proxies whose ``X-Forwarded-For`` names the client."""
 
 
 _DEFAULTS = WebConfig()
@@ -43,6 +47,7 @@ class WebTable(GatewayTable):
     certificate: PathText | None = None
     key: PathText | None = None
     origins: list[str] = []
+    trusted_proxies: list[str] = []
 
 
 def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
@@ -53,11 +58,12 @@ def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
         certificate=resolve_path(table.certificate) if table.certificate else None,
         key=resolve_path(table.key) if table.key else None,
         origins=tuple(table.origins),
+        trusted_proxies=tuple(table.trusted_proxies),
     )
 
 
 def web_problems(table: WebTable, resolve_path: ResolvePath) -> Iterator[Issue]:
-    """Yield what the schema does not find: missing files, an open address without TLS, origins of another form."""
+    """Yield what the schema does not find: missing files, an open address without TLS, bad origins and proxies."""
     for name, other in (("certificate", "key"), ("key", "certificate")):
         text = getattr(table, name)
         if text is None:
@@ -71,6 +77,22 @@ def web_problems(table: WebTable, resolve_path: ResolvePath) -> Iterator[Issue]:
     for origin in table.origins:
         if not _ORIGIN.fullmatch(origin):
             yield issue("origin", ("origins",), origin)
+    for proxy in table.trusted_proxies:
+        if not _is_network(proxy):
+            yield issue("trusted_proxy", ("trusted_proxies",), proxy)
+
+
+def _is_network(text: str) -> bool:
+    """Return whether a text is an address or network, and not that of every address."""
+    try:
+        return ipaddress.ip_network(text).prefixlen > 0
+    except ValueError:
+        return False
+
+
+def web_certificates(web: WebConfig) -> tuple[CertificateFiles, ...]:
+    """Return the certificate of the page, if it has one."""
+    return () if web.certificate is None or web.key is None else (CertificateFiles(web.certificate, web.key),)
 
 
 GATEWAY = Gateway(
@@ -79,6 +101,7 @@ GATEWAY = Gateway(
     table=WebTable,
     settings=web_config,
     check=web_problems,
+    certificates=web_certificates,
     runs_without_table=True,
     extra="server",
 )

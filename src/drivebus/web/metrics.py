@@ -16,22 +16,20 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import Metric as MetricFamily
 from prometheus_client.registry import Collector, CollectorRegistry
-from starlette.requests import Request
-from starlette.responses import Response
 
 from drivebus import i18n
 from drivebus.bus.station import Presence
 from drivebus.drives.state import DriveState
+from drivebus.service.api.operations.alarms import ALARMS_LIST
+from drivebus.service.api.operations.buses import BUSES_LIST
+from drivebus.service.api.operations.drives import DRIVES_LIST
+from drivebus.service.api.operations.plant import PLANT_GET, PLANT_STATISTICS
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.rights import Right
 from drivebus.service.config.model import AlarmPriority
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.values import Quality
-from drivebus.web.context import actor_of, client_of
-from drivebus.web.route import AccessRouter
 
-METRICS_PATH = "/metrics"
 METRIC_PREFIX = "drivebus_"
 BYTES_PER_MIB = 2**20
 SECONDS_PER_HOUR = 3600.0
@@ -40,7 +38,7 @@ JOULES_PER_KWH = 3.6e6
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One family of series. ``name`` is without ``METRIC_PREFIX``; its meaning is in the catalogue ``metrics``."""
+    """Family of series. ``name`` is without ``METRIC_PREFIX``; its meaning is in the catalogue ``metrics``."""
 
     name: str
     labels: tuple[str, ...] = ()
@@ -139,7 +137,7 @@ METRICS: dict[str, Metric] = {metric.name: metric for metric in (*PLANT_METRICS,
 
 
 class Point(NamedTuple):
-    """One sample: a metric's name, the values of its labels in their order, the number."""
+    """Sample: a metric's name, the values of its labels in their order, the number."""
 
     metric: str
     labels: tuple[str, ...]
@@ -328,21 +326,9 @@ def exposition(points: Iterable[Point], accept: str) -> tuple[bytes, str]:
     return encoder(registry), media_type
 
 
-router = AccessRouter()
-
-
-@router.route("GET", METRICS_PATH, access=Right.VIEW, name="metrics", include_in_schema=False)
-async def metrics(request: Request) -> Response:
-    """Answer a scrape. A service that does not answer is an error of the scrape: nothing old is shown."""
-    data = await fetch_scrape_data(client_of(request), actor_of(request))
-    accept = request.headers.get("accept", "")
-    body, media_type = await asyncio.to_thread(lambda: exposition(metric_points(data), accept))
-    return Response(body, headers={"Content-Type": media_type, "Cache-Control": "no-store"})
-
-
 async def fetch_scrape_data(client: ServiceClient, actor: Actor) -> ScrapeData:
     """Read what one scrape shows. Raises the service's errors."""
-    names = ("plant.get", "plant.statistics", "drives.list", "buses.list", "alarms.list")
+    names = (PLANT_GET.name, PLANT_STATISTICS.name, DRIVES_LIST.name, BUSES_LIST.name, ALARMS_LIST.name)
     plant, statistics, drives, buses, alarms = await asyncio.gather(*(client.call(name, {}, actor) for name in names))
     return ScrapeData(
         plant=plant,

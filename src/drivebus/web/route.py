@@ -9,24 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, TypeVar
 
 from fastapi import APIRouter
 
-from drivebus.service.auth.rights import Right
+from drivebus.service.api.operations import Operation
+from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 
-
-class AccessLevel(StrEnum):
-    """Access that is not a right."""
-
-    PUBLIC = "public"
-    """No credential, also before the set-up."""
-    SESSION = "session"
-    """A session of a browser, idle or not."""
-
-
-RequiredAccess = Right | AccessLevel
 WEBSOCKET = "WEBSOCKET"
 READ_METHODS = ("GET", WEBSOCKET)
 Handler = TypeVar("Handler", bound=Callable[..., Awaitable[Any]])
@@ -34,7 +23,7 @@ Handler = TypeVar("Handler", bound=Callable[..., Awaitable[Any]])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
-    """One method of one path."""
+    """Method of a path."""
 
     method: str
     path: str
@@ -42,13 +31,22 @@ class Route:
     background: bool = False
     """Sent by a page on its own; it does not count as activity of the user."""
 
-    @property
-    def yields(self) -> bool:
-        """Whether it waits for its turn on the event loop: reads, and requests without a credential.
+    yields: bool = True
+    """Whether it waits for its turn on the event loop: reads, and requests without a credential.
 
-        Commands keep the order in which they arrived, so that a stop voids every command sent before it.
-        """
-        return self.method in READ_METHODS or self.access is AccessLevel.PUBLIC
+    Commands keep the order in which they arrived, so that a stop voids every command sent before it.
+    """
+
+    @classmethod
+    def of(cls, operation: Operation) -> Route:
+        """Return the route of an operation."""
+        return cls(
+            method=operation.method,
+            path=operation.address,
+            access=operation.right,
+            background=operation.background,
+            yields=operation.yields or operation.right is AccessLevel.PUBLIC,
+        )
 
     @property
     def pattern(self) -> re.Pattern[str]:
@@ -79,35 +77,23 @@ class RouteTable:
 class AccessRouter:
     """FastAPI router whose routes all declare the access that they require."""
 
-    def __init__(self, prefix: str = "", **options: Any) -> None:
-        self.prefix = prefix
-        self.fastapi = APIRouter(prefix=prefix, **options)
+    def __init__(self) -> None:
+        self.fastapi = APIRouter()
         self.routes: list[Route] = []
 
-    def add(
-        self,
-        method: str,
-        path: str,
-        handler: Callable[..., Awaitable[Any]],
-        *,
-        access: RequiredAccess,
-        background: bool = False,
-        **options: Any,
-    ) -> None:
-        """Add a route; ``options`` are FastAPI's."""
-        self.routes.append(Route(method=method, path=self.prefix + path, access=access, background=background))
-        if method == WEBSOCKET:
-            self.fastapi.add_api_websocket_route(path, handler, **options)
+    def add(self, route: Route, handler: Callable[..., Awaitable[Any]], **options: Any) -> None:
+        """Add a route; ``options`` are FastAPI's for HTTP."""
+        self.routes.append(route)
+        if route.method == WEBSOCKET:
+            self.fastapi.add_api_websocket_route(route.path, handler)
         else:
-            self.fastapi.add_api_route(path, handler, methods=[method], **options)
+            self.fastapi.add_api_route(route.path, handler, methods=[route.method], **options)
 
-    def route(
-        self, method: str, path: str, *, access: RequiredAccess, background: bool = False, **options: Any
-    ) -> Callable[[Handler], Handler]:
-        """Decorator for ``add``."""
+    def exempt(self, method: str, path: str, *, access: RequiredAccess) -> Callable[[Handler], Handler]:
+        """Decorator for the handler of a route that is no operation: a file of the page, the live WebSocket."""
 
         def decorate(handler: Handler) -> Handler:
-            self.add(method, path, handler, access=access, background=background, **options)
+            self.add(Route(method=method, path=path, access=access), handler, include_in_schema=False)
             return handler
 
         return decorate

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import ssl
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
@@ -15,14 +18,18 @@ from drivebus.errors import ConfigurationError
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.loopback import is_loopback
 from drivebus.web.gateway import WebConfig
+from drivebus.web.listener import MAX_CONNECTIONS, BoundedListener
 from drivebus.web.middleware.connection_limits import LimitedHttpProtocol, LimitedWebSocketProtocol
+from drivebus.web.middleware.trusted_proxies import TrustedProxies
 
+LOG = logging.getLogger(__name__)
 LOOPBACK = "127.0.0.1"
-MAX_CONNECTIONS = 512
 KEEP_ALIVE_TIMEOUT_S = 15
+TLS_HANDSHAKE_TIMEOUT_S = 10.0  # as for the headers of a request
+TLS_SHUTDOWN_TIMEOUT_S = 2.0  # a client that does not answer the end of TLS
 SHUTDOWN_GRACE_S = 2  # for requests under way when the process ends
 MAX_WEBSOCKET_MESSAGE_BYTES = 64 * 1024
-_HOST_CHECK_INTERVAL_S = 0.5
+_CHECK_INTERVAL_S = 0.5  # of the address and the certificate
 
 
 def listen_host(web: WebConfig, auth: AuthService) -> str:
@@ -33,7 +40,36 @@ def listen_host(web: WebConfig, auth: AuthService) -> str:
 
 
 class EmbeddedServer(uvicorn.Server):
-    """uvicorn without its signal handlers, which would raise SIGTERM again and skip every ``finally``."""
+    """uvicorn without its signal handlers, which would raise SIGTERM again and skip every ``finally``.
+
+    It limits the time of a TLS handshake, which uvicorn leaves at a minute.
+    """
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen at ``sockets``. Raises RuntimeError where the app does not start."""
+        await self.lifespan.startup()
+        if self.lifespan.should_exit:
+            raise RuntimeError("the app does not start")
+        tls = self.config.ssl is not None
+        self.servers = [
+            await asyncio.get_running_loop().create_server(
+                self._create_protocol,
+                sock=listener,
+                ssl=self.config.ssl,
+                backlog=self.config.backlog,
+                ssl_handshake_timeout=TLS_HANDSHAKE_TIMEOUT_S if tls else None,
+                ssl_shutdown_timeout=TLS_SHUTDOWN_TIMEOUT_S if tls else None,
+            )
+            for listener in sockets or ()
+        ]
+        self.started = True
+
+    def _create_protocol(self) -> asyncio.Protocol:
+        create: Any = self.config.http_protocol_class
+        protocol: asyncio.Protocol = create(
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+        return protocol
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -59,22 +95,61 @@ class HttpServer:
             await self._serve(listen_host(self.web, self.auth))
 
     async def _serve(self, host: str) -> None:
-        listener = bind_listener(host, self.web.port)
-        server = EmbeddedServer(server_config(self.app, self.web))
+        listener = bind_listener(host, self.web.port, self.web.trusted_proxies)
+        tls = None if self.web.certificate is None else TlsContext(self.web)
+        server = EmbeddedServer(server_config(self.app, None if tls is None else tls.context))
         scheme = "http" if self.web.certificate is None else "https"
         self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
         serving = asyncio.create_task(server.serve([listener]))
         try:
             while not self._ending.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._ending.wait(), _HOST_CHECK_INTERVAL_S)
+                    await asyncio.wait_for(self._ending.wait(), _CHECK_INTERVAL_S)
+                if tls is not None:
+                    tls.follow_files()
         finally:
             server.should_exit = True
             await serving
 
 
-def server_config(app: FastAPI, web: WebConfig) -> uvicorn.Config:
-    """Raises ConfigurationError for a certificate or key that cannot be used."""
+class TlsContext:
+    """TLS settings of the server, which follow the certificate's files: connections that are open stay as they are.
+
+    Raises ConfigurationError for a certificate or key that cannot be used.
+    """
+
+    def __init__(self, web: WebConfig) -> None:
+        self._web = web
+        self._files = self._file_state()
+        self.context = _tls_context(web)
+
+    def follow_files(self) -> None:
+        """Use renewed files for the next handshakes. A pair that cannot be used is logged, and the old one stays."""
+        found = self._file_state()
+        if found == self._files:
+            return
+        self._files = found
+        try:
+            _tls_context(self._web)  # the live context would lose its key with a certificate that does not fit
+            self.context.load_cert_chain(*self._paths())
+        except (ConfigurationError, OSError) as error:
+            LOG.warning("%s", error)
+        else:
+            LOG.info("the certificate %s was taken over", self._web.certificate)
+
+    def _paths(self) -> tuple[Path, Path | None]:
+        assert self._web.certificate is not None
+        return self._web.certificate, self._web.key
+
+    def _file_state(self) -> list[tuple[int, int, int]]:
+        with contextlib.suppress(OSError):
+            states = [path.stat() for path in self._paths() if path is not None]
+            return [(state.st_mtime_ns, state.st_size, state.st_ino) for state in states]
+        return []
+
+
+def server_config(app: FastAPI, context: ssl.SSLContext | None = None) -> uvicorn.Config:
+    """Return the settings of uvicorn."""
     config = uvicorn.Config(
         app,
         http=LimitedHttpProtocol,
@@ -91,7 +166,7 @@ def server_config(app: FastAPI, web: WebConfig) -> uvicorn.Config:
         timeout_graceful_shutdown=SHUTDOWN_GRACE_S,
     )
     config.load()
-    config.ssl = None if web.certificate is None else _tls_context(web)
+    config.ssl = context
     return config
 
 
@@ -106,11 +181,12 @@ def _tls_context(web: WebConfig) -> ssl.SSLContext:
     return context
 
 
-def bind_listener(host: str, port: int) -> socket.socket:
+def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> socket.socket:
     """Return a listening socket. Raises ConfigurationError for an address that is in use or not of this machine."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listener = socket.socket(family, kind, protocol)
+        proxies = TrustedProxies(trusted_proxies)
+        listener = BoundedListener(family, kind, protocol, is_proxy=proxies.trusts_peer)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
         listener.listen()

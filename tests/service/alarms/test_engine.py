@@ -14,9 +14,16 @@ from drivebus.values import Quality, Text
 from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
 
 HIGH = AlarmConfig(
-    "overload", AlarmKind.ABOVE, (), "output_current", 10.0, hysteresis=2.0, delay_s=3.0, priority=AlarmPriority.LOW
+    id="overload",
+    kind=AlarmKind.ABOVE,
+    drives=(),
+    signal="output_current",
+    threshold=10.0,
+    hysteresis=2.0,
+    delay_s=3.0,
+    priority=AlarmPriority.LOW,
 )
-STALE = AlarmConfig("old", AlarmKind.STALE, (), delay_s=1.0)
+STALE = AlarmConfig(id="old", kind=AlarmKind.STALE, drives=(), delay_s=1.0)
 
 
 def engine(*settings: AlarmConfig, known: tuple[Alarm, ...] = (), **more: int) -> AlarmEngine:
@@ -75,7 +82,7 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
 
 
 def test_another_fault_has_its_own_delay() -> None:
-    late = engine(AlarmConfig("trip", AlarmKind.FAULT, (), delay_s=5.0))
+    late = engine(AlarmConfig(id="trip", kind=AlarmKind.FAULT, drives=(), delay_s=5.0))
     overcurrent, other = view(fault=OVERCURRENT), view(fault={**OVERCURRENT, "code": 5})
     changes = run(late, (0, overcurrent), (5, overcurrent), (6, other), (10.9, other), (11, other))
     assert changes == ["5 raised trip", "6 cleared trip", "11 raised trip"]
@@ -131,7 +138,9 @@ def test_a_named_signal_that_is_never_read_is_stale_and_uncertain_is_not() -> No
 
 
 def test_a_configured_alarm_replaces_the_default_of_its_kind() -> None:
-    own = AlarmConfig("trip", AlarmKind.FAULT, ("fan-1",), priority=AlarmPriority.LOW, title=Text("Trip", ""))
+    own = AlarmConfig(
+        id="trip", kind=AlarmKind.FAULT, drives=("fan-1",), priority=AlarmPriority.LOW, title=Text("Trip", "")
+    )
     alarms = engine(own)
     assert run(alarms, (0, view(fault=OVERCURRENT))) == ["0 raised trip"]
     assert (alarms.active()[0].priority, alarms.active()[0].title) == (AlarmPriority.LOW, Text("Trip", "Trip"))
@@ -171,8 +180,9 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     assert alarms.counts("fan-1") == {"critical": 1}
-    (change,) = alarms.shelve("a1", 2, 10.0, 10_000)
+    (change,) = alarms.shelve("a1", 2, 10.0, 10_000, by="anna", reason="repaired")
     assert (change.action, change.alarm.shelved_until_ms) == ("shelved", 130_000)
+    assert (change.alarm.shelved_by, change.alarm.shelved_reason) == ("anna", "repaired")
     run(alarms, (20, view()), (21, view(fault=OVERCURRENT)))
     assert [alarm.shelved_until_ms for alarm in alarms.active()] == [130_000, 130_000]
     assert alarms.counts("fan-1") == {}
@@ -184,11 +194,11 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
 def test_an_alarm_can_be_unshelved_early() -> None:
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
-    alarms.shelve("a1", 60, 0.0, 0)
+    alarms.shelve("a1", 60, 0.0, 0, by="anna", reason="repaired")
     assert words(alarms.unshelve("a1")) == ["unshelved fault"]
     assert alarms.unshelve("a1") == alarms.expire_shelves(9e9, 0) == []
     with pytest.raises(NotFound):
-        alarms.shelve("a7", 1, 0.0, 0)
+        alarms.shelve("a7", 1, 0.0, 0, by="anna", reason="repaired")
 
 
 def test_a_system_alarm_is_raised_once_and_cleared_by_the_service() -> None:
@@ -219,7 +229,7 @@ def test_a_configured_id_equal_to_a_system_alarm_hides_none() -> None:
 def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
     before = engine()
     run(before, (0, view(fault=OVERCURRENT)))
-    before.shelve("a1", 1440, 0.0, 10**14)
+    before.shelve("a1", 1440, 0.0, 10**14, by="anna", reason="repaired")
     after = engine(known=tuple(before.active()), first_number=2, now=0.0, now_ms=0)
     assert after.expire_shelves(86_399.0, 0) == []
     assert words(after.expire_shelves(86_400.0, 0)) == ["unshelved fault"]
@@ -228,7 +238,7 @@ def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
 def test_every_sentence_has_all_its_numbers() -> None:
     alarms = engine(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
     for kind in SystemAlarm:
-        alarms.raise_alarm(kind, "fan-1", 0, subject="x", reason="y")
+        alarms.raise_alarm(kind, "fan-1", 0, subject="x", reason="y", drives="z", file="f", until="2026")
     silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)
     old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
     run(alarms, (0, silent), (3, silent), (4, old), (5, old))
@@ -256,7 +266,7 @@ def test_a_flapping_alarm_fills_no_memory_and_the_log_has_all() -> None:
 def test_a_raised_alarm_survives_a_restart_and_is_not_raised_twice() -> None:
     before = engine()
     run(before, (0, view(fault=OVERCURRENT)))
-    before.shelve("a1", 10, 0.0, 0)
+    before.shelve("a1", 10, 0.0, 0, by="anna", reason="repaired")
     after = engine(known=tuple(before.active()), first_number=2, now=1000.0, now_ms=60_000)
     assert run(after, (1001, view(fault=OVERCURRENT))) == []
     assert after.expire_shelves(1539.9, 0) == []

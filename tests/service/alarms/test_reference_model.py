@@ -54,7 +54,9 @@ VALUES = st.lists(
 def test_every_raise_and_clear_is_at_the_tick_of_the_reference_model(
     past: list[Value], kind: AlarmKind, hysteresis: float, delay_s: float
 ) -> None:
-    setting = AlarmConfig("x", kind, (), "output_current", LIMIT, hysteresis, delay_s)
+    setting = AlarmConfig(
+        id="x", kind=kind, drives=(), signal="output_current", threshold=LIMIT, hysteresis=hysteresis, delay_s=delay_s
+    )
     engine = AlarmEngine([setting], [FAN], RecordingAlarmLog().put)
     changes = [
         (tick, change.action)
@@ -77,7 +79,19 @@ def test_a_delay_ends_at_the_first_observation_not_before_it(start: float, step_
     """Rounding of floating-point sums moves it by no observation."""
     delay_s = observations * step_s
     engine = AlarmEngine(
-        [AlarmConfig("x", AlarmKind.ABOVE, (), "output_current", 1.0, 0.0, delay_s)], [FAN], RecordingAlarmLog().put
+        [
+            AlarmConfig(
+                id="x",
+                kind=AlarmKind.ABOVE,
+                drives=(),
+                signal="output_current",
+                threshold=1.0,
+                hysteresis=0.0,
+                delay_s=delay_s,
+            )
+        ],
+        [FAN],
+        RecordingAlarmLog().put,
     )
     raised = [n for n in range(observations + 3) if engine.observe(current(2.0), start + n * step_s, 0)]
     assert raised == [observations]

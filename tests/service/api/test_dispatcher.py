@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 import pytest
@@ -47,14 +47,12 @@ def with_dispatcher(scenario: Callable[[ServiceKit, Dispatcher], Awaitable[None]
             raise found
         return dict(found)
 
-    def handlers(names: set[str]) -> dict[str, Any]:
+    def handlers(names: Iterable[str]) -> dict[str, Any]:
         return {name.replace("_", ".", 1): lambda *arguments, name=name: handler(name, *arguments) for name in names}
-
-    motions = {name for name in answers if name in ("drive_run", "drive_jog", "drive_set_frequency")}
 
     async def in_service() -> None:
         async with running_service() as kit:
-            await scenario(kit, Dispatcher(kit.service.plant, handlers(answers.keys() - motions), handlers(motions)))
+            await scenario(kit, Dispatcher(kit.service.plant, handlers(answers)))
 
     run(in_service())
 
@@ -89,7 +87,15 @@ def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json,
         assert rejected.value.key == "plant.forbidden"
         assert rejected.value.params == {"name": "eve", "operation": name, "right": right}
         assert kit.trail.entries == [
-            AuditEntry(name, "eve", "s-eve", "10.0.0.9", target, params, outcome="plant.forbidden"),
+            AuditEntry(
+                what=name,
+                who="eve",
+                session="s-eve",
+                address="10.0.0.9",
+                target=target,
+                params=params,
+                outcome="plant.forbidden",
+            ),
         ]
 
     with_dispatcher(scenario)
@@ -181,7 +187,11 @@ def test_a_command_that_cannot_be_recorded_is_not_executed(name: str) -> None:
         with pytest.raises(AuditUnavailable):
             await dispatcher.call(name, params, LOCAL)
         what = {"what": "waiver.grant"}
-        assert kit.trail.entries == [AuditEntry("audit.refused", "tester", "local-1", "local", "fan-1", what)]
+        assert kit.trail.entries == [
+            AuditEntry(
+                what="audit.refused", who="tester", session="local-1", address="local", target="fan-1", params=what
+            )
+        ]
         (alarm,) = kit.service.plant.alarms.active()
         assert (alarm.kind, alarm.subject) == ("storage_failure", "audit.jsonl")
 
@@ -205,7 +215,15 @@ def test_an_event_that_is_no_operation_is_recorded_with_its_actor() -> None:
         event = {"what": "login", "target": "ann", "params": {"how": "x"}, "outcome": "done", "who": "another"}
         await dispatcher.record(event, NO_RIGHTS)
         assert kit.trail.entries == [
-            AuditEntry("login", "eve", "s-eve", "10.0.0.9", "ann", {"how": "x"}, outcome="done")
+            AuditEntry(
+                what="login",
+                who="eve",
+                session="s-eve",
+                address="10.0.0.9",
+                target="ann",
+                params={"how": "x"},
+                outcome="done",
+            )
         ]
         kit.trail.fails_silently = True
         with pytest.raises(AuditUnavailable):
@@ -236,7 +254,7 @@ def test_a_command_expires_while_its_record_is_written(takes_s: float, done: boo
 )
 def test_the_record_of_a_new_frequency_names_the_followers(name: str, followers: list[str]) -> None:
     async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
-        fans = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1")
+        fans = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1")
         kit.service.plant.config = plant_config(groups=(fans,))
         kit.service.plant.drives["fan-2"].started_by_service = True
         await dispatcher.call(name, FAN | {"frequency_hz": 20.0}, LOCAL)
@@ -298,8 +316,10 @@ def test_the_record_of_a_failure_has_its_key_and_the_sent_frames(name: str, sent
         StopUnconfirmed("drives.stop_unconfirmed", **state) if sent else StartInhibited("plant.stopping")
     )
     if sent:
-        frame = FrameExchange(b"\x01", b"", 1.0, None)
-        error.outcome = Outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state, (frame,))
+        frame = FrameExchange(sent=b"\x01", received=b"", sent_at=1.0, received_at=None)
+        error.outcome = Outcome(
+            status=OutcomeStatus.UNKNOWN, key="drives.stop_unconfirmed", params=state, exchanges=(frame,)
+        )
 
     async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         with pytest.raises(DrivebusError):
@@ -335,3 +355,13 @@ def test_an_operator_may_not_grant_a_waiver() -> None:
             await dispatcher.call("waiver.grant", FAN | {"reason": "because"}, remote_actor())
 
     with_dispatcher(scenario, waiver_grant={})
+
+
+@pytest.mark.parametrize("name", ["drives.get", "drives.profile", "drives.statistics"])
+def test_a_query_about_an_unknown_drive_is_not_found(name: str) -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            with pytest.raises(NotFound):
+                await kit.service.call(name, {"drive": "nobody"}, LOCAL)
+
+    run(scenario())

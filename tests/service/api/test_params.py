@@ -19,15 +19,15 @@ from drivebus.service.api.errors import (
     pydantic_faults,
 )
 from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.api.operations.drives import ParameterWriteParams
 from drivebus.service.historian.queries import check_time_order
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
-from drivebus.web.routes import schemas
+from drivebus.web.operations import WEB_OPERATIONS
 from fixtures.service import running_service
 
 MODELS: list[type[BaseModel]] = [
-    *dict.fromkeys(operation.params for operation in OPERATIONS.values()),
-    *(model for model in vars(schemas).values() if isinstance(model, type) and issubclass(model, schemas.RequestBody)),
+    *dict.fromkeys(operation.params for operation in (*OPERATIONS.values(), *WEB_OPERATIONS.values())),
 ]
 FRAMEWORK_FAULTS = {"model_attributes_type"}
 """Fault of FastAPI for JSON that is no object."""
@@ -42,6 +42,7 @@ BAD: list[Any] = [
     float("inf"),
     "",
     "A B",
+    "two\nlines",
     "x" * 300,
     "x" * 1_000_001,
     "\ud800",
@@ -147,3 +148,13 @@ def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:
             assert error_to_json(error_from_json(error_to_json(caught.value))) == error_to_json(caught.value)
 
     run(scenario())
+
+
+@pytest.mark.parametrize(("value", "accepted"), [("0010H", True), ("0x10", True), ("0010", True), ("ten", False)])
+def test_a_parameter_is_written_as_a_number_or_as_the_word_of_the_manual(value: str, accepted: bool) -> None:
+    params = {"drive": "fan-1", "values": {"F1.10": value}}
+    if accepted:
+        assert ParameterWriteParams.model_validate(params).values == {"F1.10": value}
+    else:
+        with pytest.raises(ValidationError):
+            ParameterWriteParams.model_validate(params)

@@ -53,6 +53,16 @@ def test_a_missing_key_is_reported(tmp_path: Path) -> None:
     assert (again.exit_code, "no key" in again.output) == (0, False)
 
 
+def test_a_trail_without_head_is_compared_with_a_number_from_the_log(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    assert "newest checkpoints" not in invoke_audit("verify", str(trail.paths.folder)).output
+    trail.paths.head.rename(tmp_path / "head")
+    found = invoke_audit("verify", str(trail.paths.folder), "--at-least", "10")
+    assert (found.exit_code, "newest checkpoints" in found.output) == (0, True)
+    found = invoke_audit("verify", str(trail.paths.folder), "--at-least", "11", "--head", str(tmp_path / "head"))
+    assert (found.exit_code, "at least 11" in found.output, "newest checkpoints" in found.output) == (1, True, False)
+
+
 def test_the_checkpoint_file_can_be_given(tmp_path: Path) -> None:
     trail = written_trail(tmp_path)
     checkpoints = tmp_path / "checkpoints.jsonl"

@@ -137,7 +137,7 @@ async def run(folder):
     async def write(name):
         while True:
             text = f"{name} {os.getpid()} {os.urandom(4).hex()}"
-            number = await trail.record(AuditEntry("drive.run", target=text))
+            number = await trail.record(AuditEntry(what="drive.run", target=text))
             os.write(1, f"{number} {text}\\n".encode())
     async def checkpoint():
         while True:

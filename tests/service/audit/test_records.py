@@ -23,7 +23,7 @@ def test_a_line_is_decoded_as_encoded() -> None:
     checkpoint = records.decode_checkpoint(CHECKPOINT[:-1], KEY)
     assert (
         checkpoint
-        == records.AuditCheckpoint(3, 7, HASH, records.GENESIS_HASH, MAC, 9)
+        == records.AuditCheckpoint(number=3, n=7, hash=HASH, prev=records.GENESIS_HASH, mac=MAC, time_ms=9)
         == records.decode_checkpoint(CHECKPOINT[:-1], None)
     )
 
@@ -131,9 +131,10 @@ def test_a_cut_is_detected_back_to_the_last_checkpoint(
     write_records(trail, lines[:9] + [lines[9][:-1]])
     assert problem_lines(trail) == [("unfinished", 10), ("cut", 0)]
     trail.paths.current.unlink()
-    assert problem_lines(trail) == [("cut", 0)]
+    assert problem_lines(trail) == [("absent", 0), ("cut", 0)]
     write_records(trail, lines[:9])
     write_checkpoints(trail, checkpoints[:3])
+    trail.paths.head.write_bytes(checkpoints[2])
     assert verify_report(trail).ok and verify_report(trail).covered == 8, (
         "records after the last checkpoint can be cut off undetected"
     )
@@ -141,7 +142,7 @@ def test_a_cut_is_detected_back_to_the_last_checkpoint(
 
 def test_a_missing_moved_or_doubled_checkpoint_is_detected(trail: AuditTrail, checkpoints: list[bytes]) -> None:
     write_checkpoints(trail, checkpoints[1:])
-    assert problem_lines(trail) == [("checkpoint_broken", 1)]
+    assert problem_lines(trail) == [("checkpoint_broken", 1), ("checkpoints_missing", 0)]
     write_checkpoints(trail, [checkpoints[0], checkpoints[0], *checkpoints[1:]])
     assert problem_lines(trail) == [("checkpoint_broken", 2)]
     write_checkpoints(trail, checkpoints[:2])
@@ -152,9 +153,9 @@ def test_a_missing_moved_or_doubled_checkpoint_is_detected(trail: AuditTrail, ch
 
 def test_a_changed_or_unfinished_checkpoint_is_detected(trail: AuditTrail, checkpoints: list[bytes]) -> None:
     write_checkpoints(trail, [*checkpoints[:2], checkpoints[2].replace(b'"n":8', b'"n":7'), checkpoints[3]])
-    assert problem_lines(trail) == [("checkpoint_changed", 3), ("checkpoint_broken", 4)]
+    assert problem_lines(trail) == [("checkpoint_changed", 3), ("checkpoint_broken", 4), ("checkpoints_missing", 0)]
     write_checkpoints(trail, [*checkpoints[:3], checkpoints[3][:-1]])
-    assert problem_lines(trail) == [("checkpoint_changed", 4)]
+    assert problem_lines(trail) == [("checkpoint_changed", 4), ("checkpoints_missing", 0)]
 
 
 def test_checkpoints_made_without_the_key_are_detected(trail: AuditTrail, lines: list[bytes]) -> None:

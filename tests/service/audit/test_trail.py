@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 
 from drivebus.errors import AuditUnavailable, InvalidParameters
 from drivebus.service.api.errors import os_reason
-from drivebus.service.audit import AuditEntry
+from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
+from drivebus.service.audit.verify import verify
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage import append_log, batch_writer
 from drivebus.service.storage.storage import Storage
@@ -257,7 +259,9 @@ def test_the_alarm_about_the_trail_names_the_reason_and_clears_without_a_request
     async def go() -> None:
         blocked = tmp_path / "plant"
         blocked.write_text("a file where the folder should be")
-        storage = Storage.of(PlantConfig("p", Text("P", "P"), blocked, (), ()), wall_ms=lambda: 0)
+        storage = Storage.of(
+            PlantConfig(id="p", title=Text("P", "P"), directory=blocked, buses=(), drives=()), wall_ms=lambda: 0
+        )
         await storage.audit.open()
         found = storage.errors()["audit.jsonl"]
         assert found is not None and os_reason(found) == "Not a directory"
@@ -343,6 +347,7 @@ def test_a_record_has_its_own_number_after_recovery_entries(tmp_path: Path) -> N
 def test_recovery_reads_only_the_end_of_a_long_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trail = written_trail(tmp_path)
     trail.paths.checkpoints.unlink()
+    trail.paths.head.unlink()
     monkeypatch.setattr(append_log, "TAIL_BYTES", 1_500)
     assert trail.paths.current.stat().st_size > 2 * append_log.TAIL_BYTES
     again = written_trail(tmp_path, 2)
@@ -351,9 +356,11 @@ def test_recovery_reads_only_the_end_of_a_long_file(tmp_path: Path, monkeypatch:
 
 def test_holes_after_the_last_checkpoint_are_quarantined(tmp_path: Path) -> None:
     """Blocks of the last batch may reach the disk in any order."""
-    marks = written_trail(tmp_path).paths.checkpoints.read_bytes()
+    paths = written_trail(tmp_path).paths
+    checkpoints, head = paths.checkpoints.read_bytes(), paths.head.read_bytes()
     trail = written_trail(tmp_path, 3)
-    trail.paths.checkpoints.write_bytes(marks)
+    trail.paths.checkpoints.write_bytes(checkpoints)
+    trail.paths.head.write_bytes(head)
     complete = trail.paths.current.read_bytes().splitlines(True)
     trail.paths.current.write_bytes(b"".join([*complete[:11], b"\0" * 50 + b"\n", complete[12]]))
     again = written_trail(tmp_path, 3)
@@ -382,17 +389,115 @@ def test_a_cut_end_is_still_detected_after_the_service_continued(tmp_path: Path)
     assert set(problem_kinds(again)) == {"rewritten", "checkpoint_broken"}
 
 
-def test_opening_a_trail_reports_that_its_end_was_cut_off(tmp_path: Path) -> None:
-    async def opened() -> bool:
-        trail = new_trail(tmp_path)
+def reopened_trail(folder: Path) -> AuditTrail:
+    """Return the trail of a folder after it was opened and closed again."""
+
+    async def go() -> AuditTrail:
+        trail = new_trail(folder)
         await trail.open()
         await trail.close()
-        return trail.records_missing
+        return trail
 
+    return asyncio.run(go())
+
+
+def test_opening_a_trail_reports_that_its_end_was_cut_off(tmp_path: Path) -> None:
     trail = written_trail(tmp_path)
-    assert asyncio.run(opened()) is False
+    assert reopened_trail(tmp_path).records_missing is False
     trail.paths.current.write_bytes(b"".join(trail.paths.current.read_bytes().splitlines(True)[:4]))
-    assert asyncio.run(opened()) is True
+    assert reopened_trail(tmp_path).records_missing is True
+
+
+def roll_back(trail: AuditTrail, checkpoints: int) -> None:
+    """Keep the first checkpoints and the records up to the last of them, as if the rest had never been written."""
+    kept = trail.paths.checkpoints.read_bytes().splitlines(True)[:checkpoints]
+    trail.paths.checkpoints.write_bytes(b"".join(kept))
+    records = trail.paths.current.read_bytes().splitlines(True)[: json.loads(kept[-1])["n"]]
+    trail.paths.current.write_bytes(b"".join(records))
+
+
+def test_records_and_checkpoints_that_were_cut_back_together_are_detected(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    roll_back(trail, 2)
+    assert problem_kinds(trail) == ["cut", "checkpoints_missing"]
+    trail.paths.head.unlink()
+    assert verify_report(trail).ok and verify_report(trail).head is None
+    assert [problem.kind for problem in verify(trail.paths, at_least=10).problems] == ["fewer"]
+
+
+def test_removed_checkpoints_are_detected_although_every_record_is_there(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    trail.paths.checkpoints.write_bytes(b"".join(trail.paths.checkpoints.read_bytes().splitlines(True)[:-1]))
+    assert problem_kinds(trail) == ["checkpoints_missing"]
+
+
+def test_no_file_is_not_a_complete_trail(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    trail.paths.current.unlink()
+    trail.paths.checkpoints.unlink()
+    assert problem_kinds(trail) == ["absent", "cut", "checkpoints_missing"]
+    trail.paths.head.unlink()
+    assert problem_kinds(trail) == ["absent"]
+
+
+def test_a_head_of_another_key_is_detected(tmp_path: Path) -> None:
+    trail, other = written_trail(tmp_path), written_trail(tmp_path / "other")
+    trail.paths.head.write_bytes(other.paths.head.read_bytes())
+    assert problem_kinds(trail) == ["head_changed"]
+
+
+@pytest.mark.parametrize("removed", ["newest records and checkpoints", "newest checkpoint", "all files"])
+def test_opening_a_trail_that_was_rolled_back_reports_it_and_never_hides_it(tmp_path: Path, removed: str) -> None:
+    trail = written_trail(tmp_path)
+    if removed == "all files":
+        trail.paths.current.unlink()
+        trail.paths.checkpoints.unlink()
+    elif removed == "newest checkpoint":
+        trail.paths.checkpoints.write_bytes(b"".join(trail.paths.checkpoints.read_bytes().splitlines(True)[:-1]))
+    else:
+        roll_back(trail, 2)
+    again = reopened_trail(tmp_path)
+    assert again.records_missing and not again.key_replaced
+    assert {"checkpoint_broken", "checkpoints_missing"} <= set(problem_kinds(again))
+
+
+def test_opening_a_trail_reports_that_its_key_was_replaced(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    trail.paths.key.unlink()
+    again = reopened_trail(tmp_path)
+    assert again.key_replaced and "audit.key_replaced" in [record["what"] for record in lines(again.paths.current)]
+
+
+async def test_a_head_that_cannot_be_written_is_an_error_until_it_can(tmp_path: Path) -> None:
+    trail = new_trail(tmp_path)
+    trail.paths.head.mkdir()
+    await trail.open()
+    assert trail.head_error is not None and trail.checkpoint_error is None and trail.ok
+    trail.paths.head.rmdir()
+    await trail.checkpoint()
+    assert trail.head_error is None and verify_report(trail).head == 1
+    await trail.close()
+
+
+async def test_the_log_names_a_checkpoint_at_the_start_each_hour_and_at_the_end(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    now = datetime(2026, 11, 21, tzinfo=UTC)
+    trail = new_trail(tmp_path, wall_clock=lambda: now)
+
+    async def logged() -> list[int]:
+        await trail.record(sample_entry(1))
+        await trail.checkpoint()
+        return [record.args[0] for record in caplog.records if "audit trail" in record.msg]  # type: ignore[index]
+
+    with caplog.at_level("INFO", logger="drivebus.service"):
+        await trail.open()
+        assert await logged() == [1]
+        now += timedelta(hours=1)
+        assert await logged() == [1, 3]
+        await trail.record(sample_entry(1))
+        await trail.close()
+    assert [record.args[0] for record in caplog.records if "audit trail" in record.msg] == [1, 3, 4]  # type: ignore[index]
 
 
 def test_an_unreadable_trail_cannot_be_verified(tmp_path: Path) -> None:

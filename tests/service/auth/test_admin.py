@@ -70,7 +70,7 @@ async def test_without_a_service_the_configured_checkpoints_and_key_cover_a_chan
     config = plant_config(directory=state, audit=audit)
     trail = AuditTrail.of(config)
     await trail.open()
-    await trail.record(AuditEntry("drive.run", target="fan-1"))
+    await trail.record(AuditEntry(what="drive.run", target="fan-1"))
     await trail.close()
     await remove_user(config)
     report = verify_report(trail)

@@ -9,7 +9,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from drivebus.service.auth.errors import AuthUnavailable, InvalidInput
-from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
+from drivebus.service.auth.passwords import MIN_KNOWN_LENGTH, PasswordHashing, check_password_policy, common_passwords
 from drivebus.testing.virtual_time import run
 from fixtures.web_app import FAST_HASHER, PASSWORD
 
@@ -89,6 +89,35 @@ ACCEPTED = (
 @pytest.mark.parametrize("password", ACCEPTED)
 def test_a_password_with_enough_uncommon_characters_is_accepted(password: str) -> None:
     assert check_password_policy(password, "operator") == password
+
+
+@pytest.mark.parametrize(
+    "password",
+    [
+        "charlie123",
+        "Liverpool1",
+        "correcthorse",
+        "windowhorse1",
+        "trustno1trustno1",
+        "abcd1234!@#$",
+        "ch@rlie-2026",
+        "michaelmichael",
+    ],
+)
+def test_a_frequent_password_is_rejected_also_doubled_joined_or_with_digits(password: str) -> None:
+    with pytest.raises(InvalidInput, match="easily guessed"):
+        check_password_policy(password, "li")
+
+
+@pytest.mark.parametrize("password", ["correct horse battery", "boiler-tractor-window", "Zx9-kettle-umbra"])
+def test_three_words_are_a_passphrase(password: str) -> None:
+    assert check_password_policy(password, "li") == password
+
+
+def test_more_than_three_thousand_frequent_passwords_are_known() -> None:
+    assert len(common_passwords()) > 13_000
+    assert min(map(len, common_passwords())) == MIN_KNOWN_LENGTH
+    assert not any(line.startswith("#") for line in common_passwords())
 
 
 def test_a_hash_is_argon2id_with_64_mib_and_three_passes() -> None:

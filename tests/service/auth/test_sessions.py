@@ -25,7 +25,7 @@ from drivebus.service.auth.sessions import (
 )
 from drivebus.service.auth.users import Token, UserDatabase
 from drivebus.testing.virtual_time import run
-from drivebus.web.routes.schemas import UserChangeBody
+from drivebus.web.operations.users import UserChangeParams
 from drivebus.web.routes.users import _change_user
 from fixtures.auth import auth_service, login, restarted
 from fixtures.web_app import FAST_HASHER, PASSWORD, SteppedClock
@@ -287,9 +287,9 @@ def test_a_user_changed_during_the_password_check_is_not_logged_in(
     auth, _ = auth_service(tmp_path)
     plain = auth.passwords.verify
 
-    async def slow(known: str | None, password: str) -> bool:
+    async def slow(encoded: str | None, password: str, **more: bool) -> bool:
         auth.user_file.change(change)
-        return await plain(known, password)
+        return await plain(encoded, password)
 
     monkeypatch.setattr(auth.passwords, "verify", slow)
     with pytest.raises(NotAuthenticated) as rejected:
@@ -305,8 +305,8 @@ def test_a_new_password_by_an_administrator_restores_no_withdrawn_right(
     auth, _ = auth_service(tmp_path)
     secret, _ = login(auth)
     change_during_hashing(auth, monkeypatch, **changed)
-    body = UserChangeBody(password="a quite new pass phrase")
-    changed_user = run(_change_user(auth, "operator", body, "administrator"))
+    params = UserChangeParams(user="operator", password="a quite new pass phrase")
+    changed_user = run(_change_user(auth, params, "administrator"))
     found = auth.database.user("operator")
     assert changed_user == found and {name: getattr(found, name) for name in changed} == changed
     assert run(auth.passwords.verify(found.password, "a quite new pass phrase"))
@@ -478,7 +478,15 @@ def test_the_user_file_is_at_its_configured_path(tmp_path: Path, monkeypatch: py
 
 
 def token_of(auth: AuthService, clock: SteppedClock, *rights: Right) -> TokenCredential:
-    token = Token("t1", "scada", "operator", rights, secret_digest("secret"), 0, clock.wall_ms() + 1000)
+    token = Token(
+        id="t1",
+        name="scada",
+        user="operator",
+        rights=rights,
+        digest=secret_digest("secret"),
+        created_ms=0,
+        expires_ms=clock.wall_ms() + 1000,
+    )
     auth.user_file.change(lambda database: database.with_token(token))
     credential = auth.token_credential("secret", "10.0.0.9")
     assert credential is not None

@@ -20,7 +20,7 @@ from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
 
 ADMIN = User("ann", Role.ADMINISTRATOR, "$hash", 1)
-TOKEN = Token("t1", "scada", "ann", (Right.VIEW,), "d" * 64, 1, 2)
+TOKEN = Token(id="t1", name="scada", user="ann", rights=(Right.VIEW,), digest="d" * 64, created_ms=1, expires_ms=2)
 
 
 def test_the_last_administrator_cannot_be_removed_demoted_or_disabled() -> None:
@@ -99,6 +99,41 @@ def test_an_invalid_name_is_rejected(name: str) -> None:
 def test_a_name_in_any_script_is_accepted(name: str) -> None:
     user = User(name, Role.VIEWER, None, 1)
     assert UserDatabase().with_user(user).find(name) == user
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("аdam0", "auth.mixed_scripts"),
+        ("pαul", "auth.mixed_scripts"),
+        ("王аnn", "auth.mixed_scripts"),
+        ("drivebus", "auth.reserved_name"),
+    ],
+)
+def test_a_name_that_passes_for_another_is_rejected(name: str, key: str) -> None:
+    with pytest.raises(InvalidInput) as rejected:
+        UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
+    assert rejected.value.key == key
+
+
+@pytest.mark.parametrize("name", ["михаил", "νίκο", "王wei", "さとうケン", "김ann", "müller", "佐々木", "サーバー"])
+def test_a_name_of_one_script_or_an_east_asian_one_with_latin_letters_is_accepted(name: str) -> None:
+    assert UserDatabase().with_user(User(name, Role.VIEWER, None, 1)).find(name) is not None
+
+
+def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken() -> None:
+    database = (
+        UserDatabase().with_user(User("acer", Role.VIEWER, None, 1)).with_user(User("сара", Role.VIEWER, None, 1))
+    )
+    with pytest.raises(Conflict):
+        database.with_user(User("capa", Role.VIEWER, None, 1))
+
+
+@pytest.mark.parametrize("label", ["a\x1b[31m", "a\nb", "a\u202eb"])
+def test_the_name_of_a_token_has_no_control_characters(label: str) -> None:
+    with pytest.raises(InvalidInput) as rejected:
+        UserDatabase().with_user(ADMIN).with_token(replace(TOKEN, name=label))
+    assert rejected.value.key == "auth.bad_label"
 
 
 def test_a_token_cannot_have_more_rights_than_its_user() -> None:

@@ -9,7 +9,6 @@ import pytest
 from drivebus.errors import ConfigurationError
 from drivebus.ports.url import parse_port_url
 from drivebus.service import config
-from drivebus.service.config.check import redact_url
 from drivebus.service.config.check_buses import device_of
 from drivebus.service.config.model import AlarmKind, AlarmPriority, PlantConfig, RetentionConfig
 from drivebus.service.interlocks.expression import STATE_WORDS
@@ -255,11 +254,6 @@ def test_a_state_directory_may_exist_or_not(tmp_path: Path) -> None:
         keys = f'id = "p"\ndirectory = "{name}"\nusers = "users.json"'
         found = config.loads(HEAD.replace('id = "p"', keys), base=tmp_path)
         assert (found.directory, found.users) == ((tmp_path / name).resolve(), tmp_path / "users.json")
-
-
-def test_passwords_are_hidden_and_users_are_not() -> None:
-    assert redact_url("postgresql://u:p%40w@h/d") == "postgresql://u:…@h/d"
-    assert redact_url("postgresql://u@h/d") == "postgresql://u@h/d"
 
 
 def test_an_expression_may_have_several_lines_and_a_title_may_be_chinese() -> None:

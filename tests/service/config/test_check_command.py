@@ -58,6 +58,18 @@ def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None
     assert all(first[name] for name in ("expected", "remedy"))
 
 
+def test_a_history_on_postgresql_needs_its_package_and_the_check_names_it(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant.write_text(PLANT + '[history]\nurl = "postgresql://127.0.0.1/plant"\n')
+    monkeypatch.setattr("drivebus.cli.commands.check.find_spec", lambda name: None)
+    result = check(plant)
+    assert result.exit_code == 1
+    assert "asyncpg" in result.output and "'.[server,postgres]'" in result.output
+    monkeypatch.setattr("drivebus.cli.commands.check.find_spec", lambda name: object())
+    assert check(plant).exit_code == 0
+
+
 def test_met_requirements_change_nothing(plant: Path) -> None:
     result = check(plant, "--assert", "stop<250ms", "--assert", "refresh <= 63 s", "--assert", "load<100%")
     assert result.exit_code == 0
@@ -103,7 +115,7 @@ def test_a_requirement_is_parsed_in_seconds_and_percent() -> None:
 
 
 def test_the_stop_bound_is_the_longest_request_its_timeout_the_gap_and_the_stop() -> None:
-    """One C320 at 9600 8E1: 18 characters of request, 18 of reply."""
+    """A C320 at 9600 8E1: 18 characters of request, 18 of reply."""
     bus = bus_loads(config.loads(PLANT))[0]
     assert bus.stop_bound_s == bus.drives[0].stop_bound_s == pytest.approx(0.0933, abs=1e-3)
     assert bus.load_percent == pytest.approx(sum(one.load_percent for one in bus.drives))

@@ -42,11 +42,11 @@ def named(make: Any, ids: str) -> st.SearchStrategy[Any]:
 def a_drive(id: str) -> st.SearchStrategy[DriveConfig]:
     return st.builds(
         DriveConfig,
-        st.just(id),
-        st.sampled_from("ab"),
-        st.integers(1, 2),
-        st.sampled_from(["c320", "vc660"]),
-        titles,
+        id=st.just(id),
+        bus=st.sampled_from("ab"),
+        address=st.integers(1, 2),
+        model=st.sampled_from(["c320", "vc660"]),
+        title=titles,
         options=st.sampled_from([{}, {"nibble": True}]),
         limits=st.sampled_from([DriveLimits(), DriveLimits(5.0)]),
         signals=st.sampled_from([{}, {"output_frequency": 0.5}]),
@@ -61,15 +61,22 @@ def a_bus(id: str) -> st.SearchStrategy[BusConfig]:
 
 plants = st.builds(
     PlantConfig,
-    st.just("p"),
-    titles,
-    st.just(Path("/state")),
-    named(a_bus, "ab"),
-    named(a_drive, "uvwxy"),
-    named(lambda id: st.builds(GroupConfig, st.just(id), st.sampled_from([("u",), ("u", "v")])), "gh"),
-    named(lambda id: st.builds(InterlockConfig, st.just(id), st.just(("u",)), st.sampled_from(["a", "b"])), "ij"),
-    named(lambda id: st.builds(AlarmConfig, st.just(id), st.sampled_from(AlarmKind), st.just(())), "kl"),
-    st.sampled_from([HistoryConfig(), HistoryConfig(max_size_mb=50.0)]),
+    id=st.just("p"),
+    title=titles,
+    directory=st.just(Path("/state")),
+    buses=named(a_bus, "ab"),
+    drives=named(a_drive, "uvwxy"),
+    groups=named(lambda id: st.builds(GroupConfig, id=st.just(id), drives=st.sampled_from([("u",), ("u", "v")])), "gh"),
+    interlocks=named(
+        lambda id: st.builds(
+            InterlockConfig, id=st.just(id), drives=st.just(("u",)), require=st.sampled_from(["a", "b"])
+        ),
+        "ij",
+    ),
+    alarms=named(
+        lambda id: st.builds(AlarmConfig, id=st.just(id), kind=st.sampled_from(AlarmKind), drives=st.just(())), "kl"
+    ),
+    history=st.sampled_from([HistoryConfig(), HistoryConfig(max_size_mb=50.0)]),
     gateways=named(
         lambda id: st.builds(GatewayConfig, id=st.just(id), module=st.just(id), settings=st.sampled_from([1, 2])), "mn"
     ),

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.service import config
+from drivebus.service.config.load import state_directory_of
 from drivebus.service.config.model import OnClientLost, OnRestart, OnServiceStop
 
 SAMPLES = sorted(Path(config.__file__).parent.glob("sample.*.toml"))
@@ -30,6 +31,15 @@ def test_the_sample_loads(path: Path) -> None:
     assert [drive.id for drive in plant.drives] == ["fan-1", "fan-2", "pump-1"]
     assert plant.groups[0].ratios == {"fan-2": 0.9}
     assert plant.drive("fan-1").limits.maximum_hz == 45.0
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
+    """Windows editors write one."""
+    path = tmp_path / "plant.toml"
+    path.write_text(SMALL.lstrip(), encoding="utf-8-sig")
+    assert config.load(path).id == "small"
+    path.write_text('[plant]\nid = "small"\ndirectory = "here"\n[bus', encoding="utf-8-sig")
+    assert state_directory_of(str(path)) == tmp_path / "here", "a stop finds the service"
 
 
 def test_by_default_a_restart_adopts_a_running_drive_and_the_end_of_the_service_stops_it() -> None:

@@ -165,6 +165,7 @@ def test_a_scan_without_a_reply_writes_nothing(tmp_path: Path) -> None:
 def found(address: int, model: str, encoding: str = "ascii", family: str = "c320", baud: int = 9600) -> DetectedDrive:
     return DetectedDrive(
         models=(model, "sister"),
+        setpoint_steps_hz={model: 0.01, "sister": 0.01},
         family=family,
         encoding=encoding,
         address=address,
@@ -207,3 +208,11 @@ def test_a_missing_answers_file_is_reported(tmp_path: Path) -> None:
 def test_answers_are_read_in_order(answers: Path) -> None:
     first = read_answers(str(answers)).buses[0]
     assert [(one.address, one.title) for one in first.drives] == [(1, "Supply fan"), (2, "Supply fan"), (7, "")]
+
+
+def test_a_found_drive_gets_its_step_as_a_comment_because_a_scan_cannot_know_it() -> None:
+    drive = DriveAnswer(1, "e300", others=("c320",))
+    text = plant_toml(PlantAnswers("plant", (BusAnswer("/dev/ttyUSB0", (drive,)),)), "en")
+    assert '# options = { setpoint_step = "0.1" }   # by the name plate; until it is stated or calibrated, 5 Hz' in text
+    stated = config.loads(text.replace("# options", "options", 1))
+    assert stated.drives[0].options == {"setpoint_step": "0.1"}

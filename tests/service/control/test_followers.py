@@ -14,7 +14,7 @@ from drivebus.service.config.model import GroupConfig
 from drivebus.testing.virtual_time import run
 from fixtures.service import Json, ServiceKit, plant_config, remote_actor, running_service
 
-GROUP = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
+GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
 LED = plant_config(groups=(GROUP,))
 ANN, BOB = remote_actor("ann"), remote_actor("bob")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,9 +12,11 @@ import pytest
 from drivebus.bus.trace import TraceKind
 from drivebus.drives import MemoryStore
 from drivebus.drives.context import DriveLimits
+from drivebus.drives.state import DriveState
 from drivebus.protocols.codec import Effect
 from drivebus.service.app import Service
-from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart
+from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart, OnServiceStop
+from drivebus.service.control.policies import may_be_running
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
@@ -64,6 +67,40 @@ def test_a_drive_found_running_is_left_running_or_stopped_and_never_started(poli
     run(scenario())
 
 
+@pytest.mark.parametrize("policy", list(OnServiceStop))
+def test_an_ordered_end_stops_adopted_drives_and_names_those_that_it_leaves_running(policy: OnServiceStop) -> None:
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
+        chosen = plant_config(buses=SHARED_BUSES, drives=drives)
+        async with running_service(chosen) as first:
+            await first.grant_waivers()
+            await asyncio.sleep(5)
+            await first.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            first.service.plant.drives["fan-1"].started_by_service = False  # as after SIGKILL: it stops nothing
+            await first.service.stop()
+            fans: Any = find_simulated_bus("shared-a")
+            pumps: Any = find_simulated_bus("shared-b")
+            service = Service(chosen, replace(first.storage, settings=MemoryStore(), drives=MemoryStore()))
+            await service.start()
+            await asyncio.sleep(8)
+            pumps.station(1).keypad_run(15.0)
+            pumps.station(2).faults.silent = True
+            await asyncio.sleep(8)
+            first.history.events.clear()
+            outcomes = await service.stop()
+            left = {event["drive"]: event["text"]["en"] for event in first.history.events if event["kind"] == "lease"}
+            assert "neither started it" in left["pump-1"] and "not known" in left["pump-2"]
+            await asyncio.sleep(6)
+            running = fans.station(1).motor.phase is not OutputPhase.OFF
+            if policy is OnServiceStop.STOP:
+                assert outcomes["fan-1"]["status"] == "confirmed" and not running
+                assert left.keys() == {"pump-1", "pump-2"}
+            else:
+                assert outcomes == {} and running and "on_service_stop = hold" in left["fan-1"]
+
+    run(scenario())
+
+
 def test_the_start_of_the_service_sends_only_reads() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
@@ -73,9 +110,19 @@ def test_the_start_of_the_service_sends_only_reads() -> None:
     run(scenario())
 
 
+@pytest.mark.parametrize("state", [DriveState.UNKNOWN, DriveState.STOPPED])
+def test_an_adopted_drive_whose_state_was_lost_is_stopped_by_an_interlock_as_one_that_may_be_running(
+    state: DriveState,
+) -> None:
+    adopted: Any = SimpleNamespace(started_by_service=False, adopted=True, status=lambda: SimpleNamespace(state=state))
+    assert may_be_running(adopted)
+    adopted.adopted = False  # the supervision does that at the first report of standstill
+    assert not may_be_running(adopted)
+
+
 def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
     async def scenario() -> None:
-        interlock = InterlockConfig("fan-first", ("pump-1",), "fan-1.output_frequency > 5 Hz")
+        interlock = InterlockConfig(id="fan-first", drives=("pump-1",), require="fan-1.output_frequency > 5 Hz")
         async with running_service(plant_config(interlocks=(interlock,))) as kit:
             await asyncio.sleep(15)
             await kit.grant_waivers()

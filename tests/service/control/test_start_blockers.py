@@ -45,7 +45,9 @@ def unwritable(kit: ServiceKit) -> None:
 
 
 def interlocked(kit: ServiceKit) -> None:
-    kit.service.plant.interlocks.replace([InterlockConfig("i", ("fan-1",), "pump-1.output_frequency > 5 Hz")])
+    kit.service.plant.interlocks.replace(
+        [InterlockConfig(id="i", drives=("fan-1",), require="pump-1.output_frequency > 5 Hz")]
+    )
 
 
 BLOCKERS = {

@@ -15,7 +15,7 @@ from drivebus.service.config.model import GroupConfig
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, plant_config, running_service
 
-GROUP = GroupConfig("fans", ("fan-1", "fan-2"), start_interval_s=4.0)
+GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2"), start_interval_s=4.0)
 MOTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "run": ("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}),
     "jog": ("drive.jog", {"drive": "fan-1", "frequency_hz": 5.0}),
@@ -72,7 +72,7 @@ def test_each_further_drive_of_a_group_has_its_own_deadline(
 
     async def scenario() -> None:
         group = GroupConfig(
-            "fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=3
+            id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=3
         )
         async with running_service(plant_config(groups=(group,))) as kit:
             await asyncio.sleep(2)

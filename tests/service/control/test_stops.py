@@ -21,11 +21,12 @@ from drivebus.errors import (
 )
 from drivebus.ports import open_port
 from drivebus.service.auth.rights import Role
-from drivebus.service.config.model import BusConfig, GroupConfig, OnClientLost, OnServiceStop
+from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop
 from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
 
@@ -232,6 +233,22 @@ def test_after_a_stop_of_everything_starts_stay_inhibited_until_released() -> No
     run(scenario())
 
 
+def test_a_bus_stop_lists_a_drive_that_cannot_report_as_acknowledged() -> None:
+    async def scenario() -> None:
+        saw = DriveConfig(id="saw", bus="c", address=1, model="df800", title=Text("Saw", "锯"))
+        config = plant_config(buses=(*BUSES, BusConfig("c", "sim://df800@1")), drives=(*DRIVES, saw))
+        async with running_service(config) as kit:
+            await asyncio.sleep(5)
+            buses = (await kit.call("plant.stop"))["buses"]
+            shown = {bus: (one["confirmed"], one["acknowledged"], one["unconfirmed"]) for bus, one in buses.items()}
+            assert shown == {"a": (True, [], []), "b": (True, [], []), "c": (False, ["saw"], [])}
+            assert "stop_unconfirmed" not in kinds(kit)
+            text = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")][-1]
+            assert "acknowledged by drives that can't report standstill: saw" in text
+
+    run(scenario())
+
+
 def test_a_lost_bus_is_reported_as_unconfirmed_and_the_others_are_stopped() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
@@ -336,7 +353,7 @@ def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> 
     run(scenario())
 
 
-GROUP = GroupConfig("fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=3.0, max_concurrent_starts=2)
+GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=3.0, max_concurrent_starts=2)
 
 
 def test_a_group_starts_its_drives_in_sequence_and_a_stop_of_one_ends_it() -> None:
@@ -386,7 +403,7 @@ def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interva
     async def scenario() -> None:
         buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
         group = GroupConfig(
-            "fans", ("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1
+            id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1
         )
         async with running_service(plant_config(buses=buses, groups=(group,))) as kit:
             await ready(kit)
@@ -404,7 +421,7 @@ def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interva
 
 def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
     async def scenario() -> None:
-        group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
+        group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
         async with running_service(plant_config(groups=(group,))) as kit:
             await ready(kit)
             await kit.call("group.start", group="fans", frequency_hz=20.0)
@@ -420,7 +437,7 @@ def test_followers_run_at_their_ratio_and_follow_their_leader() -> None:
 
 def test_a_group_with_a_follower_above_its_limit_does_not_start() -> None:
     async def scenario() -> None:
-        group = GroupConfig("fans", ("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 30.0})
+        group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 30.0})
         async with running_service(plant_config(groups=(group,))) as kit:
             await ready(kit)
             with pytest.raises(LimitError) as caught:

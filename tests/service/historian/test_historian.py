@@ -1,4 +1,4 @@
-"""What is times to the historian comes back: at every resolution, after a restart, late, out of order, with gaps."""
+"""Samples that were stored come back: at every resolution, after a restart, late, out of order, with gaps."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ asyncio.run(main())
 
 @dataclass
 class Disk:
-    """One file: its synced bytes, and the writes since."""
+    """Simulated file: its synced bytes, and the writes since."""
 
     synced: bytearray = field(default_factory=bytearray)
     since: list[tuple[str, int, bytes | int]] = field(default_factory=list)

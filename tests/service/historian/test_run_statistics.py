@@ -32,23 +32,23 @@ def view(state: str = "running", fault: str | None = None, presence: str = "onli
         for name, value in signals.items()
     }
     return DriveView(
-        "fan-1",
-        NOTHING,
-        "a",
-        1,
-        "c320",
-        "simulated",
-        (),
-        (),
-        presence,
-        state,
-        None,
-        None,
-        None if fault is None else {"code": fault},
-        None,
-        0.0,
-        50.0,
-        CommLossView("unknown", None, NOTHING),
+        id="fan-1",
+        title=NOTHING,
+        bus="a",
+        address=1,
+        model="c320",
+        grade="simulated",
+        capabilities=(),
+        groups=(),
+        presence=presence,
+        state=state,
+        state_reason=None,
+        direction=None,
+        fault=None if fault is None else {"code": fault},
+        commanded_hz=None,
+        minimum_hz=0.0,
+        maximum_hz=50.0,
+        comm_loss=CommLossView("unknown", None, NOTHING),
         signals=found,
     )
 
@@ -135,7 +135,7 @@ async def test_statistics_survive_in_the_history(database: HistoryDatabase) -> N
     async with database.historian() as historian:
         store = RunStatisticsStore(historian)
         await store.open()
-        answer = await store.handlers()["drives.statistics"](type("Of", (), {"drive": "fan-1"}), None)
+        answer = store.statistics_json("fan-1")
     assert answer["running_h"] == pytest.approx((SAVE_INTERVAL_S + 1) / 3600, abs=1e-4)
 
 

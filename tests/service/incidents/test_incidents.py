@@ -35,8 +35,8 @@ from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, view
 
 ALL_TIME = (0, 10**14)
 SERIAL = SerialSettings.parse(19200, "8E1")
-SENT = TraceEvent(99.0, TraceKind.SENT, b"\x01\x06\x20\x00", 1)
-RECEIVED = TraceEvent(99.5, TraceKind.REPLY, b"\x01\x86", 1)
+SENT = TraceEvent(time=99.0, kind=TraceKind.SENT, data=b"\x01\x06\x20\x00", station=1)
+RECEIVED = TraceEvent(time=99.5, kind=TraceKind.REPLY, data=b"\x01\x86", station=1)
 
 
 def tripped(drive: str = "fan-1") -> Alarm:

@@ -40,7 +40,7 @@ def views(state: str = "running", hz: Any = 25.0, quality: Quality = Quality.GOO
 
 
 def interlocks(require: str = "pump.state == running", **rest: Any) -> InterlockEngine:
-    return InterlockEngine([InterlockConfig("flow", ("fan",), require, **rest)])
+    return InterlockEngine([InterlockConfig(id="flow", drives=("fan",), require=require, **rest)])
 
 
 def ids(interlocks: list[InterlockConfig]) -> list[str]:
@@ -165,9 +165,9 @@ def test_a_reload_keeps_the_state_of_unchanged_interlocks() -> None:
     engine = interlocks(delay_s=2.0)
     engine.evaluate(views(), 0.0)
     engine.evaluate(views("stopped"), 1.0)
-    flow = InterlockConfig("flow", ("fan",), "pump.state == running", delay_s=2.0)
-    engine.replace([flow, InterlockConfig("more", ("fan",), "pump.state == stopped")])
+    flow = InterlockConfig(id="flow", drives=("fan",), require="pump.state == running", delay_s=2.0)
+    engine.replace([flow, InterlockConfig(id="more", drives=("fan",), require="pump.state == stopped")])
     assert "more" in blocking(engine, "fan"), "a new interlock blocks starts until its first evaluation"
     assert engine.evaluate(views("stopped"), 3.0) == [("flow", False)]
-    engine.replace([InterlockConfig("flow", ("fan",), "pump.state == stopped", delay_s=2.0)])
+    engine.replace([InterlockConfig(id="flow", drives=("fan",), require="pump.state == stopped", delay_s=2.0)])
     assert engine.evaluate(views("stopped"), 4.0) == [] and blocking(engine, "fan") == []

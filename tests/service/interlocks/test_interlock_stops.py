@@ -12,14 +12,15 @@ from drivebus.errors import Interlocked
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.simulator.motor import OutputPhase
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
-from drivebus.values import Text
+from drivebus.values import Quality, Text
 from fixtures.service import plant_config, running_service
 
 AIR = InterlockConfig(
-    "air",
-    ("pump-1",),
-    "fan-1.state == running and fan-1.output_frequency > 5 Hz",
+    id="air",
+    drives=("pump-1",),
+    require="fan-1.state == running and fan-1.output_frequency > 5 Hz",
     delay_s=1.0,
     title=Text("Air", "送风"),
 )
@@ -64,6 +65,37 @@ def test_a_drive_that_stops_answering_trips_the_drives_that_require_it() -> None
             assert kit.service.plant.drives["pump-1"].drive.stop_pending is False and kit.station("pump-1").running
             await asyncio.sleep(6.0)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
+def test_a_lost_port_violates_the_interlocks_of_its_drives_at_once_and_is_seen_everywhere() -> None:
+    """The drive that is required runs on; that it does is no longer known."""
+    closed = InterlockConfig(id="closed", drives=("pump-2",), require="not fan-1.output_frequency > 40 Hz")
+
+    async def scenario() -> None:
+        async with running_service(plant_config(interlocks=(AIR, closed))) as kit:
+            await asyncio.sleep(15)
+            await start_both(kit)
+            assert (await kit.call("drives.get", drive="pump-2"))["start_blockers"] == []
+            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            await asyncio.sleep(0.3)
+            fan = await kit.call("drives.get", drive="fan-1")
+            assert (fan["presence"], fan["state"], fan["state_reason"]) == ("offline", "unknown", "drives.port_lost")
+            assert {signal["quality"] for signal in fan["signals"].values()} == {"bad"}
+            last = [sample for sample in kit.history.samples if sample.tag == "fan-1.output_frequency"][-1]
+            assert (last.value, last.quality) == (None, Quality.BAD)
+            for pump in ("pump-1", "pump-2"):
+                blocked = (await kit.call("drives.get", drive=pump))["start_blockers"]
+                assert [blocker["key"] for blocker in blocked] == ["interlocks.violated"]
+            assert kit.station("pump-1").running and not kit.service.plant.drives["pump-1"].drive.stop_pending
+            await asyncio.sleep(1.5)
+            stops = [event for event in kit.history.events if event["kind"] == "stop"]
+            assert [event["drive"] for event in stops] == ["pump-1"]
+            await asyncio.sleep(4.5)
+            assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+            with pytest.raises(Interlocked, match=r"fan-1\.state"):
+                await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
 
     run(scenario())
 

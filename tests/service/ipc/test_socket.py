@@ -15,6 +15,7 @@ from drivebus.errors import InvalidParameters, LimitError, NotFound, PermissionD
 from drivebus.service.api.errors import error_from_json, error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
+from drivebus.service.ipc import client as client_module
 from drivebus.service.ipc.client import MAX_UNREAD_LIVE_BYTES, SocketClient
 from drivebus.service.ipc.protocol import STOP_RECEIVED
 from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer
@@ -198,7 +199,11 @@ def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path) -> None
         service = ScriptedService()
         server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
         await server.open()
-        for line in (b"hello\n", b'{"id": 1, "op": "plant.stop"}\n', b"[]\n", b'{"id": 1, "actor": {}}\n'):
+        actor = json.dumps(LOCAL.as_json())
+        twice = f'{{"id": 1, "op": "plant.stop", "op": "drive.run", "params": {{}}, "actor": {actor}}}\n'
+        no_number = f'{{"id": 1, "op": "drive.run", "params": {{"frequency_hz": NaN}}, "actor": {actor}}}\n'
+        invalid = (b"hello\n", b'{"id": 1, "op": "plant.stop"}\n', b"[]\n", b'{"id": 1, "actor": {}}\n')
+        for line in (*invalid, twice.encode(), no_number.encode(), b"[" * 100_000 + b"\n"):
             reader, writer = await asyncio.open_unix_connection(str(tmp_path / "plant.sock"))
             writer.write(line)
             assert await reader.read() == b""
@@ -297,5 +302,39 @@ def test_a_stop_is_called_before_the_queries_sent_with_it(tmp_path: Path) -> Non
         assert called.index("waiver.grant") < called.index("drive.stop")  # no start that comes after its stop
         await client.close()
         await server.close()
+
+    real(scenario())
+
+
+def test_a_request_to_a_service_that_hangs_ends_and_a_long_one_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client_module, "PING_INTERVAL_S", 0.02)
+    monkeypatch.setattr(client_module, "SILENCE_LIMIT_S", 0.2)
+
+    async def hang(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+
+    async def scenario() -> None:
+        service = ScriptedService()
+        server = SocketServer(service, tmp_path / "plant.sock")
+        await server.open()
+        client = SocketClient(server.path)
+        long = asyncio.create_task(client.call("drives.list", {}, LOCAL))
+        await asyncio.wait({long}, timeout=0.5)
+        assert not long.done()
+        service.released.set()
+        assert (await long)["operation"] == "drives.list"
+        await client.close()
+        await server.close()
+        hanging = await asyncio.start_unix_server(hang, tmp_path / "hangs.sock")
+        client = SocketClient(tmp_path / "hangs.sock")
+        for _ in range(2):
+            with pytest.raises(ServiceUnavailable) as caught:
+                await asyncio.wait_for(client.call("drive.run", {}, LOCAL), 5.0)
+            assert caught.value.key == "plant.hangs"
+        await client.close()
+        hanging.close()
 
     real(scenario())

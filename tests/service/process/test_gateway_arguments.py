@@ -13,7 +13,13 @@ from drivebus.service.process.gateway_arguments import decode_arguments, encode_
 from drivebus.web.gateway import WebConfig
 from fixtures.service import plant_config
 
-WEB = WebConfig("::", 8443, Path("/c.pem"), Path("/k.pem"), ("https://plant.example",))
+WEB = WebConfig(
+    host="::",
+    port=8443,
+    certificate=Path("/c.pem"),
+    key=Path("/k.pem"),
+    origins=("https://plant.example",),
+)
 GATEWAY = GatewayConfig(id="web", module="drivebus.web", settings=WEB)
 PLANT = plant_config(directory=Path("/state"), gateways=(GATEWAY,))
 

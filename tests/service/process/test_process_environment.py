@@ -48,7 +48,9 @@ def test_no_text_forges_a_line_of_the_log_or_sends_escape_sequences() -> None:
 
 
 def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def ended(setting: Any, *, without: Any, address_output: str, on_ready: Any) -> dict[str, Any]:
+    async def ended(
+        setting: Any, *, without: Any, address_output: str, log_format: str, on_ready: Any
+    ) -> dict[str, Any]:
         return {"fan-1": None, "fan-2": {"status": "confirmed"}}
 
     lines: list[str] = []
@@ -56,7 +58,7 @@ def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest
     monkeypatch.setattr(
         logging_setup.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}")
     )
-    assert asyncio.run(serve._run(plant_config(), without=())) is ExitCode.UNKNOWN
+    assert asyncio.run(serve._run(plant_config(), (), "text")) is ExitCode.UNKNOWN
     assert len(lines) == 1 and lines[0].startswith("fan-1 ")
 
 
@@ -66,7 +68,8 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(logging_setup, "FLUSH_TIMEOUT_S", 0.05)
     monkeypatch.setattr(logging_setup, "MAX_QUEUED_RECORDS", 3)
     root = logging.getLogger("drivebus")
-    before = root.handlers, root.level, root.propagate
+    loggers = (root, logging.getLogger())
+    before = [(one.handlers, one.level, one.propagate) for one in loggers]
     reader, writer = socket.socketpair()
     event = {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
 
@@ -85,8 +88,29 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
         writer.close()
         ending[0]()
         reader.close()
-        root.handlers, root.propagate = before[0], before[2]
-        root.setLevel(before[1])
+        for one, (handlers, level, propagate) in zip(loggers, before, strict=True):
+            one.handlers, one.propagate = handlers, propagate
+            one.setLevel(level)
+
+
+def test_messages_of_a_library_that_are_alike_do_not_fill_the_log() -> None:
+    now = [0.0]
+    repetition = logging_setup.RepetitionFilter(lambda: now[0])
+
+    def shown(name: str, text: str) -> str | None:
+        record = logging.LogRecord(name, logging.ERROR, "", 0, text, None, None)
+        return record.getMessage() if repetition.filter(record) else None
+
+    assert shown("uvicorn.error", "Invalid HTTP request received.") == "Invalid HTTP request received."
+    assert [shown("uvicorn.error", "Invalid HTTP request received.") for _ in range(2500)] == [None] * 2500
+    assert shown("asyncio", "socket.accept() out of system resource\nsocket: 7") is not None
+    assert shown("asyncio", "socket.accept() out of system resource\nsocket: 8") is None
+    assert [shown("drivebus.service", "fan-1 no longer replies") for _ in range(3)].count(None) == 0
+    now[0] = logging_setup.REPETITION_INTERVAL_S
+    assert shown("uvicorn.error", "Invalid HTTP request received.") == "Invalid HTTP request received. (and 2500 more)"
+    for number in range(3 * logging_setup.MAX_MESSAGE_KINDS):
+        assert shown("library", f"{number} is new") is not None
+    assert len(repetition._passed) <= logging_setup.MAX_MESSAGE_KINDS
 
 
 def test_the_watchdog_is_fed_only_while_every_bus_does_its_due_work(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from fixtures.service import ServiceKit, plant_config, remote_actor, running_ser
 
 ENGINEER = remote_actor("eve", Role.ENGINEER)
 BUS = BusConfig("s", "sim://e300@1?ramp=1")
-SMALL = DriveConfig("small", "s", 1, "e300", Text("Small", "小风机"))
+SMALL = DriveConfig(id="small", bus="s", address=1, model="e300", title=Text("Small", "小风机"))
 
 
 async def configure_trip(kit: ServiceKit) -> None:

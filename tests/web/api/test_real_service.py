@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,10 +57,42 @@ def response(plant: RunningService, role: Role, name: str, params: Json) -> http
     return httpx.request(operation.method, plant.url + path, headers=headers, timeout=30.0, **given)
 
 
+def test_a_check_of_a_configuration_ends_when_its_client_disconnects(plant: RunningService) -> None:
+    checks: list[bool] = []
+
+    async def until_cancelled(text: str, running: object) -> None:
+        checks.append(False)
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            checks[0] = True
+            raise
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plant.kit.service.reload._check, "check", until_cancelled)
+        with pytest.raises(httpx.ReadTimeout):
+            httpx.post(
+                f"{plant.url}{API_PREFIX}/configuration/check",
+                json={"text": "x"},
+                headers={"Authorization": f"Bearer {token(Role.ENGINEER)}"},
+                timeout=0.5,
+            )
+        for _ in range(500):
+            if checks == [True]:
+                break
+            time.sleep(0.01)
+    assert checks == [True]
+
+
 def rest(plant: RunningService, role: Role, name: str, params: Json) -> Json:
     """Return the result or the error of the API."""
     found: Json = response(plant, role, name, params).json()
     return found
+
+
+def test_a_cancellable_request_without_a_body_is_answered(plant: RunningService) -> None:
+    answer = rest(plant, Role.ENGINEER, "audit.verify", {})
+    assert answer["ok"] is True and answer["entries"] > 0
 
 
 def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json) -> Json:

@@ -15,7 +15,7 @@ from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.testing import virtual_time
 from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
-from drivebus.web.live.messages import parse_interval, parse_message, parse_patterns
+from drivebus.web.live.messages import MAX_RENEWALS, parse_interval, parse_message, parse_patterns
 from fixtures.live import FakeSubscriber, FakeWebSocket, Json, signal, snapshot, update
 from fixtures.rest_api import FakeService
 
@@ -354,10 +354,27 @@ def test_a_lease_is_renewed_once_for_each_request_in_the_name_of_the_session() -
         plant.results["lease.renew"] = ControlNotHeld("plant.not_owner", drive="fan-1")
         socket.incoming.put_nowait('{"renew": ["fan-1"]}')
         await asyncio.sleep(1.0)
-        assert socket.sent[0] == {"type": "lease", "drive": "fan-1", "lease": {"owner": "li"}, "ttl_s": 10}
-        assert socket.sent[1]["error"]["kind"] == "ControlNotHeld"
+        lease = {"lease": {"owner": "li"}, "ttl_s": 10}
+        assert socket.sent[0] == {"type": "leases", "drives": {"fan-1": lease}}
+        assert socket.sent[1]["drives"]["fan-1"]["error"]["kind"] == "ControlNotHeld"
         socket.incoming.put_nowait(None)
         await task
+
+    run_endpoint(scenario)
+
+
+def test_many_leases_are_renewed_by_one_message_and_answered_by_one() -> None:
+    drives = [f"{number:03d}{'x' * 61}" for number in range(MAX_RENEWALS)]
+
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
+        socket = FakeWebSocket()
+        task = begin(live, socket)
+        socket.incoming.put_nowait(json.dumps({"renew": drives}))
+        await asyncio.sleep(1.0)
+        assert [list(one["drives"]) for one in socket.sent if one["type"] == "leases"] == [drives]
+        socket.incoming.put_nowait(json.dumps({"renew": [*drives, "one-more"]}))
+        await task
+        assert socket.sent[-1]["reason"] == "bad_message"
 
     run_endpoint(scenario)
 
@@ -376,6 +393,7 @@ def test_a_lease_is_renewed_once_for_each_request_in_the_name_of_the_session() -
         '{"subscribe": ["alarms"' + ', "alarms"' * 100 + "]}",
         '{"renew": ["fan-1", null]}',
         '{"run": ["fan-1"]}',
+        '{"renew": ["fan-1"], "renew": ["fan-2"]}',
         "[" * 16_000,
         '{"renew": [' + " " * 20_000 + "]}",
     ],

@@ -120,12 +120,12 @@ async def test_a_lease_is_renewed_by_its_owner_over_the_connection(plant: Runnin
         ):
             answers = [await renewed(one) for one in (socket, other)]
         (await program.delete(f"{API_PREFIX}/drives/fan-1/lease")).raise_for_status()
-    assert answers[0]["lease"]["owner"] == "operator/test"
-    assert answers[1]["error"]["kind"] == "PermissionDenied"
+    assert answers[0]["drives"]["fan-1"]["lease"]["owner"] == "operator/test"
+    assert answers[1]["drives"]["fan-1"]["error"]["kind"] == "PermissionDenied"
 
 
 async def renewed(socket: ClientConnection) -> Json:
     await socket.send('{"renew": ["fan-1"]}')
-    while (found := await receive(socket))["type"] != "lease":
+    while (found := await receive(socket))["type"] != "leases":
         pass
     return found

@@ -14,6 +14,7 @@ from drivebus import errors, i18n
 from drivebus.bus.core import UntrustedReply
 from drivebus.service import audit
 from drivebus.service.api.operations import OPERATIONS
+from drivebus.web.operations import WEB_OPERATIONS
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip
 
@@ -107,7 +108,7 @@ def test_no_detail_is_wider_than_a_phone(stage: Stage, visit: Any, language: str
 
 
 def test_touch_pans_and_zooms_a_trend(visit: Any) -> None:
-    """One finger pans through time, two zoom; the page still scrolls vertically."""
+    """A finger pans through time, two zoom; the page still scrolls vertically."""
     page = visit("#/history?tags=fan-1.output_frequency", size=(360, 740), has_touch=True)
     over, window = page.locator(".u-over"), page.locator(".trend-window")
     over.scroll_into_view_if_needed()
@@ -142,7 +143,7 @@ def test_every_audited_action_has_a_text_in_both_languages() -> None:
     """An identifier such as ``audit.opened`` means nothing to an auditor."""
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
     own = set(re.findall(r'(?:Entry\(|what=|RECORDS_MISSING: Final = )"(audit\.[a-z]+)"', source))
-    recorded = own | {name for name, operation in OPERATIONS.items() if operation.mutates}
+    recorded = own | {name for name, operation in (OPERATIONS | WEB_OPERATIONS).items() if operation.mutates}
     words = {"page.did_" + re.sub("[.-]", "_", name) for name in recorded}
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
 

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n, web
+from drivebus.web.routes.static_files import COMMAND_LINE_TEXTS
 
 HERE = Path(web.__file__).parent
 VENDOR = HERE / "vendor"
@@ -71,8 +72,18 @@ def test_every_import_of_a_script_is_used() -> None:
 def test_the_whole_page_is_small_over_the_wire() -> None:
     """All files that it can load, in the larger language, compressed as by the server; measured 2026-11."""
     files = [path for path in [*HERE.glob("static/**/*"), *VENDOR.glob("*.*")] if path.is_file()]
-    sentences = max(len(_packed(json.dumps(i18n.catalogue(language)).encode())) for language in i18n.LANGUAGES)
+    sentences = max(len(_packed(i18n.catalogue_json(name, COMMAND_LINE_TEXTS))) for name in i18n.LANGUAGES)
     assert sum(len(_packed(path.read_bytes())) for path in files) + sentences <= LARGEST
+
+
+def test_the_page_loads_its_own_texts_and_every_text_that_a_reading_or_a_frame_can_name() -> None:
+    loaded = json.loads(i18n.catalogue_json("en", COMMAND_LINE_TEXTS)).keys()
+    assert "help.serve" not in loaded and len(loaded) < 0.65 * len(i18n.catalogue("en"))
+    packages = ("bus", "drives", "families", "ports", "protocols", "service/control", "service/live", "service/runtime")
+    sources = [path for name in packages for path in (HERE.parent / name).rglob("*.py")]
+    named = {key for path in sources for key in re.findall(r'"([a-z_]+\.[a-z0-9_]+)"', path.read_text("utf-8"))}
+    assert len(named & loaded) > 200
+    assert named & i18n.catalogue("en").keys() <= loaded
 
 
 def _packed(content: bytes) -> bytes:

@@ -23,7 +23,7 @@ def page(stage: Stage, visit: Any) -> Any:
 def enabled(stage: Stage, page: Any, drive: str) -> Any:
     stage.call("waiver.grant", drive=drive, reason="watched bench")
     page.click("[data-do=take]")
-    page.locator(".lease.mine").wait_for()
+    page.locator(".lease.own").wait_for()
     page.click(".control summary")
     page.click(".jog button:not(.hold)")
     page.locator(f"{HOLD}:enabled").wait_for()
@@ -100,7 +100,7 @@ def test_a_hold_without_its_first_step_moves_nothing(stage: Stage, visit: Any) -
     stage.call("waiver.grant", drive="pump-1", reason="watched bench")
     page = visit("#/drive/pump-1")
     page.click("[data-do=take]")
-    page.locator(".lease.mine").wait_for()
+    page.locator(".lease.own").wait_for()
     page.click(".control summary")
     assert page.locator(HOLD).is_disabled()
     assert LOCAL.session not in str(stage.view("pump-1")["lease"])

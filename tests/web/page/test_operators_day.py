@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -9,11 +10,12 @@ import pytest
 from drivebus import i18n
 from drivebus.simulator.motor import Trip
 from fixtures.browser import Stage
+from fixtures.browser_actions import expecting
 
 
 def take(page: Any) -> None:
     page.click("[data-do=take]")
-    page.wait_for_selector(".lease.mine")
+    page.wait_for_selector(".lease.own")
 
 
 def run_at(page: Any, hertz: str) -> None:
@@ -48,17 +50,18 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
     page.locator(".banner.alarm.critical").wait_for(state="detached")
 
     page.click("[data-drive=fan-1]")
-    page.locator(".faultnow").wait_for()
-    assert page.locator(".faultnow h2").inner_text().count("Fu.") == 1
+    page.locator(".active-fault").wait_for()
+    assert page.locator(".active-fault h2").inner_text().count("Fu.") == 1
     take(page)
-    page.click("[data-do=reset]")
-    page.locator(".faultnow").wait_for(state="detached")
+    page.locator(".active-fault [data-do=incident]").wait_for()
+    page.click(".active-fault [data-do=reset]")
+    page.locator(".active-fault").wait_for(state="detached")
 
     run_at(page, "20")
     page.locator(f".drivestate:has-text('{word('drives.state_running')}')").wait_for()
     page.locator(f".control .notice.good:has-text('{word('page.outcome_confirmed')}')").wait_for()
     page.fill(".control .frequency input[inputmode=decimal]", "30")
-    page.click("[data-do=set]")
+    page.press(".control .frequency input[inputmode=decimal]", "Enter")
     page.locator(".bigvalues figure:first-child .number:has-text('30.00')").wait_for()
     page.locator(".trend-plot canvas").wait_for()
 
@@ -70,7 +73,7 @@ def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
     page.locator(".banner.bad[role=alert]").wait_for()
     page.locator(f".drivestate:has-text('{word('page.state_was')}')").wait_for()
     page.locator(".bigvalues .value.bad").first.wait_for()
-    assert page.locator(".control .main:enabled, .lease.mine").count() == 0
+    assert page.locator(".control .main:enabled, .lease.own").count() == 0
     page.evaluate("location.hash = '#/history'")
     page.locator("main .notice.bad").wait_for()
     stage.regain_server()
@@ -122,7 +125,7 @@ def test_a_stop_needs_no_lease_and_takes_none_away(stage: Stage, visit: Any) -> 
     run_at(owner, "20")
     stage.wait(lambda: running(stage, "fan-1"), "it does not run")
     assert other.locator("[data-step=first]").is_disabled()
-    assert other.locator(".lease .who").inner_text() == i18n.text("page.lease_other", "en", owner="engineer")
+    assert other.locator(".lease .holder").inner_text() == i18n.text("page.lease_other", "en", owner="engineer")
     other.click("[data-stop=drive]")
     other.locator(".stop-status.good").wait_for()
     assert not running(stage, "fan-1")
@@ -136,6 +139,44 @@ def test_a_group_is_stopped_from_its_filter(stage: Stage, visit: Any) -> None:
         page.click("[data-stop=group]")
     assert answered.value.json()["outcomes"].keys() == {"pump-1", "pump-2"}
     page.locator(".stop-status.good").wait_for()
+
+
+def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage: Stage, visit: Any) -> None:
+    for drive in ("fan-1", "fan-2", "fan-3"):
+        stage.call("waiver.grant", drive=drive, reason="watched bench")
+    page = visit("#/fleet?group=air")
+    page.click(".grouppanel summary")
+    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=3)}')")
+    page.fill(".grouppanel input[inputmode=decimal]", "20")
+    page.click("[data-step=first]:enabled")
+    page.locator("[data-step=second]").wait_for()
+    assert "Air" in page.locator(".confirm").inner_text()
+    page.evaluate("location.hash = '#/fleet?group=water'")
+    page.locator("#group-title:has-text('Water')").wait_for()
+    assert page.locator("[data-step=second], .confirm").count() == 0
+    page.click(".grouppanel summary")
+    assert page.input_value(".grouppanel input[inputmode=decimal]") == ""
+
+
+COUNT_TONES = """() => {
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...at) { window.tones += 1; return start.apply(this, at); };
+}"""
+
+
+def test_an_urgent_alarm_sounds_and_is_counted_in_the_title_until_acknowledged(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet", role="operator")
+    page.evaluate(COUNT_TONES)
+    stage.station("fan-1", lambda drive: drive.trip(Trip.OVERHEAT))
+    expecting()(page).to_have_title(re.compile(r"^\(1\) "))
+    assert page.evaluate("window.tones") == 2
+    page.click("[data-do=acknowledge]")
+    expecting()(page).to_have_title(re.compile(r"^[^(]"))
+    page.click("[data-do=sound]")
+    stage.station("fan-2", lambda drive: drive.trip(Trip.OVERHEAT))
+    expecting()(page).to_have_title(re.compile(r"^\(1\) "))
+    assert page.evaluate("window.tones") == 2
 
 
 def test_a_viewer_is_offered_no_command(stage: Stage, visit: Any) -> None:

@@ -116,6 +116,7 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     page = visit("#/alarms")
     row = page.locator(".alarmrow", has_text="Feed pump").first
     row.get_by_role("button", name=word("shelve")).click()
+    expect(page.locator("dialog")).to_contain_text("Feed pump")
     send = page.locator("dialog button[type=submit]")
     expect(send).to_be_disabled()
     page.fill("dialog input", "ok")
@@ -125,6 +126,7 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     page.get_by_role("tab").nth(1).click()
     shelved = page.locator(".alarmrow", has_text="Feed pump").first
     expect(shelved).to_contain_text("shelved until")
+    expect(shelved).to_contain_text(word("shelved_by", by="engineer", reason="fan is being repaired"))
     shelved.get_by_role("button", name=word("unshelve")).click()
     page.get_by_role("tab").first.click()
     expect(page.locator(".alarmrow", has_text="Feed pump").first).to_be_visible()
@@ -157,7 +159,7 @@ def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, 
     page.fill(".filters input[type=search]", "drive.stop")
     entry = page.locator(".entry", has_text=word("outcome_confirmed")).filter(has_text="Circulation pump").first
     expect(entry.locator(".what")).to_have_text(f"{word('did_drive_stop')} Circulation pump")
-    expect(entry.locator(".who")).to_have_text("tester")
+    expect(entry.locator(".user")).to_have_text("tester")
     entry.locator("summary").click()
     expect(entry.locator("ol code").first).to_have_text(re.compile(r"([0-9A-F]{2} )+.* → ([0-9A-F]{2} ?)+"))
     row = f"tester {word('did_drive_stop')} Circulation pump {word('outcome_confirmed')}"  # the text of the row
@@ -209,6 +211,15 @@ def test_an_administrator_adds_changes_and_removes_a_user(visit: Any, expect: An
     page.check("dialog input[type=checkbox]")
     page.get_by_role("button", name=word("remove_user"), exact=True).click()
     expect(row).to_have_count(0)
+
+
+def test_a_reload_shows_what_it_applied(visit: Any, expect: Any) -> None:
+    page = visit("#/settings?tab=configuration", role="administrator")
+    page.check(".panel input[type=checkbox]")
+    page.get_by_role("button", name=word("reload")).click()
+    expect(page.locator(".notice.good")).to_contain_text(word("reloaded"))
+    page.wait_for_timeout(500)  # the text of the file is loaded again meanwhile
+    expect(page.locator(".notice.good")).to_contain_text(word("no_difference"))
 
 
 def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expect: Any) -> None:

@@ -83,7 +83,7 @@ def test_a_stop_without_an_answer_is_not_shown_as_received_by_the_drives(stage: 
 def test_lost_connection_and_lost_control_are_visible_at_any_scroll_position(stage: Stage, visit: Any) -> None:
     page = visit("#/drive/fan-1", size=(1280, 700))
     page.click("[data-do=take]")
-    page.wait_for_selector(".lease.mine")
+    page.wait_for_selector(".lease.own")
     page.evaluate("scrollTo(0, 500)")
     visit("#/drive/fan-1", role="administrator").evaluate(TAKE)
     message = page.locator(".takeovers .banner")

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.web.live.messages import MAX_RENEWALS
 from fixtures.browser import Stage, log_in
 
 
@@ -36,6 +37,14 @@ def test_a_delta_is_merged_into_the_known_values(page: Any) -> None:
     assert (found["signals"]["a"]["value"], found["signals"]["a"]["readAt"]) == (25, -199)
 
 
+def test_many_leases_are_renewed_in_messages_that_the_server_takes(page: Any) -> None:
+    drives = "Array.from({length: 450}, (_, n) => `d${n}`)"
+    found = evaluate(page, "live", f"m.renewMessages({drives})")
+    assert [len(one["renew"]) for one in found] == [MAX_RENEWALS, MAX_RENEWALS, 50]
+    assert [drive for one in found for drive in one["renew"]] == [f"d{n}" for n in range(450)]
+    assert evaluate(page, "live", "m.renewMessages([])") == []
+
+
 def test_a_feed_grows_to_its_newest_five_hundred(page: Any) -> None:
     """No list of the page grows without limit (I12)."""
     call = "m.mergeTopic('frames/a', {items: [1, 2], missed: 3}, Array.from({length: 600}, (_, n) => n), 1)"
@@ -52,19 +61,26 @@ def test_a_topic_missing_in_a_snapshot_is_removed(page: Any) -> None:
 
 
 STOPS = (
-    ("{outcome: {status: 'confirmed', text: 'x'}}", True),
-    ("{outcome: {status: 'acknowledged', text: 'x'}}", True),
-    ("{outcome: {status: 'unknown', text: 'x'}}", False),
-    ("{outcomes: {a: {status: 'confirmed'}, b: {code: 'bus.no_reply'}}}", False),
-    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: true, unconfirmed: []}}}", True),
-    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: false, unconfirmed: ['b']}}}", False),
-    ("{outcomes: {}, buses: {l: {confirmed: false, unconfirmed: []}}}", False),
+    ("{outcome: {status: 'confirmed', text: 'x'}}", "confirmed"),
+    ("{outcome: {status: 'acknowledged', text: 'x'}}", "acknowledged"),
+    ("{outcome: {status: 'unknown', text: 'x'}}", "unconfirmed"),
+    ("{outcomes: {a: {status: 'confirmed'}, b: {code: 'bus.no_reply'}}}", "unconfirmed"),
+    ("{outcomes: {a: {status: 'confirmed'}, b: {status: 'acknowledged'}}}", "acknowledged"),
+    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: true, unconfirmed: []}}}", "confirmed"),
+    ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: false, unconfirmed: ['b']}}}", "unconfirmed"),
+    (
+        "{outcomes: {a: {status: 'acknowledged'}}, buses: {l: {confirmed: false, acknowledged: ['a']}}}",
+        "acknowledged",
+    ),
+    ("{outcomes: {}, buses: {l: {confirmed: false, unconfirmed: []}}}", "unconfirmed"),
+    ("{outcomes: {}, buses: {}}", "unconfirmed"),
 )
 
 
 def test_only_a_confirmed_stop_is_shown_as_confirmed(page: Any) -> None:
-    """Unconfirmed stops are listed drive by drive."""
-    message = {answer: evaluate(page, "stops", f"m.evaluateStop({answer}).good") for answer, _ in STOPS}
+    """Unconfirmed stops are listed drive by drive; an acknowledged one is neither confirmed nor a failure."""
+    shown = "((r) => r.good ? (r.acknowledged ? 'acknowledged' : 'confirmed') : 'unconfirmed')"
+    message = {answer: evaluate(page, "stops", f"{shown}(m.evaluateStop({answer}))") for answer, _ in STOPS}
     assert message == dict(STOPS)
 
 
@@ -121,12 +137,12 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
     message = page.locator(".takeovers .banner")
     for taken in (False, True):
         page.click("[data-do=take]")
-        page.locator(".lease.mine").wait_for()
+        page.locator(".lease.own").wait_for()
         if not taken:  # a released drive is not taken from the owner
-            page.click(".lease.mine button")
+            page.click(".lease.own button")
         stage.wait(lambda taken=taken: bool(stage.view("fan-1")["lease"]) is taken, "no lease")  # type: ignore[misc]
         stage.call("lease.take", drive="fan-1")
-        page.locator(".lease:not(.mine) .who", has_text="tester").wait_for()
+        page.locator(".lease:not(.own) .holder", has_text="tester").wait_for()
         assert message.count() == taken
         if not taken:
             stage.call("lease.release", drive="fan-1")
@@ -176,10 +192,10 @@ def test_the_reason_of_an_uncertain_or_missing_value_is_beside_it(visit: Any, la
     page = visit("#/drive/fan-1", language=language)
     for signal, reason in (("output_voltage", "profiles.scale_unpublished"), ("output_current", "drives.not_reported")):
         row = page.locator(".values th", has_text=i18n.text(f"signal.{signal}", language))
-        row.locator(".why", has_text=i18n.text(reason, language)).wait_for()
+        row.locator(".reason", has_text=i18n.text(reason, language)).wait_for()
     good = page.locator(".values tr", has_text=i18n.text("signal.dc_bus_voltage", language))
     good.locator(".value.good").wait_for()
-    assert good.locator(".why").count() == 0
+    assert good.locator(".reason").count() == 0
 
 
 def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit: Any) -> None:
@@ -187,7 +203,7 @@ def test_parameters_are_read_compared_written_and_read_back(stage: Stage, visit:
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1?tab=parameters")
     page.click("[data-do=take]")
-    page.locator(".lease.mine").wait_for()
+    page.locator(".lease.own").wait_for()
     page.click("[data-do=read]")
     row = page.locator("tr", has=page.locator("code:text-is('F9.4')"))
     row.locator("td:nth-child(4):text-is('0')").wait_for()

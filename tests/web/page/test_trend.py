@@ -188,7 +188,7 @@ def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> No
     page.route("**/api/v1/history/trend?*", answer)
     begin = 1_700_000_000_000
     page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
-    page.locator(".trend-window:has-text('14/11/2023')").wait_for()
+    page.locator(".trend-window:has-text('2023-11-14')").wait_for()
     page.wait_for_timeout(500)
     # What is fetched begins and ends a quarter of the window beyond it: bad from 1/4 to 3/4 of what is shown.
     assert page.evaluate(COLOURED, [0.02, 0.2]) > 0.9
@@ -244,7 +244,9 @@ def test_two_cursors_show_the_time_between_two_moments(stage: Stage, visit: Any)
     page.click("[data-trend=cursors]")
     head = page.locator(".trend-readout caption")
     expect(head).to_contain_text("20 s")
-    page.locator(".trend-cursor[data-name=B]").press("Shift+ArrowRight")
+    cursor = page.locator(".trend-cursor[data-name=B]")
+    cursor.wait_for()  # the chart shows it one frame after the caption
+    cursor.press("Shift+ArrowRight")
     expect(head).to_contain_text("23 s")
 
 

@@ -21,7 +21,7 @@ def fall_idle(stage: Stage) -> None:
 def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", language=language, role="operator")
     page.click("[data-do=take]")
-    page.wait_for_selector(".lease.mine")
+    page.wait_for_selector(".lease.own")
     fall_idle(stage)
     page.reload()
     page.wait_for_selector("[data-do=unlock]")
@@ -31,4 +31,4 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
     page.click("[data-do=unlock] button")
     page.wait_for_selector("[data-do=unlock]", state="detached")
-    page.wait_for_selector(".lease.mine")
+    page.wait_for_selector(".lease.own")

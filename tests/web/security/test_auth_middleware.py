@@ -13,6 +13,7 @@ from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.auth import AuthMiddleware, client_address, session_cookie
 from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.web.middleware.host_check import HostCheck
+from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import RouteTable
 from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
 
@@ -69,7 +70,7 @@ def test_a_denied_request_gets_a_reason_and_is_recorded(
         answer = await harness.client().request(method, path)
         assert (answer.status_code, answer.json()["error"]["code"]) == (status, key)
         assert answer.headers["connection"] == "close"
-        assert answer.headers.get("allow") == {"PUT": "POST", "FETCH": "GET, POST"}.get(method)
+        assert answer.headers.get("allow") == {"PUT": "POST", "FETCH": "GET, HEAD, POST"}.get(method)
         (message,) = harness.service.records
         assert message[0] == {
             "what": "refused",
@@ -143,6 +144,7 @@ def test_the_middleware_forwards_lifespan_and_denies_a_handshake_without_an_orig
             app,
             auth=harness.auth,
             hosts=HostCheck(WebConfig()),
+            proxies=TrustedProxies(()),
             denials=harness.denials,
             routes=RouteTable([]),
         )

@@ -13,10 +13,10 @@ import pytest
 from httpx import AsyncClient
 
 from drivebus.bus.trace import TraceEvent
-from drivebus.service.auth.rights import ROLE_RIGHTS, Role
+from drivebus.service.auth.rights import ROLE_RIGHTS, AccessLevel, Role
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
-from drivebus.web.route import WEBSOCKET, AccessLevel
+from drivebus.web.route import WEBSOCKET
 from fixtures.service import ServiceKit, running_service
 from fixtures.web_app import WebAppHarness
 

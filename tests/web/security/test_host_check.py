@@ -50,6 +50,17 @@ def test_own_names_and_numeric_addresses_are_accepted(host: str) -> None:
         "[",
         "user@evil.example",
         "localhost@evil.example",
+        "evil.example@127.0.0.1",
+        "127.0.0.1#evil.example",
+        "127.0.0.1/evil",
+        "127.0.0.1?evil",
+        "evil.example\\@127.0.0.1",
+        "localhost:",
+        "localhost:port",
+        "127.0.0.1 ",
+        "\t127.0.0.1",
+        "[127.0.0.1",
+        "[::1]evil",
     ],
 )
 def test_a_missing_repeated_or_foreign_host_is_denied(host: str | tuple[str, ...]) -> None:

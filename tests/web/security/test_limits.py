@@ -11,13 +11,13 @@ import httpx
 import pytest
 from starlette.datastructures import Headers
 
+from drivebus.service.api.strict_json import parse_json
 from drivebus.testing.virtual_time import run
 from drivebus.web.errors import RequestError, http_status
 from drivebus.web.middleware.request_body import (
     BODY_TIMEOUT_S,
     MAX_BODY_BYTES,
     MAX_PUBLIC_BODY_BYTES,
-    parse_json,
     read_body,
 )
 from drivebus.web.middleware.security_headers import CSP
@@ -180,6 +180,18 @@ def test_a_missing_body_is_an_empty_object() -> None:
 def test_a_whole_number_is_an_integer_in_any_notation(text: bytes, value: float) -> None:
     found = parse_json(text)
     assert (found, type(found)) == (value, type(value))
+
+
+async def test_a_rejected_body_never_reaches_the_process_of_the_buses(tmp_path: Path) -> None:
+    """Parsing a mebibyte of numbers takes 0.2 s, which would delay every bus."""
+    harness = WebAppHarness(tmp_path)
+    client = await harness.log_in("engineer")
+    body = b'{"values": {"F0.1": [' + b",".join([b"1.5"] * 250_000) + b"]}}"
+    for content in (body, b'{"values": {"F0.1": true}}', b'{"values": {}, "unknown": 1}'):
+        answer = await client.post("/api/v1/drives/fan-1/parameters/write", content=content, headers=JSON)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (422, "plant.params")
+    assert (await client.get("/api/v1/history/export?tags=a&from_ms=-1&to_ms=9")).status_code == 422
+    assert harness.service.calls == []
 
 
 def test_a_body_of_one_mebibyte_is_accepted(tmp_path: Path) -> None:

@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from starlette.datastructures import Headers
 
+from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
+from drivebus.service.auth.rights import AccessLevel
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
+from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
-from drivebus.web.route import WEBSOCKET, AccessLevel
+from drivebus.web.middleware.trusted_proxies import TrustedProxies
+from drivebus.web.route import WEBSOCKET
 from fixtures.web_app import BASE, PASSWORD, WebAppHarness
 
 HOUR_S = 3600.0
@@ -75,6 +80,106 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
         assert sum(entry["params"]["times"] for entry in message) == 500
 
     run(scenario())
+
+
+def test_a_person_with_a_known_browser_logs_in_however_often_others_try_the_name(tmp_path: Path) -> None:
+    """Also where all clients have the address of a reverse proxy, or where the wrong attempts never end."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        mine = await harness.log_in("operator")
+        body = {"name": "operator", "password": PASSWORD}
+        for n in range(1200):
+            harness.clock.now += 0.05
+            await guess(harness, "operator", "127.0.0.1" if n % 2 else f"10.0.{n >> 8}.{n & 255}")
+            if n % 120 == 119:
+                assert (await mine.post("/api/v1/login", json=body)).status_code == 200
+                assert (await harness.client().post("/api/v1/login", json=body)).status_code == 429
+        mine.cookies.delete("drivebus_session")
+        assert (await mine.post("/api/v1/login", json=body)).status_code == 200, "also after the session has ended"
+
+    run(scenario())
+
+
+def test_a_device_cookie_is_counted_on_its_own_and_is_of_one_user(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        mine = await harness.log_in("operator")
+        cookie = mine.cookies[device_cookie_name("operator")]
+        tries = [await mine.post("/api/v1/login", json={"name": "operator", "password": f"{n}"}) for n in range(12)]
+        assert [answer.status_code for answer in tries] == [401] * 10 + [429] * 2
+        await harness.log_in("operator")
+        for _ in range(10):
+            await guess(harness, "engineer")
+        for value in (cookie, cookie[:-1] + ("0" if cookie[-1] != "0" else "1"), "x", ""):
+            other = harness.client(cookie=f"{device_cookie_name('engineer')}={value}")
+            answer = await other.post("/api/v1/login", json={"name": "engineer", "password": PASSWORD})
+            assert answer.status_code == 429, value
+
+    run(scenario())
+
+
+def test_a_browser_stays_known_when_the_web_process_starts_again(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        mine = await harness.log_in("operator")
+        cookie = mine.cookies[device_cookie_name("operator")]
+        again = DeviceCookies(tmp_path)
+        assert again.device("Operator", cookie) and not again.device("engineer", cookie)
+        assert again.issue("operator", cookie) == cookie != again.issue("operator")
+        assert again.path.stat().st_mode & 0o777 == 0o600
+
+    run(scenario())
+
+
+def test_behind_a_trusted_proxy_each_client_is_counted_and_recorded_by_its_own_address(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path, web=WebConfig(trusted_proxies=("127.0.0.1",)))
+
+    async def scenario() -> None:
+        client, body = harness.client(), {"name": "operator", "password": "wrong password"}
+        for n in range(30):
+            forged = {"x-forwarded-for": f"10.9.9.{n}, 10.0.0.9"}
+            await client.post("/api/v1/login", json=body | {"name": f"user{n}"}, headers=forged)
+        assert (await client.post("/api/v1/login", json=body, headers=forged)).status_code == 429
+        answer = await client.post(
+            "/api/v1/login", json=body | {"password": PASSWORD}, headers={"x-forwarded-for": "10.0.0.7"}
+        )
+        assert answer.status_code == 200
+        assert {actor.address for _, actor in harness.service.records} == {"10.0.0.9", "10.0.0.7"}
+
+    run(scenario())
+
+
+FORWARDED = [
+    ("127.0.0.1", ["10.0.0.7"], "10.0.0.7"),
+    ("127.0.0.1", [], "127.0.0.1"),
+    ("10.0.0.9", ["10.0.0.7"], "10.0.0.9"),
+    ("127.0.0.1", ["1.1.1.1, 10.0.0.7, 192.168.0.3"], "10.0.0.7"),
+    ("127.0.0.1", ["1.1.1.1", "10.0.0.7"], "10.0.0.7"),
+    ("127.0.0.1", ["192.168.0.4, 192.168.0.3"], "192.168.0.4"),
+    ("::ffff:127.0.0.1", ["::ffff:10.0.0.7"], "10.0.0.7"),
+    ("127.0.0.1", ["10.0.0.7:4711"], "10.0.0.7"),
+    ("127.0.0.1", ["[2001:db8::7]:4711"], "2001:db8::7"),
+    ("127.0.0.1", ["2001:db8::7"], "2001:db8::7"),
+    ("127.0.0.1", ["10.0.0.7, unknown"], "127.0.0.1"),
+    ("127.0.0.1", ["fe80::1%x y\tz"], "127.0.0.1"),
+    ("127.0.0.1", ["[fe80::1%eth0]:4711"], "127.0.0.1"),
+    ("127.0.0.1", ["fe80::1%x y\tz, 192.168.0.3"], "192.168.0.3"),
+    ("local", ["10.0.0.7"], "local"),
+]
+
+
+@pytest.mark.parametrize(("peer", "lines", "expected"), FORWARDED)
+def test_the_client_is_the_last_address_that_no_trusted_proxy_has(peer: str, lines: list[str], expected: str) -> None:
+    headers = Headers(raw=[(b"x-forwarded-for", line.encode()) for line in lines])
+    assert TrustedProxies(["127.0.0.1", "192.168.0.0/24"]).client_address(peer, headers) == expected
+
+
+def test_a_trusted_proxy_may_have_a_link_local_address_with_its_interface() -> None:
+    headers = Headers(raw=[(b"x-forwarded-for", b"10.0.0.7")])
+    assert TrustedProxies(["fe80::1"]).client_address("fe80::1%eth0", headers) == "10.0.0.7"
 
 
 def test_before_the_set_up_only_the_set_up_is_reachable(tmp_path: Path) -> None:
@@ -154,9 +259,12 @@ def test_the_cookie_is_for_this_page_only(base: str, name: str, secure: bool, tm
     async def scenario() -> None:
         client = harness.client(base)
         answer = await client.post("/api/v1/login", json={"name": "operator", "password": PASSWORD})
-        first, *rest = answer.headers["set-cookie"].split("; ")
-        flags = {"HttpOnly", "SameSite=strict", "Path=/", "Max-Age=43200"} | ({"Secure"} if secure else set())
-        assert first.startswith(name + "=") and set(rest) == flags
+        flags = {"HttpOnly", "SameSite=strict", "Path=/"} | ({"Secure"} if secure else set())
+        device = ("__Host-" if secure else "") + device_cookie_name("operator")
+        cookies = [line.split("; ") for line in answer.headers.get_list("set-cookie")]
+        assert [first.partition("=")[0] for first, *_ in cookies] == [name, device]
+        assert [set(rest) - flags for _, *rest in cookies] == [{"Max-Age=43200"}, {"Max-Age=31536000"}]
+        assert all(flags <= set(rest) for _, *rest in cookies)
         assert ("strict-transport-security" in answer.headers) == secure
         client.headers["X-Drivebus-CSRF"] = answer.json()["csrf"]
         gone = await client.post("/api/v1/logout")

@@ -120,7 +120,7 @@ def test_no_other_method_reaches_a_command(method: str, tmp_path: Path) -> None:
         client = await harness.log_in("administrator")
         readable = {entry.path for entry in declared_routes() if entry.method == "GET"}
         for entry in CHANGING:
-            if entry.path in readable and method == "GET":
+            if entry.path in readable and method in ("GET", "HEAD"):
                 continue
             answer = await client.request(method, entry.path, headers={"x-http-method-override": entry.method})
             assert answer.status_code == 405, (entry, answer.status_code)

@@ -9,16 +9,18 @@ import pytest
 from fastapi.routing import iter_route_contexts
 from httpx import AsyncClient
 
-from drivebus.service.api.operations import API_PREFIX, OPERATIONS
-from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
+from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.auth.rights import ROLE_RIGHTS, AccessLevel, Right, Role
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
 from drivebus.web.gateway import WebConfig
-from drivebus.web.route import WEBSOCKET, AccessLevel, AccessRouter, Route, RouteTable
+from drivebus.web.operations import WEB_OPERATIONS
+from drivebus.web.route import WEBSOCKET, AccessRouter, Route, RouteTable
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 ROUTES = declared_routes()
 HTTP_ROUTES = [route for route in ROUTES if route.method != WEBSOCKET]
+EVERY_OPERATION = [*OPERATIONS.values(), *WEB_OPERATIONS.values()]
 CLOSED_ROUTES = [route for route in HTTP_ROUTES if route.access is not AccessLevel.PUBLIC]
 
 
@@ -41,19 +43,31 @@ def test_a_route_that_is_declared_twice_is_rejected() -> None:
 
 def test_a_route_of_an_operation_requires_the_right_of_the_operation() -> None:
     access = {(route.method, route.path): route.access for route in ROUTES}
-    for operation in OPERATIONS.values():
-        assert access[operation.method, API_PREFIX + operation.path] is operation.right
+    for operation in EVERY_OPERATION:
+        assert access[operation.method, operation.address] is operation.right
+
+
+def test_only_files_of_the_page_and_the_websocket_are_no_operations() -> None:
+    """The reasons are in docs/explanation/architecture.md."""
+    declared = {(operation.method, operation.address) for operation in EVERY_OPERATION}
+    assert {(route.method, route.path) for route in ROUTES} - declared == {
+        ("GET", "/"),
+        ("GET", "/static/{path:path}"),
+        ("GET", "/vendor/{path:path}"),
+        ("GET", "/i18n/{language}.json"),
+        (WEBSOCKET, "/api/v1/live"),
+    }
 
 
 def test_no_operation_that_changes_anything_is_reached_by_get() -> None:
-    assert not [operation for operation in OPERATIONS.values() if operation.mutates and operation.method == "GET"]
+    assert not [operation for operation in EVERY_OPERATION if operation.mutates and operation.method == "GET"]
 
 
 def test_commands_and_renewals_do_not_wait_in_the_read_queue() -> None:
     """A stop that overtakes a command sent before it would not void that command."""
     yields = {(route.method, route.path): route.yields for route in ROUTES}
-    urgent = [operation for operation in OPERATIONS.values() if not operation.yields]
-    assert urgent and not [one for one in urgent if yields[one.method, API_PREFIX + one.path]]
+    urgent = [one for one in EVERY_OPERATION if not one.yields and one.right is not AccessLevel.PUBLIC]
+    assert urgent and not [one for one in urgent if yields[one.method, one.address]]
     assert all(
         route.yields for route in ROUTES if route.method in ("GET", WEBSOCKET) or route.access is AccessLevel.PUBLIC
     )
@@ -71,6 +85,46 @@ def test_only_routes_that_a_login_needs_are_public() -> None:
         ("POST", "/api/v1/login/code"),
         ("POST", "/api/v1/setup"),
     }
+
+
+async def test_head_is_answered_as_get_without_the_body_and_needs_its_right(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+    viewer, anybody = await harness.log_in("viewer"), harness.client()
+    for client, path, status in (
+        (anybody, "/api/v1/health", 200),
+        (anybody, "/", 200),
+        (anybody, "/static/js/app.js", 200),
+        (anybody, "/api/v1/drives", 401),
+        (anybody, "/api/v1/nowhere", 404),
+        (viewer, "/api/v1/drives", 200),
+        (viewer, "/api/v1/users", 403),
+        (viewer, "/api/v1/buses/A%20B", 422),
+    ):
+        head, get = await client.head(path), await client.get(path)
+        assert (head.status_code, get.status_code, head.content) == (status, status, b""), path
+        assert head.headers["content-length"] == get.headers["content-length"]
+    harness.service.calls.clear()
+    operator = await harness.log_in("operator")
+    assert (await operator.head("/api/v1/stop")).status_code == 405
+    assert harness.service.calls == []
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "allowed"),
+    [
+        ("GET", "/api/v1/stop", 405, "POST"),
+        ("DELETE", "/api/v1/users", 405, "GET, HEAD, POST"),
+        ("OPTIONS", "/api/v1/drives/fan-1", 405, "GET, HEAD"),
+        ("GET", "/api/v1/nowhere", 404, None),
+        ("POST", "/api/v2/stop", 404, None),
+    ],
+)
+async def test_an_unknown_path_is_404_and_a_known_one_names_its_methods(
+    method: str, path: str, status: int, allowed: str | None, tmp_path: Path
+) -> None:
+    answer = await (await WebAppHarness(tmp_path).log_in("operator")).request(method, path)
+    assert (answer.status_code, answer.headers.get("allow")) == (status, allowed)
+    assert answer.json()["error"]["text"].keys() == {"en", "zh"}
 
 
 def test_a_route_without_declared_access_never_reaches_the_framework(tmp_path: Path) -> None:
@@ -91,7 +145,7 @@ def test_a_route_without_declared_access_never_reaches_the_framework(tmp_path: P
 
 def test_the_router_rejects_a_route_without_declared_access() -> None:
     with pytest.raises(TypeError, match="access"):
-        AccessRouter().add("GET", "/open", address)  # type: ignore[call-arg, arg-type]
+        AccessRouter().exempt("GET", "/open")  # type: ignore[call-arg]
 
 
 TABLE = RouteTable(ROUTES)
@@ -315,6 +369,11 @@ def test_a_token_has_no_right_that_its_user_lacks(tmp_path: Path) -> None:
         ("POST", "/tokens", {"name": "t", "rights": ["view"], "days": "1"}),
         ("POST", "/tokens", {"name": "t", "rights": ["view"], "days": 1e9}),
         ("POST", "/tokens", {"name": "t", "rights": ["view"], "days": -1}),
+        ("POST", "/tokens", {"name": "t", "rights": ["view"], "token": "x"}),
+        ("PATCH", "/users/viewer", {"user": "operator", "role": "viewer"}),
+        ("POST", "/login?name=viewer", {"name": "viewer", "password": PASSWORD}),
+        ("POST", "/logout?all=1", {}),
+        ("POST", "/logout?everything=true", {}),
         ("POST", "/login", {"name": "viewer", "password": {"$ne": ""}}),
         ("POST", "/login", None),
     ],

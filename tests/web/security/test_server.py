@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import gc
+import os
+import resource
 import socket
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +24,10 @@ from drivebus.errors import ConfigurationError
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.web import __main__ as web_process
+from drivebus.web import listener
+from drivebus.web import server as web_server
 from drivebus.web.gateway import WebConfig
+from drivebus.web.listener import BoundedListener, client_network
 from drivebus.web.middleware import connection_limits
 from drivebus.web.server import EmbeddedServer, HttpServer, bind_listener, is_loopback, listen_host, server_config
 from fixtures.web_app import PASSWORD, WebAppHarness
@@ -107,6 +113,41 @@ async def test_the_server_moves_to_its_address_when_the_first_administrator_exis
             assert where(text[1])[0] == "127.0.0.2"
 
 
+async def served_certificate(host: str, port: int) -> bytes:
+    """Return the certificate that a new handshake gets."""
+    anyone = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    anyone.check_hostname, anyone.verify_mode = False, ssl.CERT_NONE
+    _, writer = await asyncio.open_connection(host, port, ssl=anyone)
+    try:
+        return bytes(writer.get_extra_info("ssl_object").getpeercert(binary_form=True))
+    finally:
+        writer.close()
+
+
+async def test_a_renewed_certificate_is_used_for_new_connections_and_an_open_one_goes_on(
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
+) -> None:
+    """A certificate without its key changes nothing until the key is there, too."""
+    web, trusting = certificate
+    assert web.certificate is not None and web.key is not None
+    renewed = trustme.CA().issue_cert("127.0.0.1")
+    expected = ssl.PEM_cert_to_DER_cert(renewed.cert_chain_pems[0].bytes().decode())
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr("drivebus.web.server._CHECK_INTERVAL_S", 0.02)
+        async with serving(WebAppHarness(tmp_path / "state", web=web), web) as text, asyncio.timeout(10):
+            before = await served_certificate(*where(text[0]))
+            async with httpx.AsyncClient(verify=trusting, base_url=text[0]) as client:
+                assert (await client.get("/api/v1/health")).status_code == 200
+                renewed.cert_chain_pems[0].write_to_path(web.certificate)
+                await asyncio.sleep(0.1)
+                assert await served_certificate(*where(text[0])) == before
+                renewed.private_key_pem.write_to_path(web.key)
+                while await served_certificate(*where(text[0])) != expected:  # noqa: ASYNC110  asyncio.timeout ends it
+                    await asyncio.sleep(0.02)
+                assert (await client.get("/api/v1/health")).status_code == 200
+            assert len(text) == 1
+
+
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
 async def test_only_tls_1_2_and_newer_is_accepted_with_hsts(
     tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
@@ -173,6 +214,20 @@ async def test_a_head_without_end_is_cut(tmp_path: Path) -> None:
         assert await raw_response(*where(text[0]), head) == b""
         fits = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nX-A: " + b"a" * 20_000
         assert b"200 OK" in await raw_response(*where(text[0]), fits + b"\r\n\r\n")
+
+
+async def test_the_limit_of_the_headers_is_exact_however_they_arrive(tmp_path: Path) -> None:
+    """All in one piece, too."""
+    async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
+        path, lines = b"/api/v1/health", b"Host: 127.0.0.1\r\nConnection: close\r\n"
+        used = len(path) + len(lines)
+        for size, status in (
+            (connection_limits.MAX_HEADER_BYTES, b" 200 "),
+            (connection_limits.MAX_HEADER_BYTES + 1, b" 400 "),
+        ):
+            rest = b"X-A: " + b"a" * (size - used - 7) + b"\r\n"
+            found = await raw_response(*where(text[0]), b"GET %b HTTP/1.1\r\n%b%b\r\n" % (path, lines, rest))
+            assert status in found.split(b"\r\n")[0] + b" "
 
 
 async def test_a_large_body_sent_together_with_its_head_is_read(tmp_path: Path) -> None:
@@ -244,7 +299,7 @@ async def test_a_websocket_that_is_not_read_or_does_not_end_keeps_no_connection(
     with pytest.MonkeyPatch.context() as context:
         context.setattr(connection_limits, limit, 0.2)
         listener = bind_listener("127.0.0.1", 0)
-        server = EmbeddedServer(server_config(flooding_app(), WebConfig(port=0)))
+        server = EmbeddedServer(server_config(flooding_app()))
         serving = asyncio.create_task(server.serve([listener]))
         unread = socket.socket()  # never read
         unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -304,31 +359,138 @@ async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
     assert [call[0] for call in harness.service.calls] == ["plant.stop"]
 
 
-@pytest.mark.parametrize(
-    ("mine", "others", "too_many"),
-    [
-        ("10.0.0.9", "10.0.0.9", True),
-        ("10.0.0.8", "10.0.0.9", False),
-        ("127.0.0.1", "127.0.0.1", False),
-        ("::1", "::1", False),
-        ("::ffff:127.0.0.1", "::ffff:127.0.0.1", False),
-        ("::ffff:10.0.0.9", "::ffff:10.0.0.9", True),
-        ("fe80::1%eth0", "fe80::1%eth0", True),
-        (None, None, False),
-    ],
-)
-def test_one_address_does_not_take_every_connection(mine: str | None, others: str | None, too_many: bool) -> None:
-    """This machine itself is exempt, because a reverse proxy connects from it."""
+def test_a_network_of_one_client_is_an_ipv4_address_or_an_ipv6_64_and_this_machine_is_exempt() -> None:
+    """A reverse proxy connects from this machine."""
+    found = {
+        "10.0.0.9": "10.0.0.9",
+        "::ffff:10.0.0.9": "10.0.0.9",
+        "2001:db8:0:1::9": "2001:db8:0:1::/64",
+        "2001:db8:0:1:ffff::1": "2001:db8:0:1::/64",
+        "2001:db8:0:2::9": "2001:db8:0:2::/64",
+        "fe80::1%eth0": "fe80::/64",
+        "127.0.0.1": None,
+        "::1": None,
+        "::ffff:127.0.0.1": None,
+    }
+    assert {address: client_network(address) for address in found} == found
 
-    class Other:
-        client = others and (others, 1)
 
-    protocol = connection_limits.LimitedHttpProtocol.__new__(connection_limits.LimitedHttpProtocol)
-    protocol.connections = {Other() for _ in range(connection_limits.MAX_CONNECTIONS_PER_ADDRESS + 1)}  # type: ignore[assignment]
-    protocol.client = mine and (mine, 2)  # type: ignore[assignment]
-    assert protocol._exceeds_address_limit() is too_many
-    protocol.connections.pop()
-    assert not protocol._exceeds_address_limit()
+@pytest.fixture
+def few_connections(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoundedListener]:
+    monkeypatch.setattr(listener, "MAX_CONNECTIONS", 3)
+    monkeypatch.setattr(listener, "OVERLOAD_CONNECTIONS", 1)
+    found = bind_listener("127.0.0.1", 0)
+    found.setblocking(False)
+    yield found
+    found.close()
+
+
+def connections_to(found: BoundedListener, count: int) -> list[socket.socket]:
+    return [socket.create_connection(found.getsockname()) for _ in range(count)]
+
+
+def accepted_by(found: BoundedListener) -> list[socket.socket]:
+    taken = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            taken.append(found.accept()[0])
+    return taken
+
+
+def close_all(*sockets: socket.socket) -> None:
+    for one in sockets:
+        one.close()
+
+
+def test_connections_beyond_the_limit_are_closed_as_soon_as_they_are_accepted(few_connections: BoundedListener) -> None:
+    clients = connections_to(few_connections, 7)
+    taken = accepted_by(few_connections)
+    assert len(taken) == 4
+    for refused in clients[4:]:
+        refused.settimeout(5)
+        assert refused.recv(1) == b""
+    taken.pop().close()
+    late = connections_to(few_connections, 1)
+    again = accepted_by(few_connections)
+    assert len(again) == 1
+    close_all(*clients, *late, *taken, *again)
+
+
+def test_one_client_does_not_take_every_connection(
+    few_connections: BoundedListener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listener, "MAX_CONNECTIONS_PER_ADDRESS", 2)
+    monkeypatch.setattr(listener, "client_network", lambda address: "10.0.0.9")
+    clients = connections_to(few_connections, 3)
+    taken = accepted_by(few_connections)
+    assert len(taken) == 2
+    close_all(*clients, *taken)
+
+
+@pytest.mark.parametrize(("proxies", "accepted"), [(("127.0.0.0/8",), 3), (("10.0.0.1",), 2)])
+def test_a_trusted_proxy_may_have_every_connection(
+    proxies: tuple[str, ...], accepted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The connections of all its clients have its address."""
+    monkeypatch.setattr(listener, "MAX_CONNECTIONS_PER_ADDRESS", 2)
+    monkeypatch.setattr(listener, "client_network", lambda address: "10.0.0.9")
+    bound = bind_listener("127.0.0.1", 0, proxies)
+    bound.setblocking(False)
+    assert isinstance(bound, BoundedListener)
+    clients = connections_to(bound, 3)
+    taken = accepted_by(bound)
+    assert len(taken) == accepted
+    close_all(*clients, *taken, bound)
+
+
+def test_a_reserved_descriptor_that_cannot_be_opened_again_is_not_closed_twice(
+    few_connections: BoundedListener, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fail(*_: object) -> int:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    reserve = few_connections._reserve
+    with monkeypatch.context() as full:
+        full.setattr(os, "open", fail)
+        with pytest.raises(OSError, match="Too many"):
+            few_connections._close_waiting()
+    other = os.open(tmp_path, os.O_RDONLY)
+    assert other == reserve, "the number is that of another file now"
+    with pytest.raises(BlockingIOError):
+        few_connections._close_waiting()
+    assert few_connections._reserve not in (-1, other)
+    assert os.path.samestat(os.fstat(other), tmp_path.stat())
+    os.close(other)
+
+
+def test_without_free_descriptors_waiting_connections_are_closed(few_connections: BoundedListener) -> None:
+    clients = connections_to(few_connections, 2)
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    highest = max(int(entry.name) for entry in Path("/proc/self/fd").iterdir()) + 1
+    fillers: list[int] = []
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (highest, before[1]))
+        with contextlib.suppress(OSError):
+            while True:
+                fillers.append(os.open(os.devnull, os.O_RDONLY))
+        assert accepted_by(few_connections) == []
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+        for one in fillers:
+            os.close(one)
+    for refused in clients:
+        refused.settimeout(5)
+        assert refused.recv(1) == b""
+    close_all(*clients)
+
+
+async def test_a_tls_handshake_that_does_not_end_is_cut(
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(web_server, "TLS_HANDSHAKE_TIMEOUT_S", 0.2)
+    web, _ = certificate
+    async with serving(WebAppHarness(tmp_path / "state", web=web), web) as text:
+        assert await raw_response(*where(text[0]), b"\x16\x03\x01") == b""
 
 
 async def test_a_used_port_and_an_invalid_certificate_are_named_in_the_error(tmp_path: Path) -> None:

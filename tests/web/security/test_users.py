@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,13 @@ from httpx import AsyncClient
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
+from drivebus.service.api.operations import Audit, Operation
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
+from drivebus.web.operations import WEB_OPERATIONS
 from drivebus.web.routes.session import with_session_cookie
+from drivebus.web.service_health import HEALTH_INTERVAL_S
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 DAY_MS = 86_400_000
@@ -33,9 +37,68 @@ async def done(client: AsyncClient, method: str, path: str, body: Any = None) ->
     return found
 
 
+RECORDED_CHANGES: dict[str, Json] = {
+    "password": {"old": PASSWORD, "new": NEW},
+    "user.add": {"name": "eve", "role": "viewer", "password": NEW},
+    "user.change": {"user": "viewer", "role": "engineer"},
+    "user.remove": {"user": "viewer"},
+    "token.add": {"name": "report", "rights": ["view"]},
+    "token.remove": {},
+}
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [one for one in WEB_OPERATIONS.values() if one.audit is Audit.REQUIRED],
+    ids=lambda operation: operation.name,
+)
+def test_a_change_that_requires_an_audit_record_is_recorded_or_not_made(operation: Operation, tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        admin = await harness.log_in("administrator")
+        token = (await done(admin, "POST", "/tokens", {"name": "t", "rights": ["view"]}))["token"]["id"]
+        params = {"token": token} if operation.name == "token.remove" else RECORDED_CHANGES[operation.name]
+        path = operation.path.format(**params)
+        body = {name: value for name, value in params.items() if name not in operation.path_params}
+        before, harness.service.audit_fails = harness.auth.database, True
+        answer = await admin.request(operation.method, f"/api/v1{path}", json=body)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (503, "auth.no_record")
+        assert harness.auth.database == before
+        harness.service.audit_fails = False
+        await done(admin, operation.method, path, body)
+        outcomes = [one["outcome"] for one, _ in harness.service.records if one["what"] == operation.name]
+        assert outcomes[-2:] == ["requested", "done"] and harness.auth.database != before
+
+    run(scenario())
+
+
 def test_the_health_check_needs_no_credential(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
     assert run(done(harness.client(), "GET", "/health")) == {"ok": True}
+
+
+def test_the_health_check_fails_while_the_service_does_not_answer_and_asks_it_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    harness = WebAppHarness(tmp_path)
+    asked: list[str] = []
+
+    async def hang(operation: str, params: object, actor: object) -> bytes:
+        asked.append(operation)
+        await asyncio.Event().wait()
+        return b""
+
+    async def scenario() -> None:
+        monkeypatch.setattr(harness.service, "call_json", hang)
+        answers = await asyncio.gather(*(harness.client().get("/api/v1/health") for _ in range(20)))
+        assert {(answer.status_code, answer.text) for answer in answers} == {(503, '{"ok":false}')}
+        assert asked == ["plant.get"]
+        await asyncio.sleep(HEALTH_INTERVAL_S)
+        assert (await harness.client().get("/api/v1/health")).status_code == 503
+        assert len(asked) == 2
+
+    run(scenario())
 
 
 def test_every_login_and_logout_is_in_the_audit_trail(tmp_path: Path) -> None:
@@ -126,12 +189,12 @@ def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
 @pytest.mark.parametrize("by_token", [False, True])
 def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, tmp_path: Path) -> None:
-    """Neither another spelling of the name nor an own token allows it; the own password may be changed."""
+    """Neither another spelling of the name nor an own token allows it; the own password needs the present one."""
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:
         admin, path = await harness.log_in("administrator"), f"/api/v1/users/{name}"
-        second = {"name": "second", "role": "administrator", "password": PASSWORD}
+        second = {"name": "second", "role": "administrator", "password": PASSWORD, "own_password": PASSWORD}
         await done(admin, "POST", "/users", second)
         if by_token:
             admin = harness.client(authorization=f"Bearer {await harness.token('administrator', 'administer')}")
@@ -139,8 +202,43 @@ def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, 
             answer = await admin.request(method, path, json=body)
             assert (answer.status_code, answer.json()["error"]["code"]) == (409, "auth.oneself")
         assert harness.auth.database.user("administrator").role == "administrator"
-        await done(admin, "PATCH", f"/users/{name}", {"password": NEW})
-        assert harness.auth.sessions.of_user("administrator") == [], "one's own too"
+        answer = await admin.patch(path, json={"password": NEW})
+        assert (answer.status_code, answer.json()["error"]["code"]) == (409, "auth.own_password")
+
+    run(scenario())
+
+
+ADMINISTRATOR_CHANGES: list[tuple[str, str, Json]] = [
+    ("POST", "/users", {"name": "eve", "role": "administrator", "password": NEW}),
+    ("PATCH", "/users/operator", {"role": "administrator"}),
+    ("PATCH", "/users/second", {"password": NEW}),
+    ("PATCH", "/users/second", {"disabled": False}),
+]
+
+
+@pytest.mark.parametrize(("method", "path", "body"), ADMINISTRATOR_CHANGES)
+def test_a_new_administrator_needs_the_password_of_the_one_who_makes_it(
+    method: str, path: str, body: Json, tmp_path: Path
+) -> None:
+    """A page that was left open is not enough, and a token has no password."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        admin = await harness.log_in("administrator")
+        second = {"name": "second", "role": "administrator", "password": PASSWORD, "own_password": PASSWORD}
+        await done(admin, "POST", "/users", second)
+        by_token = harness.client(authorization=f"Bearer {await harness.token('administrator', 'administer')}")
+        before = harness.auth.database
+        for client, own, code in (
+            (admin, {}, (422, "auth.own_password_needed")),
+            (admin, {"own_password": "wrong password"}, (403, "auth.wrong_password")),
+            (by_token, {"own_password": PASSWORD}, (403, "auth.only_session")),
+        ):
+            answer = await client.request(method, f"/api/v1{path}", json=body | own)
+            assert (answer.status_code, answer.json()["error"]["code"]) == code
+        assert harness.auth.database == before
+        await done(admin, method, path, body | {"own_password": PASSWORD})
+        assert PASSWORD not in repr(harness.service.records)
 
     run(scenario())
 

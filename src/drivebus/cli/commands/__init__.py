@@ -1,1 +1,1 @@
-"""One module per command, each with ``command``; a module imports what it needs when it runs."""
+"""Commands, a module each with its ``command``; a module imports what it needs when it runs."""

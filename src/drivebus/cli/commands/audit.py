@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 MAX_TIME_MS = 253_402_300_799_999
 
 
-def _verify(plant: str | None, checkpoints: str | None, key: str | None) -> ExitCode:
+def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: str | None, at_least: int) -> ExitCode:
     from drivebus.service.audit.verify import verify
 
-    places = _places(plant, checkpoints, key)
+    places = _places(plant, checkpoints, key, head)
     with _readable_trail(places.folder):
-        report = verify(places)
+        report = verify(places, at_least)
     output.print_json(report.as_json())
     for problem in report.as_json()["problems"]:
         output.print_message("audit.command.problem", text=problem["text"][output.language()])
@@ -36,13 +36,15 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None) -> Exit
     )
     if not report.keyed:
         output.print_note("audit.command.no_key", key=places.key)
+    if report.head is None:
+        output.print_note("audit.command.no_head", head=places.head)
     return ExitCode.DONE if report.ok else ExitCode.FAILED
 
 
 def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
     from drivebus.service.audit.query import query_records
 
-    places = _places(plant, None, None)
+    places = _places(plant)
     with _readable_trail(places.folder):
         found = query_records(places, 0, MAX_TIME_MS, drive, None, limit)
     output.print_json(found)
@@ -65,13 +67,18 @@ def escape_control_characters(text: str) -> str:
     )
 
 
-def _places(plant: str | None, checkpoints: str | None, key: str | None) -> AuditPaths:
+def _places(
+    plant: str | None, checkpoints: str | None = None, key: str | None = None, head: str | None = None
+) -> AuditPaths:
     """Return the paths of a plant file, a state directory, or this user's only plant. Raises ConfigurationError."""
     from drivebus.service.audit.chain import AuditPaths
 
     folder, config = _state_directory(plant)
     places = AuditPaths.of(
-        folder, Path(checkpoints) if checkpoints else config.checkpoints, Path(key) if key else config.key
+        folder,
+        Path(checkpoints) if checkpoints else config.checkpoints,
+        Path(key) if key else config.key,
+        Path(head) if head else config.head,
     )
     if not places.folder.is_dir():
         raise ConfigurationError("audit.command.none", folder=str(folder))
@@ -120,9 +127,19 @@ verify = CliCommand(
         _argument(),
         Option(["--checkpoints"], metavar="FILE", example="--checkpoints /mnt/worm/checkpoints.jsonl"),
         Option(["--key"], metavar="FILE", key="help.option.audit_key", example="--key /root/hall.audit.key"),
+        Option(["--head"], metavar="FILE", key="help.option.audit_head", example="--head /root/hall.audit.head"),
+        Option(
+            ["--at-least"],
+            type=options.NumberType(0, 10**12),
+            default=0,
+            metavar="N",
+            key="help.option.audit_at_least",
+            example="--at-least 4711",
+        ),
     ],
     examples=(
         "drivebus audit verify plant.toml",
+        "drivebus audit verify plant.toml --at-least 4711",
         "drivebus audit verify /var/lib/drivebus/plants/hall --key /root/hall.audit.key --json",
     ),
 )

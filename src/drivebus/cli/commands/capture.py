@@ -90,18 +90,19 @@ export = CliCommand(
     params=[
         Argument(["file"], metavar="FILE", type=click.Path(), key="help.argument.capture"),
         Option(
-            ["--pcapng"],
+            ["-o", "--output", "pcapng"],
             required=True,
             type=options.ParsedType("pcapng", _pcapng, "cli.expect.pcapng"),
             metavar="OUT",
-            example="--pcapng trip.pcapng",
+            example="-o trip.pcapng",
+            key="help.option.pcapng",
         ),
         Option(["--force"], is_flag=True),
         Option(["--all-modbus"], is_flag=True),
     ],
     examples=(
-        "drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng",
-        "drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng --force --json",
+        "drivebus capture export trip-of-pump-3.dbcap -o trip.pcapng",
+        "drivebus capture export trip-of-pump-3.dbcap -o trip.pcapng --force --json",
     ),
 )
 
@@ -110,5 +111,5 @@ command = LazyGroup(
     help_key="capture",
     sections={"cli.section.capture": {"export": "drivebus.cli.commands.capture:export"}},
     no_args_is_help=True,
-    examples=("drivebus capture export trip-of-pump-3.dbcap --pcapng trip.pcapng",),
+    examples=("drivebus capture export trip-of-pump-3.dbcap -o trip.pcapng",),
 )

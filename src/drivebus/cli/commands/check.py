@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,6 +11,7 @@ import click
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode
+from drivebus.clock import wall_clock
 
 if TYPE_CHECKING:
     from drivebus.service.config.bus_load import (
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
         LoadRequirement,
         RequirementViolation,
     )
+    from drivebus.service.config.certificates import CertificateState
     from drivebus.service.config.model import PlantConfig
 
 
@@ -29,14 +33,20 @@ def _parse_requirement(text: str) -> LoadRequirement:
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """Return 1 if a requirement is missed. Raises ConfigurationError for an invalid file."""
     from drivebus.service.config.bus_load import bus_loads, violations
+    from drivebus.service.config.certificates import certificate_states
     from drivebus.service.config.load import load
 
     config = load(plant)
     buses = bus_loads(config)
     missed = {requirement: list(violations(requirement, buses)) for requirement in requirements}
-    code = ExitCode.FAILED if any(missed.values()) else ExitCode.DONE
-    output.print_json(_document(config, buses, missed, code))
+    lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
+    code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
+    states = tuple(certificate_states(config))
+    output.print_json(_document(config, buses, missed, code) | {"certificates": _certificate_documents(states)})
     _print_loads(config, buses)
+    _print_certificates(states)
+    if lacks_asyncpg:
+        output.print_note("history.no_asyncpg")
     for requirement, found in missed.items():
         if not found:
             output.print_message("plant_check.met", requirement=requirement.text)
@@ -79,6 +89,38 @@ def _print_loads(config: PlantConfig, buses: tuple[BusLoadEstimate, ...]) -> Non
                 output.print_message(
                     "plant_check.paced", drive=drive.drive, pace=format_seconds(drive.min_poll_interval_s)
                 )
+
+
+def _print_certificates(states: Sequence[CertificateState]) -> None:
+    """Print the end of each certificate, and what is to be mended. It is no error: drives run without the page."""
+    now = wall_clock()
+    for state in states:
+        params = {
+            "file": state.certificate,
+            "gateway": state.gateway,
+            "until": f"{state.valid_until:%Y-%m-%d %H:%M} UTC",
+        }
+        if state.is_expired(now):
+            output.print_note("plant_check.certificate_ended", **params)
+        elif state.ends_soon(now):
+            output.print_note("plant_check.certificate_ends", **params)
+        else:
+            output.print_message("plant_check.certificate", **params)
+        if state.is_key_exposed:
+            output.print_note("plant_check.key_mode", file=state.key, mode=f"{state.key_mode:o}")
+
+
+def _certificate_documents(states: Sequence[CertificateState]) -> list[dict[str, Any]]:
+    return [
+        {
+            "gateway": state.gateway,
+            "certificate": str(state.certificate),
+            "valid_until": state.valid_until.isoformat(),
+            "key": str(state.key),
+            "key_mode": f"{state.key_mode:o}",
+        }
+        for state in states
+    ]
 
 
 def _table(bus: BusLoadEstimate) -> str:

@@ -26,6 +26,8 @@ def _init(
     answers: str | None,
     models: tuple[str, ...],
     addresses: tuple[int, ...] | None,
+    bauds: tuple[int, ...] | None,
+    formats: tuple[str, ...] | None,
     listen_seconds: float,
     file: str,
     force: bool,
@@ -36,7 +38,10 @@ def _init(
 
     _require_new_file(file, force)
     if scan:
-        found = asyncio.run(_scan_ports(ports, models, addresses, listen_seconds))
+        requests = [
+            ScanRequest(port=port, models=models, addresses=addresses, bauds=bauds, formats=formats) for port in ports
+        ]
+        found = asyncio.run(_scan_ports(requests, listen_seconds))
         if isinstance(found, ExitCode):
             return found
     else:
@@ -77,27 +82,24 @@ def _write(file: str, text: str, force: bool) -> None:
 # --- a scan -------------------------------------------------------------------------------------------------------
 
 
-async def _scan_ports(
-    ports: tuple[str, ...], models: tuple[str, ...], addresses: tuple[int, ...] | None, listen_s: float
-) -> PlantAnswers | ExitCode:
+async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> PlantAnswers | ExitCode:
     """Scan each port. Raises ConfigurationError without a port."""
     from drivebus.cli.signals import shutdown_signals
     from drivebus.errors import ConfigurationError
     from drivebus.service.config.wizard import PlantAnswers
 
-    if not ports:
+    if not requests:
         raise ConfigurationError("plant_init.no_link")
     buses: list[BusAnswer] = []
     with shutdown_signals() as shutdown:
-        for port in ports:
-            request = ScanRequest(port=port, models=models, addresses=addresses)
+        for request in requests:
             found = await shutdown.interruptible(search(request, listen_s))
             if shutdown.received:
                 return ExitCode.INTERRUPTED
             if not found:
-                output.print_note("plant_init.no_drive", link=port)
+                output.print_note("plant_init.no_drive", link=request.port)
                 return ExitCode.FAILED
-            buses.append(_bus_answer(port, found))
+            buses.append(_bus_answer(request.port, found))
     return PlantAnswers(output.text("plant_init.default_title"), tuple(buses))
 
 

@@ -156,7 +156,7 @@ def _print_plan(chosen: MonitorOptions) -> ExitCode:
         names = tuple(name for name in COLUMN_SIGNALS if name in dry.dialect.profile.signals)
         dry.add("signals", [request for request, _ in dry.dialect.polls(names)])
         frames += dry.frames
-    return print_plan(frames, dry.serial_settings, ["dry.note.rounds"])
+    return print_plan(frames, dry.serial_settings, [("dry.note.rounds", {})])
 
 
 command = RemoteCommand(

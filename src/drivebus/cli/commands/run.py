@@ -15,8 +15,11 @@ from drivebus.cli.drive_command import drive_command, nothing_moved, print_outco
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivebus.bus import Bus
     from drivebus.cli.dry_run import DryRun
+    from drivebus.cli.run_watch import Remark, RunWatch
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
     from drivebus.drives.dialects.base import Dialect
@@ -62,7 +65,12 @@ async def _attached(
     if detach and started is ExitCode.DONE and not shutdown.received:
         output.print_message("run.detached")
         return None
-    return await _watch(bus, drive, shutdown) if started is ExitCode.DONE else started
+    if started is not ExitCode.DONE:
+        return started
+    from drivebus.cli.run_watch import RunWatch
+    from drivebus.drives.state import Direction
+
+    return await _watch(bus, drive, shutdown, RunWatch(frequency_hz, direction or Direction.FORWARD))
 
 
 def _direction(reverse: bool) -> Direction | None:
@@ -84,22 +92,41 @@ async def _start(
     from drivebus.cli.errors import report_error
     from drivebus.errors import DrivebusError
 
+    waiting: dict[str, Any] = {"wait": True, "on_progress": _progress_printer(bus, drive)} if wait else {}
     try:
-        outcome = await shutdown.interruptible(drive.run(frequency_hz, direction, wait=wait))
+        outcome = await shutdown.interruptible(drive.run(frequency_hz, direction, **waiting))
     except DrivebusError as error:
         if nothing_moved(error):
             raise
+        if wait:
+            _end_line()
         return report_error(error)
     if outcome is None:
         return ExitCode.INTERRUPTED
+    if wait:
+        _end_line()
     code = print_outcome(outcome, bus.now(), event="started", stream=True)
     if code is ExitCode.DONE and not detach:
         output.print_message("run.attached")
     return code
 
 
-async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal) -> ExitCode:
+def _progress_printer(bus: Bus, drive: Drive) -> Callable[[DriveStatus], None]:
+    """Return a function that prints a status, at most every ``STATUS_PERIOD_S``."""
+    printed_at = -STATUS_PERIOD_S
+
+    def print_progress(status: DriveStatus) -> None:
+        nonlocal printed_at
+        if bus.now() - printed_at >= STATUS_PERIOD_S:
+            printed_at = bus.now()
+            _print_status(bus, status, drive.profile)
+
+    return print_progress
+
+
+async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWatch) -> ExitCode:
     """Show the drive until a shutdown, a fault, or an output that another source switched off."""
+    from drivebus.cli.formatting import fault_text
     from drivebus.errors import BusError, ServiceUnavailable
 
     off = 0
@@ -113,10 +140,15 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal) -> ExitCode:
         if status is None:
             break
         _print_status(bus, status, drive.profile)
+        for remark in watch.update(status, bus.now()):
+            _print_remark(remark)
         off = off + 1 if status.state.output_off else 0
         if status.fault is not None or off >= OUTPUT_OFF_COUNT:
-            click.echo()
-            output.print_message("run.fault" if status.fault is not None else "run.off_by_itself")
+            _end_line()
+            if status.fault is None:
+                output.print_message("run.off_by_itself")
+            else:
+                output.print_message("run.fault", fault=fault_text(status.fault))
             return ExitCode.FAILED
         await shutdown.wait(STATUS_PERIOD_S)
     return ExitCode.INTERRUPTED
@@ -127,6 +159,20 @@ def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
 
     output.print_json({"event": "status"} | status_json(status, bus.now()), stream=True)
     _redraw(status_line(status, profile))
+
+
+def _print_remark(remark: Remark) -> None:
+    """Print a remark on a line of its own."""
+    text = output.text(remark.key, **remark.params)
+    output.print_json({"event": "remark", "key": remark.key, "text": text}, stream=True)
+    _end_line()
+    output.print_text(output.wrap_for(text, sys.stdout))
+
+
+def _end_line() -> None:
+    """End the line that ``_redraw`` draws again and again on a terminal."""
+    if sys.stdout.isatty() and not output.as_json():
+        click.echo()
 
 
 def _redraw(text: str) -> None:
@@ -147,8 +193,7 @@ async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
     stopping = asyncio.ensure_future(drive.stop(wait=True))
     await asyncio.sleep(0)
     try:
-        if sys.stdout.isatty() and not output.as_json():
-            click.echo()
+        _end_line()
         output.print_message("run.stopping")
     except OSError:
         discard_output()
@@ -169,6 +214,7 @@ async def _print_comm_loss(drive: Drive) -> None:
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     dialect = dry.dialect
+    dry.assume_setpoint_step()
     wanted = [dialect.profile.parameters.get(one.notation) for one in dialect.profile.preconditions]
     dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
     dry.add("state", dialect.state_reads())

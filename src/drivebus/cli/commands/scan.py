@@ -13,8 +13,8 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.scanning import (
     ScanProgressBar,
     ScanRequest,
+    duration_params,
     listen_option,
-    parse_words,
     print_scan,
     print_scan_plan,
     search_options,
@@ -23,21 +23,6 @@ from drivebus.cli.scanning import (
 if TYPE_CHECKING:
     from drivebus.ports import Port
     from drivebus.serial_settings import SerialSettings
-
-
-def parse_bauds(text: str) -> tuple[int, ...]:
-    """Parse ``9600,19200``. Raises ValueError."""
-    found = tuple(int(part) for part in parse_words(text))
-    if any(not 50 <= baud <= 4_000_000 for baud in found):
-        raise ValueError(text)
-    return found
-
-
-def parse_formats(text: str) -> tuple[str, ...]:
-    """Parse ``8N1,8E1``. Raises ValueError."""
-    from drivebus.serial_settings import SerialSettings
-
-    return tuple(SerialSettings.parse(9600, part).format for part in parse_words(text))
 
 
 def _scan(
@@ -73,7 +58,7 @@ async def _run(
         return wrap(request.open_port(settings))
 
     passes = request.plan()
-    progress = scan.ScanProgress(sum(one.duration_s for one in passes))
+    progress = scan.ScanProgress(total_s=sum(one.duration_s for one in passes))
     sniffed = None
     with shutdown_signals() as shutdown:
         if listen_s > 0 and passes:
@@ -84,7 +69,7 @@ async def _run(
             if not force:
                 output.print_note("scan.foreign_end")
                 return print_scan(request.port, progress, sniffed, ExitCode.FAILED)
-        output.print_note("scan.comm_loss", time=output.format_duration(progress.total_s))
+        output.print_note("scan.comm_loss", **duration_params(passes))
         try:
             with ScanProgressBar() as bar:
                 search = scan.scan(passes, open_port, progress, bar.on_progress, keep_going=everything)
@@ -94,7 +79,8 @@ async def _run(
             raise
     if shutdown.received:
         output.print_note("scan.aborted")
-    code = ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE if progress.found else ExitCode.FAILED
+    answered = any(drive.valid_reply for drive in progress.found)
+    code = ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE if answered else ExitCode.FAILED
     return print_scan(request.port, progress, sniffed, code)
 
 
@@ -104,18 +90,6 @@ command = CliCommand(
     params=[
         options.port_argument(),
         *search_options(),
-        Option(
-            ["--bauds"],
-            type=options.ParsedType("bauds", parse_bauds, "cli.expect.bauds"),
-            metavar="B,...",
-            example="--bauds 9600,19200",
-        ),
-        Option(
-            ["--formats"],
-            type=options.ParsedType("formats", parse_formats, "cli.expect.formats"),
-            metavar="F,...",
-            example="--formats 8N1,8E1",
-        ),
         options.encoding_option(),
         listen_option(),
         Option(["--force"], is_flag=True, key="help.option.scan_force"),

@@ -14,9 +14,10 @@ from drivebus.errors import ConfigurationError
 if TYPE_CHECKING:
     from drivebus.service.config.model import PlantConfig
     from drivebus.service.process.gateway_arguments import AddressOutput
+    from drivebus.service.process.logging_setup import LogFormat
 
 
-def _serve(plant: str, without: tuple[str, ...], log: str) -> ExitCode:
+def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     from drivebus.service.config.gateways import installed_gateways
     from drivebus.service.config.load import load
     from drivebus.service.process.logging_setup import configure_logging
@@ -29,10 +30,10 @@ def _serve(plant: str, without: tuple[str, ...], log: str) -> ExitCode:
         if gateway.extra is not None and gateway.enabled and gateway.id not in without:
             require_extra(gateway.extra)
     configure_logging(log)
-    return asyncio.run(_run(config, without))
+    return asyncio.run(_run(config, without, log))
 
 
-async def _run(config: PlantConfig, without: tuple[str, ...]) -> ExitCode:
+async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     from drivebus.service.process.logging_setup import LOG
     from drivebus.service.process.main import run_service
 
@@ -41,7 +42,7 @@ async def _run(config: PlantConfig, without: tuple[str, ...]) -> ExitCode:
         output.print_message("serve.ready", plant=config.id, directory=config.directory)
 
     address_output: AddressOutput = "json" if output.as_json() else "plain"
-    outcomes = await run_service(config, without=without, address_output=address_output, on_ready=ready)
+    outcomes = await run_service(config, without=without, address_output=address_output, log_format=log, on_ready=ready)
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})

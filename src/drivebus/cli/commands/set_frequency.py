@@ -24,6 +24,7 @@ def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
     from drivebus.drives.readings import ReadingPairs
     from drivebus.errors import StartInhibited
 
+    dry.assume_setpoint_step()
     word, as_if = dry.dialect.setpoint_word(frequency_hz), False
     try:
         frames = dry.dialect.set_frequency(word, ReadingPairs())
@@ -40,7 +41,7 @@ def _running() -> ReadingPairs:
 
     book = ReadingPairs()
     for _ in range(2):
-        book.add({"command": Reading(1, raw=1)})
+        book.add({"command": Reading(value=1, raw=1)})
     return book
 
 

@@ -11,18 +11,34 @@ from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
+    from drivebus.drives import Drive
+    from drivebus.drives.dialects.base import Identity
 
 
 async def _status(target: Target) -> ExitCode:
-    from drivebus.cli.formatting import status_json, status_text
+    from drivebus.cli.formatting import identity_json, status_json, status_text
 
     async with connect.open_drive(target) as (bus, drive):
         status = await drive.status()
         now = bus.now()
+        identity = None if target.service is not None else await _identity(drive)
     where = {"port": target.port, "model": target.model, "address": target.address}
-    output.print_json(where | status_json(status, now))
-    output.print_text(status_text(status, now, drive.profile))
+    output.print_json(where | status_json(status, now) | {"identity": identity and identity_json(identity)})
+    output.print_text(status_text(status, now, drive.profile, identity))
     return ExitCode.DONE
+
+
+async def _identity(drive: Drive) -> Identity | None:
+    """Return what the drive reports about itself, None where its model has no such report or it does not answer."""
+    from drivebus.errors import DrivebusError
+
+    if not drive.dialect.identity_reads():
+        return None
+    try:
+        identity = await drive.identify()
+    except DrivebusError:
+        return None
+    return identity if identity.reported else None
 
 
 def _plan(dry: DryRun) -> ExitCode:
@@ -30,6 +46,7 @@ def _plan(dry: DryRun) -> ExitCode:
     dry.add("state", reads)
     names = tuple(dry.dialect.profile.signals)
     dry.add("signals", [request for request, _ in dry.dialect.polls(names) if request not in reads])
+    dry.add("identity", dry.dialect.identity_reads())
     return dry.print("dry.note.sync")
 
 

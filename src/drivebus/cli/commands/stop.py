@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.stop_result import drives_by_status, exit_code, print_service_result, result_text
 from drivebus.errors import ConfigurationError, OutcomeUnknown, ServiceUnavailable, StopUnconfirmed
 from drivebus.types import Json
 
@@ -28,11 +29,13 @@ STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result
 _BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
 
 
-def _stop(everything: bool, directory: str | None, target: str | None = None, **given: Any) -> ExitCode:
+def _stop(everything: bool, quick: bool, directory: str | None, target: str | None = None, **given: Any) -> ExitCode:
     if not everything:
         if directory is not None:
             raise ConfigurationError("stop_all.needs_all")
-        return _stop_one(target, given)
+        return _stop_one(target, given, quick)
+    if quick:
+        raise ConfigurationError("stop_all.not_quick")
     service = given.pop("service")
     if service is not None:
         reject_local_options(given | {"directory": directory}, (*_BUS_OPTIONS, "drive", "directory"))
@@ -46,7 +49,7 @@ def _stop(everything: bool, directory: str | None, target: str | None = None, **
 # --- one drive ----------------------------------------------------------------------------------------------------
 
 
-def _stop_one(port: str | None, given: dict[str, Any]) -> ExitCode:
+def _stop_one(port: str | None, given: dict[str, Any], quick: bool) -> ExitCode:
     addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
     remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
     if remote is None:
@@ -57,8 +60,8 @@ def _stop_one(port: str | None, given: dict[str, Any]) -> ExitCode:
             raise _bad_value("addresses", ",".join(map(str, addresses)), "cli.expect.one_address")
     target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
     if dry_run:
-        return _print_plan(target, (target.address,), broadcast=False)
-    return asyncio.run(run_command(target, lambda drive: drive.stop(wait=True)))
+        return _print_plan(target, (target.address,), broadcast=False, quick=quick)
+    return asyncio.run(run_command(target, lambda drive: drive.quick_stop() if quick else drive.stop(wait=True)))
 
 
 def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,12 +126,24 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
     bus.inhibit_start(None)
     first = drives[0]
     for request in first.dialect.broadcast_stop() if "broadcast_stop" in first.profile.capabilities else ():
-        await bus.transact(BusRequest(first.address, request, RequestPriority.STOP, RetryPolicy.BROADCAST))
+        await bus.transact(
+            BusRequest(
+                station=first.address,
+                request=request,
+                priority=RequestPriority.STOP,
+                retry_policy=RetryPolicy.BROADCAST,
+            )
+        )
     present, started_at = [], bus.now()
     with output.ProgressBar() as bar:
         for number, drive in enumerate(drives):
             request = drive.dialect.stop(StopMode.STOP)[0]
-            stop = BusRequest(drive.address, request, RequestPriority.STOP, RetryPolicy.IDEMPOTENT)
+            stop = BusRequest(
+                station=drive.address,
+                request=request,
+                priority=RequestPriority.STOP,
+                retry_policy=RetryPolicy.IDEMPOTENT,
+            )
             if (await bus.transact(stop)).received:
                 present.append(drive)
             spent_s = bus.now() - started_at
@@ -139,15 +154,13 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
 def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> ExitCode:
     from drivebus.cli.formatting import exchange_json, outcome_json
 
-    found: dict[str, list[int]] = {"confirmed": [], "acknowledged": [], "unknown": []}
-    for address, outcome in report.outcomes:
-        found[str(outcome.status) if outcome.succeeded else "unknown"].append(address)
-    text = _result_text({status: [str(address) for address in found[status]] for status in found}, len(absent))
+    drives = drives_by_status({str(address): {"status": outcome.status} for address, outcome in report.outcomes})
+    text = result_text(drives, [output.text("bus_stop.absent", count=len(absent))] if absent else [])
     output.print_json(
         {
-            "confirmed": found["confirmed"],
-            "acknowledged": found["acknowledged"],
-            "unconfirmed": found["unknown"],
+            "confirmed": [address for address, _ in report.outcomes if str(address) in drives["confirmed"]],
+            "acknowledged": list(report.acknowledged),
+            "unconfirmed": list(report.unconfirmed),
             "absent": list(absent),
             "text": text,
             "seconds": round(report.ended_at - report.started_at, 3),
@@ -156,16 +169,10 @@ def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> Ex
         }
     )
     output.print_text(output.wrap_for(text, sys.stdout))
-    return ExitCode.UNKNOWN if found["unknown"] or not report.outcomes else ExitCode.DONE
+    return exit_code(drives)
 
 
-def _result_text(drives: Mapping[str, Sequence[str]], absent: int = 0) -> str:
-    """Format the drives by the status of their stop, and the number of addresses without a reply."""
-    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
-    return output.join_sentences([*parts, *([output.text("bus_stop.absent", count=absent)] if absent else [])])
-
-
-def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool) -> ExitCode:
+def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool, quick: bool = False) -> ExitCode:
     from drivebus.cli.dry_run import DryRun, PlannedFrame, print_plan
     from drivebus.drives.dialects.base import StopMode
 
@@ -174,9 +181,10 @@ def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool) 
         dry = DryRun(replace(target, address=address))
         if broadcast and number == 0:
             dry.add("broadcast_stop", dry.dialect.broadcast_stop())
-        dry.add("stop", dry.dialect.stop(StopMode.STOP))
+        mode = StopMode.QUICK_STOP if quick else StopMode.STOP
+        dry.add(mode.value, dry.dialect.stop(mode))
         frames += dry.frames
-    return print_plan(frames, target.open_port().settings, ["dry.note.confirm"])
+    return print_plan(frames, target.open_port().settings, [("dry.note.confirm", {})])
 
 
 # --- all drives of a service --------------------------------------------------------------------------------------
@@ -185,48 +193,18 @@ def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool) 
 def _stop_service(service: str) -> ExitCode:
     """Stop every drive of the service at an address or socket."""
     from drivebus.cli.remote.client import call_once
+    from drivebus.service.api.operations.plant import PLANT_STOP
 
     try:
-        result = call_once(service, "plant.stop", {})
+        result = call_once(service, PLANT_STOP.name, {})
     except ServiceUnavailable as error:
         raise OutcomeUnknown("service.not_stopped", drive=service, why=error) from error
-    drives = drives_by_status(result["outcomes"])
-    durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
-    text = _result_text(drives)
-    output.print_json(
-        {
-            "confirmed": drives["confirmed"],
-            "acknowledged": drives["acknowledged"],
-            "unconfirmed": drives["unknown"],
-            "text": text,
-            "seconds": max(durations_s, default=None),
-            "buses": result["buses"],
-            "drives": result["outcomes"],
-        }
-    )
-    output.print_text(output.wrap_for(text, sys.stdout))
-    return ExitCode.UNKNOWN if drives["unknown"] or not result["outcomes"] else ExitCode.DONE
-
-
-def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
-    """Return drive names by the status of their stop; an error in place of an outcome is an unknown one."""
-    drives: dict[str, list[str]] = {"confirmed": [], "acknowledged": [], "unknown": []}
-    for name, outcome in outcomes.items():
-        status = outcome.get("status")
-        drives[status if status in drives else "unknown"].append(name)
-    return drives
+    return print_service_result(result)
 
 
 def _stop_local_service(plant: str | None, directory: str | None) -> ExitCode:
     """Stop every drive of a service on this machine, through the socket that accepts nothing else."""
-    result = asyncio.run(_request_stop(_state_folder(plant, directory)))
-    unconfirmed = [drive for bus in result["buses"].values() for drive in bus["unconfirmed"]]
-    output.print_json(result)
-    if unconfirmed:
-        output.print_message("stop_all.unconfirmed", drives=", ".join(unconfirmed))
-        return ExitCode.UNKNOWN
-    output.print_message("stop_all.confirmed", count=len(result["outcomes"]))
-    return ExitCode.DONE
+    return print_service_result(asyncio.run(_request_stop(_state_folder(plant, directory))))
 
 
 def _state_folder(plant: str | None, directory: str | None) -> Path:
@@ -282,6 +260,7 @@ command = RemoteCommand(
             example="--address 1-8",
         ),
         Option(["--all", "everything"], is_flag=True, key="help.option.stop_all"),
+        Option(["--quick"], is_flag=True, key="help.option.stop_quick"),
         Option(["--directory"], metavar="DIR", example="--directory /var/lib/drivebus/plants/hall"),
         *options.serial_options(),
         options.encoding_option(),
@@ -294,6 +273,7 @@ command = RemoteCommand(
     examples=(
         "drivebus stop /dev/ttyUSB0 --model c320 --address 1",
         "drivebus stop sim://vc660@3 --model vc660 --address 3 --json",
+        "drivebus stop /dev/ttyUSB0 --model vc660 --address 3 --quick",
         "drivebus stop --service http://127.0.0.1:8080 --drive fan-1",
         "drivebus stop --all /dev/ttyUSB0 --model c320 --address 1-8",
         "drivebus stop --all /dev/ttyUSB0 --model dzb100 --dry-run",

@@ -7,6 +7,7 @@ import secrets
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,7 +17,7 @@ from drivebus.cli.click_ext import Argument, Choice, CliCommand, LazyGroup, Opti
 from drivebus.cli.extras import require_extra
 
 if TYPE_CHECKING:
-    from drivebus.service.auth.users import User, UserDatabase
+    from drivebus.service.auth.users import Token, User, UserDatabase
 
 ROLES = ["viewer", "operator", "engineer", "administrator"]
 RIGHTS = ["view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit", "administer"]
@@ -25,8 +26,9 @@ _DAY_MS = 86_400_000
 
 def _add(plant: str, name: str, role: str) -> None:
     from drivebus.clock import wall_ms
+    from drivebus.service.auth.names import normalized_name
     from drivebus.service.auth.rights import Role
-    from drivebus.service.auth.users import User, normalized_name
+    from drivebus.service.auth.users import User
 
     user_name = normalized_name(name)
     user = User(user_name, Role(role), _hash(user_name), wall_ms())
@@ -78,25 +80,51 @@ def _remove(plant: str, name: str) -> None:
 
 def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
     from drivebus.clock import wall_ms
+    from drivebus.service.auth.names import normalized_name
     from drivebus.service.auth.rights import Right
     from drivebus.service.auth.sessions import secret_digest
-    from drivebus.service.auth.users import Token, normalized_name
+    from drivebus.service.auth.users import Token
 
     secret, now_ms, rights = "dbt_" + secrets.token_urlsafe(32), wall_ms(), tuple(sorted(Right(one) for one in right))
     token = Token(
-        secrets.token_hex(6),
-        label,
-        normalized_name(name),
-        rights,
-        secret_digest(secret),
-        now_ms,
-        now_ms + days * _DAY_MS,
+        id=secrets.token_hex(6),
+        name=label,
+        user=normalized_name(name),
+        rights=rights,
+        digest=secret_digest(secret),
+        created_ms=now_ms,
+        expires_ms=now_ms + days * _DAY_MS,
     )
     params = {"user": name, "rights": list(right), "days": days}
     _change(plant, "token.add", token.id, params, lambda database: database.with_token(token))
     output.print_json({"token": secret, "id": token.id, "expires_ms": token.expires_ms})
     output.print_note("user_command.token_once")
     output.print_text(secret)
+
+
+def _tokens(plant: str) -> None:
+    from drivebus.service.auth.admin import user_file_of
+    from drivebus.service.config import load
+
+    tokens = user_file_of(load(plant)).read().tokens
+    output.print_json({"tokens": [_token_json(token) for token in tokens]})
+    head = [output.text(f"user_command.{column}") for column in ("token_id", "name", "label", "rights", "expires")]
+    rows = [[token.id, token.user, token.name, ", ".join(token.rights), _day(token.expires_ms)] for token in tokens]
+    output.print_text(output.fitted_table(head, rows)) if tokens else output.print_message("user_command.no_tokens")
+
+
+def _revoke(plant: str, token: str) -> None:
+    _change(plant, "token.remove", token, {}, lambda database: database.without_token(token))
+    _print_done("user_command.revoked", token=token)
+
+
+def _day(time_ms: int) -> str:
+    return f"{datetime.fromtimestamp(time_ms / 1000, UTC):%Y-%m-%d}"
+
+
+def _token_json(token: Token) -> dict[str, Any]:
+    names = ("id", "name", "user", "rights", "created_ms", "expires_ms")
+    return {name: getattr(token, name) for name in names}
 
 
 def _change(
@@ -186,6 +214,15 @@ token = _user_command(
     example="token plant.toml ann --right view --right stop --days 30",
 )
 
+tokens = _user_command("tokens", _tokens, example="tokens plant.toml", with_name=False)
+revoke = _user_command(
+    "revoke",
+    _revoke,
+    Argument(["token"], metavar="ID", key="help.argument.token"),
+    example="revoke plant.toml 5b1f0c52d1aa",
+    with_name=False,
+)
+
 _MODULE = "drivebus.cli.commands.user"
 command = LazyGroup(
     "user",
@@ -199,6 +236,8 @@ command = LazyGroup(
             "enable": f"{_MODULE}:enable",
             "remove": f"{_MODULE}:remove",
             "token": f"{_MODULE}:token",
+            "tokens": f"{_MODULE}:tokens",
+            "revoke": f"{_MODULE}:revoke",
         }
     },
     no_args_is_help=True,

@@ -14,48 +14,41 @@ from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
-    from drivebus.profiles.model import Parameter
 
-Assignments = tuple[tuple[str, float], ...]
+Assignments = tuple[tuple[str, float | str], ...]
 
 
-def parse_parameter_assignment(text: str) -> tuple[str, float]:
-    """Parse ``F1.07=10.0``. Raises ValueError."""
+def parse_parameter_assignment(text: str) -> tuple[str, float | str]:
+    """Parse ``F1.07=10.0`` or ``F1.10=0010H``. Raises ValueError."""
+    from drivebus.profiles.notation import parse_value
+
     name, value = options.parse_assignment(text)
-    return name, float(value)
+    return name, parse_value(value)
 
 
-async def _write(target: Target, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:
+async def _write(
+    target: Target, settings: Assignments, save: bool, force: bool, eeprom_writes_per_day: int | None
+) -> ExitCode:
     from drivebus.drives import DriveLimits
 
     limits = None if eeprom_writes_per_day is None else DriveLimits(eeprom_writes_per_day=eeprom_writes_per_day)
-    return await run_command(target, lambda drive: drive.write(dict(settings), save=save), limits)
+    return await run_command(target, lambda drive: drive.write(dict(settings), save=save, force=force), limits)
 
 
-def _plan(dry: DryRun, settings: Assignments, save: bool, eeprom_writes_per_day: int | None) -> ExitCode:
-    from drivebus.errors import ConfigurationError
-    from drivebus.profiles.model import Parameter
-    from drivebus.profiles.notation import find_entry
+def _plan(dry: DryRun, settings: Assignments, save: bool, force: bool, eeprom_writes_per_day: int | None) -> ExitCode:
+    from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
 
     for name, value in settings:
-        entry = find_entry(dry.dialect.profile, name)
-        if not isinstance(entry, Parameter):
-            raise ConfigurationError("cli.not_a_parameter", name=name)
-        if save and entry.readable:
-            dry.add("compare", [dry.dialect.read_parameter(entry)])
-        dry.add("write", [dry.dialect.write_parameter(entry, _word(dry, entry, value), save).request])
-        if entry.readable:
-            dry.add("verify", [dry.dialect.read_parameter(entry)])
+        wanted = check_write(dry.dialect, name, value)
+        read = [dry.dialect.read_parameter(wanted.parameter)] if wanted.parameter.readable else []
+        if save:
+            dry.add("compare", read)
+        dry.add("write", [dry.dialect.write_parameter(wanted.parameter, wanted.raw, save).request])
+        dry.add("verify", read)
+        needed = confirmation_needed(dry.dialect, wanted)
+        if needed is not None and not force:
+            raise needed
     return dry.print("dry.note.sync")
-
-
-def _word(dry: DryRun, parameter: Parameter, value: float) -> int:
-    from drivebus.errors import LimitError
-
-    try:
-        return dry.dialect.parameter_word(parameter, value)
-    except ValueError as error:
-        raise LimitError("drives.parameter_word", notation=parameter.notation, value=value) from error
 
 
 command = drive_command(
@@ -71,6 +64,7 @@ command = drive_command(
             type=options.ParsedType("assignment", parse_parameter_assignment, "cli.expect.assignment"),
         ),
         Option(["--save"], is_flag=True),
+        Option(["--force"], is_flag=True, key="help.option.write_force"),
         Option(
             ["--eeprom-writes-per-day"],
             type=options.CheckedType(click.IntRange(min=0), "cli.expect.whole_number"),
@@ -79,7 +73,7 @@ command = drive_command(
         ),
     ),
     examples=(
-        "drivebus write /dev/ttyUSB0 F1.10=1 --model c320 --address 1",
+        "drivebus write /dev/ttyUSB0 F1.10=0010 --model c320 --address 1",
         "drivebus write /dev/ttyUSB0 F1.07=10.0 F1.08=12.5 --save --model df800 --address 2",
         "drivebus write /dev/ttyUSB0 10=15.0 --save --model dzb100 --address 5 --dry-run",
         "drivebus write --service http://127.0.0.1:8080 --drive fan-1 F1.10=1",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class DemoDrive:
-    """One drive; its name is the catalogue text ``demo.role.<role>`` with its number."""
+    """Drive of the demo; its name is the catalogue text ``demo.role.<role>`` with its number."""
 
     role: str
     number: int
@@ -19,9 +19,9 @@ class DemoDrive:
         return f"{self.role}-{self.number}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DemoBus:
-    """One bus: its drives have the same model, baud rate and format."""
+    """Bus of the demo; its drives have the same model, baud rate and format."""
 
     name: str
     model: str
@@ -32,6 +32,8 @@ class DemoBus:
     drives: tuple[DemoDrive, ...]
     options: Mapping[str, str] = field(default_factory=dict)
     """Values of the profile options, for the simulated drives and for the service."""
+    stated_options: Mapping[str, str] = field(default_factory=dict)
+    """Values of further profile options, for the service: what a person reads on the name plate."""
 
     @property
     def target(self) -> str:
@@ -46,9 +48,35 @@ def _drives(role: str, *addresses: int) -> tuple[DemoDrive, ...]:
 DZB_CODING = dict.fromkeys(("setpoint_coding", "query_coding", "parameter_coding"), "hex-0.1")
 
 BUSES = (
-    DemoBus("A", "c320", 9600, "8E1", "fan", 6.0, _drives("fan", 1, 2, 3)),
-    DemoBus("B", "dzb100", 4800, "8E1", "constant", 5.0, _drives("conveyor", 1, 2, 3), DZB_CODING),
-    DemoBus("C", "vc660", 19200, "8N1", "constant", 4.0, _drives("spindle", 1, 2, 3)),
-    DemoBus("D", "df800", 9600, "8N1", "fan", 6.0, _drives("pump", 1, 2, 3)),
+    DemoBus(
+        name="A",
+        model="c320",
+        baud=9600,
+        format="8E1",
+        load="fan",
+        ramp_s=6.0,
+        drives=_drives("fan", 1, 2, 3),
+        stated_options={"setpoint_step": "0.01"},
+    ),
+    DemoBus(
+        name="B",
+        model="dzb100",
+        baud=4800,
+        format="8E1",
+        load="constant",
+        ramp_s=5.0,
+        drives=_drives("conveyor", 1, 2, 3),
+        options=DZB_CODING,
+    ),
+    DemoBus(
+        name="C",
+        model="vc660",
+        baud=19200,
+        format="8N1",
+        load="constant",
+        ramp_s=4.0,
+        drives=_drives("spindle", 1, 2, 3),
+    ),
+    DemoBus(name="D", model="df800", baud=9600, format="8N1", load="fan", ramp_s=6.0, drives=_drives("pump", 1, 2, 3)),
 )
 """Twelve drives of four models on four buses, each at a baud rate of its model."""

@@ -33,7 +33,8 @@ def _bus(bus: DemoBus, url: str) -> str:
 
 
 def _drive(bus: DemoBus, drive: DemoDrive) -> str:
-    options = ", ".join(f"{name} = {json.dumps(value)}" for name, value in bus.options.items())
+    known = {**bus.options, **bus.stated_options}
+    options = ", ".join(f"{name} = {json.dumps(value)}" for name, value in known.items())
     rows = [
         f"[drive.{drive.key}]",
         f'bus = "{bus.name.lower()}"',

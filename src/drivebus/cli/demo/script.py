@@ -11,7 +11,16 @@ from drivebus.cli import output
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant
 from drivebus.cli.remote.convert import parse_outcome
+from drivebus.cli.stop_result import drives_by_status, result_text
 from drivebus.errors import DrivebusError, ServiceUnavailable
+from drivebus.service.api.operations.drives import (
+    DRIVE_RESET,
+    DRIVE_RUN,
+    DRIVE_SET_FREQUENCY,
+    DRIVE_STOP,
+    LEASE_RELEASE,
+)
+from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.types import Json
 
 Action = Literal["run", "set", "stop", "trip", "reset", "unplug", "plug", "stop_all", "message"]
@@ -124,11 +133,11 @@ class ScriptPlayer:
         self.report(f"demo.{step.action}", name=name, hz=f"{step.frequency_hz:g}")
         try:
             if step.action == "stop_all":
-                self.report("demo.stopped_all", text=stop_all_text(await self._call("plant.stop", {})))
+                self.report("demo.stopped_all", text=stop_all_text(await self._call(PLANT_STOP.name, {})))
                 return
             result = await self._call(OPERATIONS[step.action], _params(step))
             if step.action != "stop":
-                await self._call("lease.release", {"drive": step.subject})
+                await self._call(LEASE_RELEASE.name, {"drive": step.subject})
         except ServiceUnavailable:
             return
         except DrivebusError as error:
@@ -137,7 +146,12 @@ class ScriptPlayer:
             self.report("demo.outcome", name=name, text=outcome_text(result))
 
 
-OPERATIONS = {"run": "drive.run", "set": "drive.set_frequency", "stop": "drive.stop", "reset": "drive.reset"}
+OPERATIONS = {
+    "run": DRIVE_RUN.name,
+    "set": DRIVE_SET_FREQUENCY.name,
+    "stop": DRIVE_STOP.name,
+    "reset": DRIVE_RESET.name,
+}
 
 
 def _params(step: ScriptStep) -> Json:
@@ -160,12 +174,7 @@ def outcome_text(result: Json) -> str:
 
 def stop_all_text(result: Json) -> str:
     """Format the drives by the status of their stop."""
-    drives: dict[str, list[str]] = {"confirmed": [], "acknowledged": [], "unknown": []}
-    for name, outcome in result["outcomes"].items():
-        status = outcome.get("status")
-        drives[status if status in drives else "unknown"].append(name)
-    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
-    return output.join_sentences(parts)
+    return result_text(drives_by_status(result["outcomes"]))
 
 
 def drive_name(key: str) -> str:

@@ -19,6 +19,16 @@ from drivebus.cli.remote.client import LocalClient
 from drivebus.cli.tui.rows import BusRow, DriveRow
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.errors import DrivebusError, ServiceUnavailable
+from drivebus.service.api.operations.drives import (
+    DRIVE_RESET,
+    DRIVE_RUN,
+    DRIVE_SET_FREQUENCY,
+    DRIVE_STOP,
+    DRIVES_GET,
+    LEASE_TAKE,
+    START_INHIBIT_RELEASE,
+)
+from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.types import Json
 
 DEFAULT_RUN_HZ = 25.0  # frequency of "run" for a drive that had none
@@ -118,14 +128,14 @@ class DemoClient:
     # --- keys -----------------------------------------------------------------------------------------------------
 
     def run(self, key: str) -> None:
-        self._command(key, "run", "drive.run", frequency_hz=self._frequency_hz(key))
+        self._command(key, "run", DRIVE_RUN.name, frequency_hz=self._frequency_hz(key))
 
     def stop(self, key: str) -> None:
-        self._command(key, "stop", "drive.stop")
+        self._command(key, "stop", DRIVE_STOP.name)
 
     def change_frequency(self, key: str, by_hz: float) -> None:
         frequency_hz = min(MAX_HZ, max(MIN_HZ, self._frequency_hz(key) + by_hz))
-        self._command(key, "set", "drive.set_frequency", frequency_hz=frequency_hz)
+        self._command(key, "set", DRIVE_SET_FREQUENCY.name, frequency_hz=frequency_hz)
 
     def reset(self, key: str) -> None:
         self._take_over()
@@ -155,8 +165,8 @@ class DemoClient:
         assert self._client is not None
         name = drive_name(key)
         try:
-            if operation != "drive.stop":
-                await self._client.call("lease.take", {"drive": key})
+            if operation != DRIVE_STOP.name:
+                await self._client.call(LEASE_TAKE.name, {"drive": key})
             result = await self._client.call(operation, {"drive": key, **params})
         except DrivebusError as error:
             is_inhibited = error.key in ("drives.start_inhibited", "bus.start_inhibited")
@@ -170,16 +180,16 @@ class DemoClient:
         """Reset the fault, after releasing a start inhibit."""
         assert self._client is not None
         with contextlib.suppress(DrivebusError):
-            if (await self._client.call("drives.get", {"drive": key}))["start_inhibited"]:
-                await self._client.call("lease.take", {"drive": key})
-                await self._client.call("start_inhibit.release", {"drive": key})
+            if (await self._client.call(DRIVES_GET.name, {"drive": key}))["start_inhibited"]:
+                await self._client.call(LEASE_TAKE.name, {"drive": key})
+                await self._client.call(START_INHIBIT_RELEASE.name, {"drive": key})
                 self._report("demo.released", name=drive_name(key))
-        await self._execute(key, "drive.reset", {})
+        await self._execute(key, DRIVE_RESET.name, {})
 
     async def _stop_all(self) -> None:
         assert self._client is not None
         try:
-            self._report("demo.stopped_all", text=stop_all_text(await self._client.call("plant.stop", {})))
+            self._report("demo.stopped_all", text=stop_all_text(await self._client.call(PLANT_STOP.name, {})))
         except DrivebusError as error:
             self._messages.append(error.text(output.language()))
 

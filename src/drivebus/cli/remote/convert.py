@@ -20,13 +20,25 @@ def parse_outcome(found: Json) -> Outcome:
     notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in outcome["notes"])
     frames = tuple(_parse_exchange(frame) for frame in outcome["frames"])
     return Outcome(
-        OutcomeStatus(outcome["status"]), SERVICE_TEXT_KEY, {"text": parse_text(outcome["text"])}, frames, None, notes
+        status=OutcomeStatus(outcome["status"]),
+        key=SERVICE_TEXT_KEY,
+        params={"text": parse_text(outcome["text"])},
+        exchanges=frames,
+        drive_status=None,
+        notes=notes,
     )
 
 
 def _parse_exchange(frame: Json) -> FrameExchange:
     sent, received = bytes.fromhex(frame["sent"]), bytes.fromhex(frame["received"])
-    return FrameExchange(sent, received, frame["sent_at_s"], frame["received_at_s"], frame["error"], frame["params"])
+    return FrameExchange(
+        sent=sent,
+        received=received,
+        sent_at=frame["sent_at_s"],
+        received_at=frame["received_at_s"],
+        error=frame["error"],
+        params=frame["params"],
+    )
 
 
 def parse_status(view: Json, now: float) -> DriveStatus:
@@ -34,7 +46,13 @@ def parse_status(view: Json, now: float) -> DriveStatus:
     readings = {name: parse_reading(signal, view["time_ms"], now) for name, signal in view["signals"].items()}
     direction = None if view["direction"] is None else Direction(view["direction"])
     fault = view["fault"] and parse_fault(view["fault"])
-    return DriveStatus(DriveState(view["state"]), direction, fault, readings, view["state_reason"])
+    return DriveStatus(
+        state=DriveState(view["state"]),
+        direction=direction,
+        fault=fault,
+        readings=readings,
+        reason=view["state_reason"],
+    )
 
 
 def reading_time(time_ms: int | None, service_now_ms: int, now: float) -> float | None:
@@ -45,7 +63,14 @@ def reading_time(time_ms: int | None, service_now_ms: int, now: float) -> float 
 def parse_reading(found: Json, service_now_ms: int = 0, now: float = 0.0) -> Reading:
     """Return a signal's value, as old as it is on the service's clock, or a parameter's value, which has no time."""
     at = reading_time(found.get("source_time_ms"), service_now_ms, now)
-    return Reading(found["value"], found["unit"], Quality(found["quality"]), at, found["reason"], found.get("raw"))
+    return Reading(
+        value=found["value"],
+        unit=found["unit"],
+        quality=Quality(found["quality"]),
+        source_time=at,
+        reason=found["reason"],
+        raw=found.get("raw"),
+    )
 
 
 def parse_fault(found: Json) -> Fault:

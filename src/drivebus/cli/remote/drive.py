@@ -14,6 +14,24 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
 from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable
+from drivebus.service.api.operations import Operation
+from drivebus.service.api.operations.drives import (
+    DRIVE_ARM,
+    DRIVE_JOG,
+    DRIVE_JOG_END,
+    DRIVE_JOG_RENEW,
+    DRIVE_RESET,
+    DRIVE_RUN,
+    DRIVE_SET_FREQUENCY,
+    DRIVE_STOP,
+    DRIVES_GET,
+    LEASE_RELEASE,
+    LEASE_RENEW,
+    LEASE_TAKE,
+    PARAMETERS_READ,
+    PARAMETERS_WRITE,
+    START_INHIBIT_RELEASE,
+)
 from drivebus.types import Json
 
 if TYPE_CHECKING:
@@ -49,8 +67,9 @@ class RemoteDrive:
         self._had_control_before = False
         self._started_at: float | None = None
 
-    async def call(self, operation: str, **params: Any) -> Json:
-        return await self._client.call(operation, {"drive": self.name, **params})
+    async def call(self, operation: Operation, **params: Any) -> Json:
+        """Execute an operation on this drive."""
+        return await self._client.call(operation.name, {"drive": self.name, **params})
 
     # --- reads ----------------------------------------------------------------------------------------------------
 
@@ -59,11 +78,11 @@ class RemoteDrive:
         if self._renewal is not None and self._renewal.done():
             self._renewal.result()
         now = RemoteBus.now()
-        view = await self.call("drives.get")
+        view = await self.call(DRIVES_GET)
         while self._state_is_older_than_start(view, now) and now - (self._started_at or now) < FRESH_STATE_TIMEOUT_S:
             await asyncio.sleep(STATE_POLL_PERIOD_S)
             now = RemoteBus.now()
-            view = await self.call("drives.get")
+            view = await self.call(DRIVES_GET)
         return parse_status(view, now)
 
     def _state_is_older_than_start(self, view: Json, now: float) -> bool:
@@ -72,34 +91,38 @@ class RemoteDrive:
         return self._started_at is not None and (state_at is None or state_at < self._started_at)
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
-        found = await self.call("parameters.read", names=list(names))
+        found = await self.call(PARAMETERS_READ, names=list(names))
         return {name: parse_reading(value) for name, value in found["parameters"].items()}
 
     async def comm_loss_behaviour(self) -> Any:
         """Return the behaviour that the service has read from the drive."""
-        found = (await self.call("drives.get"))["comm_loss"]
+        found = (await self.call(DRIVES_GET))["comm_loss"]
         text = found["text"] or {}
-        return SimpleNamespace(
-            stops_on_comm_loss=found["kind"] == "trips", text=lambda language: text.get(language, "")
-        )
+        stops = {"trips": True, "runs_on": False}.get(found["kind"])
+        return SimpleNamespace(stops_on_comm_loss=stops, text=lambda language: text.get(language, ""))
 
     # --- commands -----------------------------------------------------------------------------------------------
 
     async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
         """Start the drive. ``wait`` has no effect: with a service ``--wait`` is rejected before."""
         params: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
-        outcome = parse_outcome(await self.call("drive.run", **params, **await self.arm()))
+        outcome = parse_outcome(await self.call(DRIVE_RUN, **params, **await self.arm()))
         self._started_at = RemoteBus.now()
         return outcome
 
     async def set_frequency(self, frequency_hz: float) -> Outcome:
-        return await self._call_with_control("drive.set_frequency", frequency_hz=frequency_hz)
+        return await self._call_with_control(DRIVE_SET_FREQUENCY, frequency_hz=frequency_hz)
 
     async def reset_fault(self) -> Outcome:
-        return await self._call_with_control("drive.reset")
+        return await self._call_with_control(DRIVE_RESET)
 
-    async def write(self, values: Mapping[str, float], save: bool = False) -> Outcome:
-        return await self._call_with_control("parameters.write", values=dict(values), save=save)
+    async def release_start_inhibit(self) -> None:
+        """Permit starts again after a bus stop. Raises ControlNotHeld."""
+        await self.take_control()
+        await self.call(START_INHIBIT_RELEASE)
+
+    async def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+        return await self._call_with_control(PARAMETERS_WRITE, values=dict(values), save=save, force=force)
 
     def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
         return RemoteJog(self, frequency_hz, direction)
@@ -110,14 +133,17 @@ class RemoteDrive:
     async def coast(self, wait: bool = True) -> Outcome:
         return await self._stop("coast")
 
+    async def quick_stop(self, wait: bool = True) -> Outcome:
+        return await self._stop("quick_stop")
+
     async def _stop(self, mode: str) -> Outcome:
         """Stop without a lease. Raises OutcomeUnknown if the service is lost: nothing else could confirm the stop."""
         try:
-            return parse_outcome(await self.call("drive.stop", how=mode))
+            return parse_outcome(await self.call(DRIVE_STOP, how=mode))
         except ServiceUnavailable as error:
             raise OutcomeUnknown("service.not_stopped", drive=self.name, why=error) from error
 
-    async def _call_with_control(self, operation: str, **params: Any) -> Outcome:
+    async def _call_with_control(self, operation: Operation, **params: Any) -> Outcome:
         await self.take_control()
         return parse_outcome(await self.call(operation, **params))
 
@@ -126,14 +152,14 @@ class RemoteDrive:
     async def arm(self) -> Json:
         """Take control; return the arm token that a start over HTTP needs."""
         await self.take_control()
-        return {} if self._client.is_local else {"arm_token": (await self.call("drive.arm"))["arm_token"]}
+        return {} if self._client.is_local else {"arm_token": (await self.call(DRIVE_ARM))["arm_token"]}
 
     async def take_control(self) -> None:
         """Take the control lease and renew it until ``close``. Raises ControlNotHeld."""
         if self._renewal is not None:
             return
-        before = (await self.call("drives.get"))["lease"]
-        lease = (await self.call("lease.take"))["lease"]
+        before = (await self.call(DRIVES_GET))["lease"]
+        lease = (await self.call(LEASE_TAKE))["lease"]
         self._had_control_before = before is not None and before["session"] == lease["session"]
         self._renewal = asyncio.create_task(self._renew(), name="lease")
 
@@ -141,7 +167,7 @@ class RemoteDrive:
         while True:
             await asyncio.sleep(LEASE_RENEW_PERIOD_S)
             try:
-                await self.call("lease.renew")
+                await self.call(LEASE_RENEW)
             except ServiceUnavailable:
                 continue
 
@@ -155,7 +181,7 @@ class RemoteDrive:
         await asyncio.gather(renewal, return_exceptions=True)
         if not self._had_control_before and not lost:
             try:
-                await self.call("lease.release")
+                await self.call(LEASE_RELEASE)
             except DrivebusError:
                 return
 
@@ -174,7 +200,7 @@ class RemoteJog:
     async def __aenter__(self) -> RemoteJog:
         params = {"direction": str(self._direction), **await self._drive.arm()}
         params |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
-        found = await self._drive.call("drive.jog", **params)
+        found = await self._drive.call(DRIVE_JOG, **params)
         self._jog_id, self.start_outcome = found["jog"], parse_outcome(found)
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
@@ -190,7 +216,7 @@ class RemoteJog:
         while True:
             await self._renewal_due.wait()
             self._renewal_due.clear()
-            await self._drive.call("drive.jog_renew", jog=self._jog_id)
+            await self._drive.call(DRIVE_JOG_RENEW, jog=self._jog_id)
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -199,6 +225,6 @@ class RemoteJog:
             self._renewal.cancel()
             await asyncio.gather(self._renewal, return_exceptions=True)
         try:
-            self.stop_outcome = parse_outcome(await self._drive.call("drive.jog_end", jog=self._jog_id))
+            self.stop_outcome = parse_outcome(await self._drive.call(DRIVE_JOG_END, jog=self._jog_id))
         except NotFound:
             self.stop_outcome = await self._drive.stop()

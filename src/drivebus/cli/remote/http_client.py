@@ -11,12 +11,16 @@ import http.client
 import json
 import re
 import ssl
+from typing import TYPE_CHECKING
 from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
 from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.service.config.loopback import is_loopback
 from drivebus.types import Json
+
+if TYPE_CHECKING:
+    from drivebus.service.api.operations import Operation
 
 CONNECT_TIMEOUT_S = 5.0
 RESPONSE_TIMEOUT_S = 60.0  # a stop is repeated until the drive reports it; a group starts one drive after another
@@ -48,14 +52,16 @@ class HttpClient:
 
     async def call(self, operation: str, params: Json) -> Json:
         """See ``RemoteClient.call``."""
-        with outcome_unknown_on_loss(operation, "plant.gone", "service.silent"):
+        with outcome_unknown_on_loss(operation, "plant.gone", "plant.hangs", "service.silent"):
             return await asyncio.to_thread(self._call_sync, operation, params)
 
     async def close(self) -> None:
         """Do nothing: no connection stays open between two requests."""
 
     def _call_sync(self, operation: str, params: Json) -> Json:
-        method, path, body = http_request(operation, params)
+        from drivebus.service.api.operations import OPERATIONS
+
+        method, path, body = http_request(OPERATIONS[operation], params)
         headers = {"Authorization": f"Bearer {self._token}", "Accept": "application/json"}
         headers |= {} if body is None else {"Content-Type": "application/json"}
         connection = self._connect()
@@ -82,16 +88,13 @@ class HttpClient:
         return connection
 
 
-def http_request(operation: str, params: Json) -> tuple[str, str, bytes | None]:
+def http_request(operation: Operation, params: Json) -> tuple[str, str, bytes | None]:
     """Return method, path and body of an operation, from its declaration."""
-    from drivebus.service.api.operations import API_PREFIX, OPERATIONS
-
-    found = OPERATIONS[operation]
-    rest = {name: value for name, value in params.items() if name not in found.path_params and value is not None}
-    path = API_PREFIX + found.path.format(**{name: quote(str(params[name]), safe="") for name in found.path_params})
-    if found.has_body:
-        return found.method, path, json.dumps(rest, allow_nan=False).encode()
-    return found.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
+    rest = {name: value for name, value in params.items() if name not in operation.path_params and value is not None}
+    path = operation.address.format(**{name: quote(str(params[name]), safe="") for name in operation.path_params})
+    if operation.has_body:
+        return operation.method, path, json.dumps(rest, allow_nan=False).encode()
+    return operation.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
 
 
 def _parse_response(status: int, text: bytes, address: str) -> Json:

@@ -106,6 +106,10 @@ class MonitorApp(App[int]):
         if self._commands is not None and key is not None:
             getattr(self._commands, name)(key, *arguments)
 
+    def action_help_quit(self) -> None:
+        """Quit on Ctrl-C, as every other command does; textual would ask in English."""
+        self.exit()
+
     def action_run(self) -> None:
         self._command("run")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow
-from drivebus.drives.dialects.base import fault_from_code
+from drivebus.drives.dialects.base import reported_fault
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveStatus
 
@@ -39,9 +39,16 @@ class RecordedDrive:
     def row(self, presence: str) -> DriveRow:
         """Return the row of the latest values."""
         profile, state = self.dialect.profile, self._state
-        fault = None if state.fault_code is None else fault_from_code(profile, state.fault_code)
+        fault = reported_fault(profile, state)
         readings = {name: reading for name, reading in self._readings.latest.items() if name in profile.signals}
-        status = DriveStatus(state.state, state.direction, fault, readings, state.reason, self._received_at)
+        status = DriveStatus(
+            state=state.state,
+            direction=state.direction,
+            fault=fault,
+            readings=readings,
+            reason=state.reason,
+            at=self._received_at,
+        )
         return drive_row(self.key, self.name, self.bus_name, profile.model, self.dialect.address, status, presence)
 
 

@@ -11,6 +11,9 @@ from drivebus.cli.remote.client import RemoteClient, open_client
 from drivebus.cli.remote.convert import parse_status
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow
 from drivebus.errors import DrivebusError
+from drivebus.service.api.operations.buses import BUSES_LIST
+from drivebus.service.api.operations.drives import DRIVES_LIST
+from drivebus.service.api.operations.plant import PLANT_GET
 from drivebus.types import Json
 
 SERVICE_POLL_PERIOD_S = 1.0
@@ -34,7 +37,7 @@ class ServiceRowSource:
     async def start(self) -> None:
         """Connect and read the first rows. Raises the errors of the service."""
         client = await self._exit_stack.enter_async_context(open_client(self._service))
-        plant = await client.call("plant.get", {})
+        plant = await client.call(PLANT_GET.name, {})
         await self._fetch(client)
         name = plant["title"][output.language()] or plant["id"]
         self.title = output.text("service.title", service=self._service, count=len(self._drives), plant=name)
@@ -67,7 +70,7 @@ class ServiceRowSource:
                 self._mark_unreachable(error)
 
     async def _fetch(self, client: RemoteClient) -> None:
-        drives, buses = await client.call("drives.list", {}), await client.call("buses.list", {})
+        drives, buses = await client.call(DRIVES_LIST.name, {}), await client.call(BUSES_LIST.name, {})
         now = self.now()
         self._drives = [remote_drive_row(view, now) for view in drives["drives"]]
         self._buses = [remote_bus_row(view) for view in buses["buses"]]

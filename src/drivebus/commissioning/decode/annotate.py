@@ -60,6 +60,12 @@ def quantity_fields(
 
 
 def fault_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
-    """Return the keypad's label of the fault code, if there is one."""
+    """Return the keypad's label and the text of the fault code, if there is one."""
     code = fields.get("fault_code")
-    return FieldDict(fault=profile.fault(code).label) if code else FieldDict()
+    return FieldDict(fault=profile.fault(code).label, fault_text=profile.fault(code).text) if code else FieldDict()
+
+
+def broadcast_field(profile: DriveProfile, description: FrameDescription) -> FieldDict:
+    """Return ``broadcast`` for a request to every drive at once."""
+    is_broadcast = profile.broadcast is not None and description.fields.get("address") == profile.broadcast
+    return FieldDict(broadcast=True) if is_broadcast and description.direction == "request" else FieldDict()

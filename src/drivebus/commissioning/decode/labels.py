@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
+from drivebus.values import Text
 
 
 def field_label(name: str, language: str) -> str:
@@ -16,6 +17,8 @@ def value_text(name: str, value: Any, language: str) -> str | None:
     """Return the text of a truth value, command, state, response or signal; None for other values."""
     if isinstance(value, bool) or value is None:
         return i18n.text(f"decode.{str(value).lower()}", language)
+    if isinstance(value, Text):
+        return str(getattr(value, language))
     if not isinstance(value, str):
         return None
     if name.endswith("_name") or name == "commands":

@@ -1,7 +1,8 @@
 """Descriptions of Modbus frames with the facts of a profile: registers, command bits, misprints of the manual.
 
 Added fields: ``parameter`` (notation), ``frequency_hz`` or ``scaled``, ``commands`` (names of the command word's bits),
-``values`` (each register of a read with notation, raw and value), ``saves`` (the write goes to EEPROM as well).
+``values`` (each register of a read with notation, raw and value), ``exception_name``, ``saves`` (the write goes to
+EEPROM as well).
 """
 
 from __future__ import annotations
@@ -10,15 +11,25 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from drivebus.commissioning.decode.annotate import FieldDict, annotate, entry_at, quantity_fields, scaled_value
+from drivebus.commissioning.decode.annotate import (
+    FieldDict,
+    annotate,
+    broadcast_field,
+    entry_at,
+    quantity_fields,
+    scaled_value,
+)
 from drivebus.commissioning.decode.errata import canonical_of_misprint, misprint_of
 from drivebus.profiles import DriveProfile
+from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols import modbus
 from drivebus.protocols.describe import Direction, FrameDescription, Note, note
 
 DIRECTION_TOGGLE: Final = 0x000C
 """Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
+JOG_START: Final = 0x0003
+"""Run field of DF800 register 2000H, bits 0 and 1: both set jog, in the direction of the direction field."""
 
 
 def describe(
@@ -46,6 +57,10 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
     hazards: list[Note] = []
     added = FieldDict()
     errata = _model_errata(profile, fields) if description.valid and description.direction == "request" else []
+    added |= broadcast_field(profile, description)
+    exception = modbus.EXCEPTION_NAMES.get(fields.get("exception", 0))
+    if exception is not None:
+        added["exception_name"] = exception
     if "registers" in fields and "register" in sent:
         added |= _register_rows(profile, sent["register"], fields["registers"])
     elif "register" in fields:
@@ -76,7 +91,7 @@ def _is_known_register(profile: DriveProfile, register: int) -> bool:
 
 def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
     """Report functions, counts and registers that the manual of this model does not have."""
-    notes, rule = [], profile.modbus
+    notes, rule = _access_errata(profile, fields), profile.modbus
     function, count = fields.get("function"), fields.get("count", 1)
     if rule and function is not None and function not in rule.functions:
         notes.append(
@@ -91,6 +106,30 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
         if unknown:
             shown = ", ".join(f"{each:04X}H" for each in unknown)
             notes.append(note("explain.no_table", model=profile.model, registers=shown))
+    return notes
+
+
+def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
+    """Report an address or register that does not take this access, and a frequency above the manual's limit."""
+    notes: list[Note] = []
+    function, address, register = fields.get("function"), fields.get("address"), fields.get("register")
+    if address == modbus.BROADCAST and profile.broadcast is None:
+        notes.append(note("explain.no_broadcast", model=profile.model, address=address))
+    elif address == profile.broadcast and function in (1, 2, 3, 4):
+        notes.append(note("explain.broadcast_read", address=address))
+    entry = None if register is None else entry_at(profile, ("holding", register))
+    commands = profile.commands
+    controls = {commands.register, commands.setpoint_register} if commands else set()
+    if function in (5, 6, 15, 16) and isinstance(entry, Signal):
+        notes.append(note("explain.read_only", register=register))
+    is_write_only = register in controls or (isinstance(entry, Parameter) and not entry.readable)
+    contradicted = any(caveat.id == "write_only" for caveat in profile.caveats)  # DF800: an example reads 2000H
+    if function in (3, 4) and is_write_only and not contradicted:
+        notes.append(note("explain.write_only", register=register))
+    if commands and function == 6 and register == commands.setpoint_register:
+        hz, limit = profile.setpoint_scale.value(fields["value"]), profile.limits.maximum_hz
+        if hz > limit and profile.evidence["limits"].kind == "manual":
+            notes.append(note("explain.setpoint_range", frequency_hz=hz, limit_hz=limit))
     return notes
 
 
@@ -131,11 +170,26 @@ def _command_names(profile: DriveProfile, word: int) -> list[str]:
     if profile.commands is None:
         return []
     bits = profile.commands.resolved(profile.options).bits
-    return [name for name, bit in bits.items() if bit.value and word & bit.mask == bit.value]
+    names = [name for name, bit in bits.items() if bit.value and word & bit.mask == bit.value]
+    return ["jog", *names] if _is_directionless_jog(profile, word) else names
+
+
+def _is_directionless_jog(profile: DriveProfile, word: int) -> bool:
+    """Return whether a command word jogs in no absolute direction."""
+    has_field = profile.commands is not None and "direction_field" in profile.commands.variants
+    return has_field and word & JOG_START == JOG_START and word & DIRECTION_TOGGLE in (0, DIRECTION_TOGGLE)
 
 
 def _write_hazards(profile: DriveProfile, register: int, word: int) -> list[Note]:
     commands = profile.commands
-    if not commands or register != commands.register or "direction_field" not in commands.variants:
+    if not commands or register != commands.register:
         return []
-    return [note("explain.toggle", word=word)] if word & DIRECTION_TOGGLE == DIRECTION_TOGGLE else []
+    notes = []
+    names = _command_names(profile, word)
+    if "start" in names and "stop" in names:
+        notes.append(note("explain.start_and_stop", word=word))
+    if _is_directionless_jog(profile, word) and not word & DIRECTION_TOGGLE:
+        notes.append(note("explain.jog_direction", word=word))
+    if "direction_field" in commands.variants and word & DIRECTION_TOGGLE == DIRECTION_TOGGLE:
+        notes.append(note("explain.toggle", word=word))
+    return notes

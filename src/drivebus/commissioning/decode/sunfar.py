@@ -1,11 +1,18 @@
 """Descriptions of Sunfar frames with the facts of a profile.
 
-Added fields: ``scaled``, a text with unit, and ``fault``, the label on the keypad.
+Added fields: ``scaled``, a text with unit; ``fault`` and ``fault_text``, the label on the keypad and its meaning;
+``broadcast`` for a request to every drive.
 """
 
 from __future__ import annotations
 
-from drivebus.commissioning.decode.annotate import annotate, entries, fault_fields, quantity_fields
+from drivebus.commissioning.decode.annotate import (
+    annotate,
+    broadcast_field,
+    entries,
+    fault_fields,
+    quantity_fields,
+)
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import sunfar
 from drivebus.protocols.describe import Direction, FrameDescription
@@ -20,7 +27,7 @@ def describe(
     notation = fields.get("parameter") or fields.get("monitor")
     entry = next((entry for entry in entries(profile) if entry.notation == notation), None)
     added = {} if entry is None or entry.unit == "Hz" else quantity_fields(entry, fields.get("data"))
-    return annotate(description, added | fault_fields(profile, fields))
+    return annotate(description, added | fault_fields(profile, fields) | broadcast_field(profile, description))
 
 
 def decode_options(profile: DriveProfile) -> sunfar.SunfarDecodeOptions:

@@ -5,12 +5,15 @@ A dialect turns the intents of an operation into requests of one protocol family
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import LimitError, ProtocolError
@@ -30,7 +33,7 @@ class StopMode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CommandFrame:
-    """One frame of a command and its retry policy."""
+    """Frame of a command and its retry policy."""
 
     request: Any
     retry_policy: RetryPolicy
@@ -43,8 +46,13 @@ class Rejection:
     key: str
     code: int | None
 
+    @property
+    def text(self) -> Text:
+        """The sentence in both languages."""
+        return Text(*(i18n.text(self.key, language, code=self.code) for language in i18n.LANGUAGES))
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
     """Identity of a drive. ``reported`` False: the model has none that can be read, it only answers."""
 
@@ -187,6 +195,10 @@ class Dialect(Protocol):
         """Return the raw word in the reply of a parameter read; None where it carries none."""
         ...
 
+    def names_parameter(self, reply: Any) -> bool:
+        """Return whether the reply to a parameter read has every field that it should repeat (C320: not in a fault)."""
+        ...
+
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         """Return the reading of a parameter's raw word."""
         ...
@@ -226,8 +238,12 @@ def signal_reading(signal: Signal, raw: int, at: float | None) -> Reading:
     try:
         value = signal.scale.value(raw)
     except ValueError:
-        return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", raw)
-    return with_plausibility(signal, Reading(value, signal.unit, Quality.GOOD, at, None, raw))
+        return Reading(
+            value=None, unit=signal.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=raw
+        )
+    return with_plausibility(
+        signal, Reading(value=value, unit=signal.unit, quality=Quality.GOOD, source_time=at, reason=None, raw=raw)
+    )
 
 
 def parameter_reading(parameter: Parameter, raw: int, at: float | None) -> Reading:
@@ -235,8 +251,13 @@ def parameter_reading(parameter: Parameter, raw: int, at: float | None) -> Readi
     try:
         value = parameter.scale.value(raw)
     except ValueError:
-        return Reading(None, parameter.unit, Quality.BAD, at, "drives.not_decimal", raw)
-    return Reading(value, parameter.unit, Quality.GOOD, at, None, raw)
+        return Reading(
+            value=None, unit=parameter.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=raw
+        )
+    quality = Quality.UNCERTAIN if parameter.uncertain else Quality.GOOD
+    return Reading(
+        value=value, unit=parameter.unit, quality=quality, source_time=at, reason=parameter.uncertain, raw=raw
+    )
 
 
 def with_plausibility(signal: Signal, reading: Reading) -> Reading:
@@ -249,17 +270,30 @@ def with_plausibility(signal: Signal, reading: Reading) -> Reading:
     return reading
 
 
+def without_item_echo(reading: Reading) -> Reading:
+    """Return the reading of a reply that does not name its item, as uncertain (C320 in a fault)."""
+    return replace(reading, quality=Quality.UNCERTAIN, reason="drives.item_not_echoed")
+
+
 def _is_out_of_range(signal: Signal, value: float) -> bool:
     below = signal.minimum is not None and value < signal.minimum
     return below or (signal.maximum is not None and value > signal.maximum)
 
 
-def frequency_word(profile: DriveProfile, frequency_hz: float) -> int:
-    """Return the raw word of a frequency by the profile's scale. Raises LimitError where none fits."""
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
+
+
+def frequency_word(profile: DriveProfile, frequency_hz: float, options: Mapping[str, Any] = NO_OPTIONS) -> int:
+    """Return the raw word of a frequency by the profile's scale.
+
+    Raises LimitError where none fits, or where the drive may count in another step by its ``options``.
+    """
     try:
-        return profile.setpoint_scale.raw(frequency_hz)
+        word = profile.setpoint_scale.raw(frequency_hz)
     except ValueError as error:
         raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=profile.setpoint_scale.factor) from error
+    check_setpoint_step(profile, options, frequency_hz, word)
+    return word
 
 
 UNNAMED_FAULT_CODE = -1
@@ -275,13 +309,30 @@ def setpoint_matches(readings: ReadingPairs, profile: DriveProfile, frequency_hz
     return all(isinstance(r.value, (int, float)) and abs(r.value - frequency_hz) <= step for r in pair)
 
 
-def fault_from_code(profile: DriveProfile, code: int) -> Fault:
-    """Return the fault of a code, with the maker's text where published."""
+def reported_fault(profile: DriveProfile, derived: DerivedState) -> Fault | None:
+    """Return the fault of a state, with the maker's text where published; several faults are one with all texts."""
+    if derived.fault_code is None:
+        return None
+    faults = [_fault_from_code(profile, code) for code in (derived.fault_code, *derived.further_fault_codes)]
+    return Fault(
+        code=faults[0].code,
+        label=", ".join(fault.label for fault in faults if fault.label),
+        text=_join_texts([fault.text for fault in faults]) or Text("", ""),
+        cause=_join_texts([fault.cause for fault in faults if fault.cause]),
+        remedy=_join_texts([fault.remedy for fault in faults if fault.remedy]),
+    )
+
+
+def _fault_from_code(profile: DriveProfile, code: int) -> Fault:
     if code == UNNAMED_FAULT_CODE:
         words = {language: i18n.text("drives.unnamed_fault", language) for language in i18n.LANGUAGES}
         return Fault(code, "", Text(words["en"], words["zh"]))
     entry = profile.fault(code)
     return Fault(entry.code, entry.label, entry.text, entry.cause, entry.remedy)
+
+
+def _join_texts(texts: list[Text]) -> Text | None:
+    return None if not texts else Text("; ".join(text.en for text in texts), "；".join(text.zh for text in texts))
 
 
 def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal]]:

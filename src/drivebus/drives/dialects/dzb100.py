@@ -23,6 +23,7 @@ from drivebus.drives.dialects.base import (
     signals_by_index,
     with_plausibility,
 )
+from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, LimitError, ProtocolError, StartInhibited
@@ -48,7 +49,6 @@ from drivebus.values import Quality, Reading, missing_reading
 CODINGS = FREQUENCY_CODINGS
 DEFAULT_CODING = CODINGS[0]
 MAX_SETPOINT_WORD = 4000  # setpoints are 0000 to 4000 (manual 2 (5))
-UNCALIBRATED_CAP_HZ = 5.0  # until one coding is left, no raw word may mean more than this under any of them
 
 
 def possible_codings(options: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
@@ -151,7 +151,10 @@ class Dzb100Dialect:
             return {}
         signals = self._signals.get(request.item, [])
         if reply.accepted is not True:
-            return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
+            names = {signal.name: signal.unit for signal in signals} | (
+                {"fault": ""} if request.item == STATE_ITEM else {}
+            )
+            return {name: missing_reading("drives.read_refused", unit) for name, unit in names.items()}
         if request.item == STATE_ITEM:
             return self._state_readings(reply.data, at)
         return {signal.name: self._reading(signal, request.item, reply.data, at) for signal in signals}
@@ -160,25 +163,48 @@ class Dzb100Dialect:
         try:
             word = StateWord.parse(data, self.options.get("fault_coding", "decimal"))
         except ProtocolError:
-            return {"fault": Reading(None, "", Quality.BAD, at, "drives.not_documented", data)}
+            return {
+                "fault": Reading(
+                    value=None, unit="", quality=Quality.BAD, source_time=at, reason="drives.not_documented", raw=data
+                )
+            }
         return {
-            "state": Reading(data, "", Quality.UNCERTAIN, at, "drives.bits_not_published", data),
-            "command": Reading(word.command, "", Quality.GOOD, at, None, word.command),
-            "fault": Reading(word.fault_code, "", Quality.GOOD, at, None, word.fault_code),
+            "state": Reading(
+                value=data,
+                unit="",
+                quality=Quality.UNCERTAIN,
+                source_time=at,
+                reason="drives.bits_not_published",
+                raw=data,
+            ),
+            "command": Reading(
+                value=word.command, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=word.command
+            ),
+            "fault": Reading(
+                value=word.fault_code, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=word.fault_code
+            ),
         }
 
     def _reading(self, signal: Signal, item: int, data: int, at: float | None) -> Reading:
+        """Return a reading by the query coding; uncertain until that is determined, the current too."""
         coding = self.options.get("query_coding", "unknown")
-        determined = coding in CODINGS
+        reading = self._decoded_reading(signal, item, data, at)
+        if coding in CODINGS or reading.quality is Quality.BAD:
+            return reading
+        return replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+
+    def _decoded_reading(self, signal: Signal, item: int, data: int, at: float | None) -> Reading:
+        coding = self.options.get("query_coding", "unknown")
         if item not in FREQUENCY_ITEMS and coding != "decimal-0.1":
             return signal_reading(signal, data, at)
         try:
-            value = decode_frequency(data, coding if determined else DEFAULT_CODING)
+            value = decode_frequency(data, coding if coding in CODINGS else DEFAULT_CODING)
         except ValueError:
-            return Reading(None, signal.unit, Quality.BAD, at, "drives.not_decimal", data)
-        reading = with_plausibility(signal, Reading(value, signal.unit, Quality.GOOD, at, None, data))
-        return (
-            reading if determined else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
+            return Reading(
+                value=None, unit=signal.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=data
+            )
+        return with_plausibility(
+            signal, Reading(value=value, unit=signal.unit, quality=Quality.GOOD, source_time=at, reason=None, raw=data)
         )
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
@@ -287,7 +313,7 @@ class Dzb100Dialect:
         return ()
 
     def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(self.profile.model, reported=False)
+        return Identity(model=self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         space, index = parameter.locator
@@ -305,6 +331,9 @@ class Dzb100Dialect:
             return replace(parameter, scale=replace(scale, coding="bcd"))
         times = 0.1 if coding == "hex-0.01" else 10.0
         return replace(parameter, scale=replace(scale, factor=scale.factor * times))
+
+    def names_parameter(self, reply: Dzb100Reply) -> bool:
+        return True
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         reading = parameter_reading(self._scaled_parameter(parameter), raw, at)

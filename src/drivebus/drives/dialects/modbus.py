@@ -27,6 +27,7 @@ from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError, 
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.modbus import (
+    EXCEPTION_NAMES,
     Diagnostics,
     DiagnosticsReply,
     ExceptionReply,
@@ -284,19 +285,17 @@ class ModbusDialect:
             return self.command_word.effect(value)
         if self.command_word is not None and register == self.command_word.map.setpoint_register:
             return Effect.SETTING
-        return Effect.SETTING if self._writable_parameter(register) is not None else Effect.MOTION
+        parameter = self._writable_parameter(register)
+        return Effect.MOTION if parameter is None or _is_terminal_word(parameter) else Effect.SETTING
 
     def _writable_parameter(self, register: int) -> Parameter | None:
-        """Return the writable parameter of a register, also by its EEPROM address.
-
-        A write-only register without a stated range may drive a terminal that is wired to "run" (VC660 2002H to 2005H):
-        it counts as motion.
-        """
+        """Return the writable parameter of a register; one that can be read also by its EEPROM address."""
         bit = self.profile.write_support.eeprom_address_bit or 0
         for parameter in self.profile.parameters.values():
             space, index = parameter.locator
-            if space == "holding" and register in (index, index | bit) and parameter.writable:
-                return parameter if parameter.readable or parameter.maximum is not None else None
+            registers = (index, index | bit) if parameter.readable else (index,)
+            if space == "holding" and register in registers and parameter.writable:
+                return parameter
         return None
 
     def is_allowed(self, frame: bytes) -> bool:
@@ -317,7 +316,8 @@ class ModbusDialect:
     def _is_allowed_change(self, space: str, register: int, value: int) -> bool:
         if space == "holding" and self.command_word is not None and register == self.command_word.map.register:
             return self.command_word.is_mapped(value)
-        return self._effect_of(space, register, value) is Effect.SETTING
+        is_setpoint = self.command_word is not None and register == self.command_word.map.setpoint_register
+        return space == "holding" and (is_setpoint or self._writable_parameter(register) is not None)
 
     def _bus_sync_request(self, n: int) -> Any:
         return self._sync_request_at(2 * n)
@@ -381,8 +381,11 @@ class ModbusDialect:
         return found
 
     def _rejected_readings(self, registers: range) -> Readings:
-        found = [signal for register in registers for signal in self._signals.get(register, [])]
-        return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in found}
+        signals = [signal for register in registers for signal in self._signals.get(register, [])]
+        found = {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
+        if self.status_map is not None and self.status_map.register in registers:
+            found["state"] = missing_reading("drives.read_refused")
+        return found
 
     def _register_readings(self, register: int, raw: int, at: float | None) -> Readings:
         found = {s.name: signal_reading(s, raw, at) for s in self._signals.get(register, [])}
@@ -392,11 +395,13 @@ class ModbusDialect:
         if register == status.register:
             broken = raw & status.reserved_mask
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
-            found["state"] = Reading(raw, "", quality, at, reason, raw)
+            found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
                 self.command_word.learn_direction(bool(raw & status.bits.get("set_reverse", 0)))
         if register in status.fault_registers:
-            found[f"fault_{status.fault_registers.index(register)}"] = Reading(raw, "", Quality.GOOD, at, None, raw)
+            found[f"fault_{status.fault_registers.index(register)}"] = Reading(
+                value=raw, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=raw
+            )
         return found
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
@@ -407,17 +412,17 @@ class ModbusDialect:
         older, newer = (state_from_bits(self.status_map, raw) for raw in pair)
         if older is not newer and not (older.turning and newer.turning):
             return None
-        fault = self._fault_code(readings) if pair[1] & self.status_map.bits.get("fault", 0) else None
-        return DerivedState(newer, direction_from_bits(self.status_map, pair[1]) if newer.turning else None, fault)
+        direction = direction_from_bits(self.status_map, pair[1]) if newer.turning else None
+        if not pair[1] & self.status_map.bits.get("fault", 0):
+            return DerivedState(newer, direction)
+        first, *further = self._fault_codes(readings) or [UNNAMED_FAULT_CODE]
+        return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
 
-    def _fault_code(self, readings: ReadingPairs) -> int:
-        """Return the lowest bit of the fault words, UNNAMED_FAULT_CODE where the drive names none."""
+    def _fault_codes(self, readings: ReadingPairs) -> list[int]:
+        """Return the bits that are set in the fault words, lowest first."""
         assert self.status_map is not None
-        for place, _ in enumerate(self.status_map.fault_registers):
-            word = readings.agreed_raw(f"fault_{place}")
-            if word:
-                return 16 * place + (word & -word).bit_length() - 1
-        return UNNAMED_FAULT_CODE
+        words = [readings.agreed_raw(f"fault_{n}") or 0 for n in range(len(self.status_map.fault_registers))]
+        return [16 * place + bit for place, word in enumerate(words) for bit in range(16) if word >> bit & 1]
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         return True
@@ -438,10 +443,13 @@ class ModbusDialect:
     def rejection(self, reply: Any) -> Rejection | None:
         if not isinstance(reply, ExceptionReply):
             return None
-        return Rejection("drives.modbus_refused_short" if reply.code is None else "drives.modbus_refused", reply.code)
+        if reply.code is None:
+            return Rejection("drives.modbus_refused_short", None)
+        is_known = reply.code in EXCEPTION_NAMES
+        return Rejection(f"drives.modbus_exception_{reply.code}" if is_known else "drives.modbus_refused", reply.code)
 
     def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz)
+        return frequency_word(self.profile, frequency_hz, self.options)
 
     def setpoint_frequency(self, word: int) -> float:
         return self.profile.setpoint_scale.value(word)
@@ -504,13 +512,16 @@ class ModbusDialect:
         return ()
 
     def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(self.profile.model, reported=False)
+        return Identity(model=self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         return ReadRegisters(self.address, parameter.locator[1], 1)
 
     def parameter_raw(self, reply: Any) -> int | None:
         return reply.values[0] if isinstance(reply, RegisterValues) else None
+
+    def names_parameter(self, reply: Any) -> bool:
+        return True
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         return parameter_reading(parameter, raw, at)
@@ -532,6 +543,14 @@ class ModbusDialect:
         ours = self.command_word is not None and isinstance(request, WriteRegister) and request.address == self.address
         if ours and self.command_word is not None and request.register == self.command_word.map.register:
             self.command_word.on_sent(request.value)
+
+
+def _is_terminal_word(parameter: Parameter) -> bool:
+    """Return whether a register sets input terminals, one of which may be wired to "run" (VC660 2002H to 2005H).
+
+    Its mark is that it can only be written and has no range.
+    """
+    return not parameter.readable and parameter.maximum is None
 
 
 def _with_end_silence(timing: StationTiming, encoding: str) -> StationTiming:

@@ -21,6 +21,7 @@ from drivebus.drives.dialects.base import (
     shortest_period_s,
     signal_reading,
     signals_by_index,
+    without_item_echo,
 )
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
@@ -211,10 +212,22 @@ class SunfarDialect:
             known = request.expected_item is not None and reply.item == request.expected_item
             return self._monitor_readings(request.expected_item, reply, at) if known else {}
         if reply.state is None:
-            return {}
-        found = {"state": Reading(reply.state.name.lower(), "", Quality.GOOD, at, None, int(reply.state))}
+            refused = isinstance(request, ReadMonitor)
+            return {"state": missing_reading("drives.read_refused")} if refused else {}
+        found = {
+            "state": Reading(
+                value=reply.state.name.lower(),
+                unit="",
+                quality=Quality.GOOD,
+                source_time=at,
+                reason=None,
+                raw=int(reply.state),
+            )
+        }
         if reply.fault_code is not None:
-            found["fault"] = Reading(reply.fault_code, "", Quality.GOOD, at, None, reply.fault_code)
+            found["fault"] = Reading(
+                value=reply.fault_code, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=reply.fault_code
+            )
         if isinstance(request, ReadMonitor):
             found |= self._monitor_readings(request.item, reply, at)
         return found
@@ -228,7 +241,7 @@ class SunfarDialect:
             return found
         if reply.data == 0:  # in a fault 0 may also mean "not executed" (manual 2.4.6): missing, not 0.0
             return {signal.name: missing_reading("drives.item_not_echoed", signal.unit) for signal in signals}
-        return {name: _without_item_echo(reading) for name, reading in found.items()}
+        return {name: without_item_echo(reading) for name, reading in found.items()}
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Two agreeing states; of two different turning states the newer one counts."""
@@ -276,7 +289,7 @@ class SunfarDialect:
         return None if key is None else Rejection(key, int(reply.response))
 
     def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz)
+        return frequency_word(self.profile, frequency_hz, self.options)
 
     def setpoint_frequency(self, word: int) -> float:
         return self.profile.setpoint_scale.value(word)
@@ -323,6 +336,9 @@ class SunfarDialect:
         hidden = reply.item is None and not reply.data
         return reply.data if reply.response == 0 and not hidden else None
 
+    def names_parameter(self, reply: SunfarReply) -> bool:
+        return reply.item is not None
+
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         return parameter_reading(parameter, raw, at)
 
@@ -359,7 +375,7 @@ class SunfarDialect:
         digits = {part: reply.info for part, reply in parts if reply is not None and reply.info}
         first, control = digits.get("model", "------"), digits.get("control", "--")
         return Identity(
-            self.profile.model,
+            model=self.profile.model,
             reported=bool(digits),
             voltage_class_v=VOLTAGE_CLASSES.get(first[0]),
             power_kw=int(first[2:]) / 10 if first[2:].isdecimal() else None,
@@ -371,10 +387,3 @@ class SunfarDialect:
 
 def _flag(digit: str) -> bool | None:
     return {"0": False, "1": True}.get(digit)
-
-
-def _without_item_echo(reading: Reading) -> Reading:
-    """Mark a reading as uncertain: in a fault the reply does not name its monitor."""
-    return Reading(
-        reading.value, reading.unit, Quality.UNCERTAIN, reading.source_time, "drives.item_not_echoed", reading.raw
-    )

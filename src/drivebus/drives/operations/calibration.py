@@ -35,7 +35,7 @@ class CalibrationResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStep:
-    """One calibration step of a family."""
+    """Calibration step of a family."""
 
     name: str
     option: str

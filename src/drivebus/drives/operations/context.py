@@ -10,7 +10,8 @@ from typing import Any
 from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
-from drivebus.drives.dialects.base import CommandFrame, fault_from_code
+from drivebus.drives.dialects.base import CommandFrame, Rejection, reported_fault
+from drivebus.drives.operations.state_reports import StateReports
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
@@ -88,6 +89,8 @@ class OperationContext:
         self.stop_epoch = stop_epoch  # at the request, plus our own stops; None: at the creation of the command
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
+        self.state_reports = StateReports()
+        self.stop_rejection: Rejection | None = None  # of the last stop that was sent
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.motion_seen = False  # at least one reading showed that the drive turns
         self.may_be_running = False  # a frame that moves may have been sent, and no stop since
@@ -118,7 +121,14 @@ class OperationContext:
             self.stop_epoch += 1
         was_running, moves = self.may_be_running, permit is not None and permit.effect is Effect.MOTION
         self.may_be_running = was_running or moves  # holds also where the operation is cancelled during the transaction
-        bus_request = BusRequest(self.dialect.address, request, priority, retry_policy, permit, expires_at)
+        bus_request = BusRequest(
+            station=self.dialect.address,
+            request=request,
+            priority=priority,
+            retry_policy=retry_policy,
+            permit=permit,
+            expires_at=expires_at,
+        )
         result = yield from transact(bus_request)
         if moves:
             self.last_motion_result, self.may_be_running = result, was_running or bool(result.sent)
@@ -202,25 +212,28 @@ class OperationContext:
             error = yield from self.verified_reads(requests)
             if error is not None:
                 failed += 1
+                self.state_reports.add_failure()
                 self.reading_pairs.clear()
                 if failed <= allowed_failures:
                     continue
                 self.derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_answer")
                 return error
-            self._record_motion()
+            self._record_report()
             derived = self.dialect.derive_state(self.reading_pairs) if turn - failed >= VERIFICATION_ROUNDS else None
             if derived is not None:
                 self.derived = yield from self._with_fault_code(derived)
                 return None
-        self.derived = DerivedState(DriveState.UNKNOWN, reason="drives.disagree")
+        why = self.reading_pairs.bad_reason(*self.dialect.state_names) or "drives.disagree"
+        self.derived = DerivedState(DriveState.UNKNOWN, reason=why)
         return None
 
-    def _record_motion(self) -> None:
-        """One reading that shows motion proves that the drive did not simply stand."""
+    def _record_report(self) -> None:
+        """Record what one read shows: motion in it proves that the drive did not simply stand."""
         single = ReadingPairs()
         single.latest = single.previous = dict(self.reading_pairs.latest)
         derived = self.dialect.derive_state(single)
         self.motion_seen = self.motion_seen or (derived is not None and derived.state.turning)
+        self.state_reports.add(derived, single.latest)
 
     def _with_fault_code(self, derived: DerivedState) -> DriveOperation[DerivedState]:
         """Read the fault code where the state itself does not carry it."""
@@ -286,15 +299,28 @@ class OperationContext:
     def drive_status(self) -> DriveStatus:
         """Return the status from what this operation has read."""
         derived = self.derived
-        fault = None if derived.fault_code is None else fault_from_code(self.dialect.profile, derived.fault_code)
+        fault = reported_fault(self.dialect.profile, derived)
         at = self.reading_pairs.oldest_time(*self.dialect.state_names)
         signals = self.dialect.profile.signals
         readings = {name: reading for name, reading in self.reading_pairs.latest.items() if name in signals}
-        return DriveStatus(derived.state, derived.direction, fault, readings, derived.reason, at)
+        return DriveStatus(
+            state=derived.state,
+            direction=derived.direction,
+            fault=fault,
+            readings=readings,
+            reason=derived.reason,
+            at=at,
+        )
 
     def outcome(self, status: OutcomeStatus, key: str, /, **params: Any) -> Outcome:
         """Return an outcome with the frames so far and the drive status."""
-        return Outcome(status, key, params, self._exchanges.in_order(), self.drive_status())
+        return Outcome(
+            status=status,
+            key=key,
+            params=params,
+            exchanges=self._exchanges.in_order(),
+            drive_status=self.drive_status(),
+        )
 
     def rejected_outcome(self, result: BusResult, **params: Any) -> Outcome | None:
         """Return the drive's rejection as an outcome, None where it did not reject.
@@ -322,7 +348,9 @@ def with_note(outcome: Outcome, key: str, /, **params: Any) -> Outcome:
 
 def frame_exchange(result: BusResult) -> FrameExchange:
     """Return the frame and the reply of a transaction."""
-    exchange = FrameExchange(result.sent, result.received, result.sent_at, result.received_at)
+    exchange = FrameExchange(
+        sent=result.sent, received=result.received, sent_at=result.sent_at, received_at=result.received_at
+    )
     error = result.error
     return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
 

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from typing import cast
 
-from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.dzb100 import (
     CODINGS,
-    UNCALIBRATED_CAP_HZ,
     Dzb100Dialect,
     decode_or_none,
     highest_safe_word,
     possible_codings,
 )
+from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep, PlannedRequests
+from drivebus.drives.operations.calibration_run import CALIBRATION_RUN_S, run_at_word
 from drivebus.drives.operations.context import EXTRA_VERIFICATION_ROUNDS, VERIFICATION_ROUNDS, OperationContext
-from drivebus.drives.operations.preflight import ensure_preflight
-from drivebus.drives.operations.start import confirm_start, send_frames
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.operations.stop import stop
-from drivebus.drives.outcome import OutcomeStatus
-from drivebus.drives.permissives import CommandKind
+from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.state import Direction
-from drivebus.errors import LimitError, StartInhibited, TargetNotReached
+from drivebus.errors import StartInhibited, TargetNotReached
 
 DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C
-CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
 
 
 def calibrate_query_coding(
@@ -72,35 +66,7 @@ def _measure_at_word(
     op: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
 ) -> DriveOperation[float]:
     """Run once at a raw word and return the frequency on which Q00 and Q01 agree. Always stops."""
-    op.drive.require_capability("run")
-    op.drive.check_direction(direction)
-    if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
-        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=op.drive.maximum_hz)
-    op.limits_checked = True  # the word is at most 5 Hz under every coding that is left
-    yield from ensure_preflight(op)
-    error = yield from op.read_verified_state()
-    if error is not None:
-        raise error
-    conditions = yield from get_bus_conditions()
-    command = op.create_command(CommandKind.START, conditions)
-    frames = dialect.start(direction, word)
-    answer = yield from send_frames(op, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    begun = yield from confirm_start(op, command, frames, direction, answer.error is None)
-    seen: float | None = None
-    if begun.status is OutcomeStatus.CONFIRMED:
-        yield from wait(CALIBRATION_RUN_S)
-        yield from op.check_not_superseded(command)
-        seen = yield from _read_agreeing_hz(op, dialect)
-    stopped = yield from stop(op, StopMode.STOP)
-    if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
-        failure = TargetNotReached(
-            "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
-        )
-        failure.outcome = stopped
-        raise failure
-    return seen
+    return (yield from run_at_word(op, word, direction, lambda: _read_agreeing_hz(op, dialect)))
 
 
 def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:

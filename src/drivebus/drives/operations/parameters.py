@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from drivebus.drives.dialects.base import without_item_echo
 from drivebus.drives.operations.context import OperationContext, with_note
+from drivebus.drives.operations.parameter_write import (
+    ParameterWrite,
+    check_write,
+    confirmation_needed,
+    display_value,
+    may_become_unreachable,
+    may_move,
+    number_of,
+    undescribed_note,
+)
 from drivebus.drives.operations.preflight import read_raw_parameter
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
@@ -17,7 +28,6 @@ from drivebus.errors import (
     DrivebusError,
     DriveError,
     Expired,
-    LimitError,
     PreflightError,
 )
 from drivebus.profiles.model import Parameter, Signal
@@ -26,15 +36,6 @@ from drivebus.values import Reading, missing_reading
 
 READ_BACK_TRIES = 3
 READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated read-back
-
-
-@dataclass(frozen=True, slots=True)
-class _ParameterWrite:
-    """One write, checked before anything is sent."""
-
-    parameter: Parameter
-    value: float
-    raw: int
 
 
 def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
@@ -69,14 +70,19 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
     raw = op.dialect.parameter_raw(answer.reply)
     if raw is None:
         return missing_reading("drives.read_refused", parameter.unit)
-    return op.dialect.parameter_reading(parameter, raw, answer.received_at)
+    reading = op.dialect.parameter_reading(parameter, raw, answer.received_at)
+    return reading if op.dialect.names_parameter(answer.reply) else without_item_echo(reading)
 
 
-def write_values(op: OperationContext, values: Mapping[str, float], save: bool) -> DriveOperation[Outcome]:
+def write_values(
+    op: OperationContext, values: Mapping[str, float | str], save: bool, force: bool = False
+) -> DriveOperation[Outcome]:
     """Write parameters one after the other, up to the first that does not succeed.
 
+    ``force``: the user has confirmed a write that may move the motor or make the drive unreachable.
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
-    EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every parameter.
+    ConfirmationRequired, EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every
+    parameter.
     """
     op.drive.require_capability("write")
     rule = op.dialect.profile.write_support
@@ -87,7 +93,14 @@ def write_values(op: OperationContext, values: Mapping[str, float], save: bool) 
     outcome = op.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
     yield from op.start_clock()
-    for wanted in [_check_write(op, name, value) for name, value in values.items()]:
+    checked = [check_write(op.dialect, name, value) for name, value in values.items()]
+    for wanted in checked:
+        needed = confirmation_needed(op.dialect, wanted)
+        if needed is not None and not force:
+            raise needed
+        if save and not wanted.parameter.readable:
+            raise CapabilityError("drives.not_saved", notation=wanted.parameter.notation)
+    for place, wanted in enumerate(checked, 1):
         try:
             outcome = yield from _write_one(op, wanted, save)
         except (DriveError, Expired, ConfigurationError) as withheld:
@@ -96,43 +109,29 @@ def write_values(op: OperationContext, values: Mapping[str, float], save: bool) 
             outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
         outcome = replace(outcome, notes=notes)
         if not outcome.succeeded:
-            return outcome
+            return _with_unsent(outcome, checked[place:])
         outcome = with_note(outcome, outcome.key, **outcome.params)
+        caution = undescribed_note(wanted)
+        outcome = with_note(outcome, caution, **_message_params(wanted)) if caution else outcome
         notes = outcome.notes
         op.age.checks_started_at = (yield from get_bus_conditions()).now
     return outcome
 
 
-def _check_write(op: OperationContext, name: str, value: float) -> _ParameterWrite:
-    """Return a checked write. Raises where the parameter can't be written or not with this value."""
-    model = op.dialect.profile.model
-    parameter = find_entry(op.dialect.profile, name)
-    if isinstance(parameter, Signal):
-        raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)
-    if not parameter.writable or not parameter.listed:
-        raise CapabilityError("drives.not_writable", model=model, notation=parameter.notation)
-    low, high = parameter.minimum, parameter.maximum
-    if (low is not None and value < low) or (high is not None and value > high):
-        raise LimitError("drives.parameter_range", notation=parameter.notation, value=value, minimum=low, maximum=high)
-    try:
-        raw = op.dialect.parameter_word(parameter, value)
-    except ValueError as error:
-        raise LimitError("drives.parameter_word", notation=parameter.notation, value=value) from error
-    if parameter.choices and raw not in parameter.choices and parameter.maximum is None:
-        known = ", ".join(str(choice) for choice in parameter.choices)
-        raise LimitError("drives.parameter_choice", notation=parameter.notation, value=value, choices=known)
-    return _ParameterWrite(parameter, value, raw)
+def _with_unsent(outcome: Outcome, unsent: list[ParameterWrite]) -> Outcome:
+    """Return an outcome with a note for each write that was not sent because an earlier one did not succeed."""
+    for wanted in unsent:
+        outcome = with_note(outcome, "drives.write_unsent", **_message_params(wanted))
+    return outcome
 
 
-def _message_params(wanted: _ParameterWrite) -> dict[str, object]:
-    """Return the message parameters of a write; whole numbers where the drive's own display shows them."""
-    parameter, value = wanted.parameter, wanted.value
-    whole = parameter.scale.decimals == 0 and float(value).is_integer()
-    unit = f" {parameter.unit}" if parameter.unit else ""
-    return {"notation": parameter.notation, "value": int(value) if whole else value, "unit": unit}
+def _message_params(wanted: ParameterWrite) -> dict[str, object]:
+    """Return the message parameters of a write."""
+    unit = f" {wanted.parameter.unit}" if wanted.parameter.unit and not isinstance(wanted.value, str) else ""
+    return {"notation": wanted.parameter.notation, "value": wanted.value, "unit": unit}
 
 
-def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> DriveOperation[Outcome]:
+def _write_one(op: OperationContext, wanted: ParameterWrite, save: bool) -> DriveOperation[Outcome]:
     notation, budget = wanted.parameter.notation, op.drive.eeprom_budget
     params = _message_params(wanted)
     held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
@@ -143,8 +142,14 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
         yield from budget.consume(notation, conditions.day)
     else:
         yield from budget.mark_ram_only(notation)
+    if not wanted.parameter.readable:
+        # the reply mirrors the write and no read follows: the probe shows that the port has no echo
+        error = yield from op.sync()
+        if error is not None:
+            raise PreflightError("drives.not_written", why=error, **params) from error
     conditions = yield from op.check_deadline()
-    command = op.drive.create_command(CommandKind.WRITE, conditions)
+    kind = CommandKind.INPUTS if may_move(op.dialect, wanted) else CommandKind.WRITE
+    command = op.create_command(kind, conditions)
     answer = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
     refused = op.rejected_outcome(answer, **params)
     if refused is not None:
@@ -162,11 +167,11 @@ def _write_one(op: OperationContext, wanted: _ParameterWrite, save: bool) -> Dri
 
 
 def _read_back(
-    op: OperationContext, wanted: _ParameterWrite, answered: bool, params: dict[str, object]
+    op: OperationContext, wanted: ParameterWrite, answered: bool, params: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not wanted.parameter.readable:
-        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unknown", **params)
+        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unanswered", **params)
     raw: int | None = None
     error: DrivebusError | None = None
     for attempt in range(READ_BACK_TRIES):
@@ -178,9 +183,13 @@ def _read_back(
             error = silent
         if raw == wanted.raw and error is None:
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
+    if error is not None and answered and may_become_unreachable(op.dialect, wanted):
+        return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.write_unreachable", **params)
     if error is not None or raw is None:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **params)
-    found = op.dialect.parameter_reading(wanted.parameter, raw, None).value
+    number = number_of(op.dialect, wanted.parameter, raw)
+    is_word = number is None or isinstance(wanted.value, str)
+    found = f"{raw:04X}H" if is_word or number is None else display_value(wanted.parameter, number, number)
     return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **params)
 
 

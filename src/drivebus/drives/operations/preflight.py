@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from drivebus import i18n
 from drivebus.drives.context import Preflight, UnmetPrecondition
+from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError
@@ -22,11 +26,12 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
         if condition.unreadable is not None:
             unreadable.append((condition.notation, condition.unreadable))
             continue
-        raw = yield from read_raw_parameter(op, op.dialect.profile.parameters[condition.notation])
+        reply = yield from read_parameter_reply(op, op.dialect.profile.parameters[condition.notation])
+        raw = op.dialect.parameter_raw(reply)
         if raw in condition.accepted:
             holds.append(condition.notation)
         else:
-            missing.append(_unmet(condition, raw))
+            missing.append(_unmet(op.dialect, condition, reply))
     yield from _read_ramp_times(op)
     conditions = yield from get_bus_conditions()
     found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), conditions.now)
@@ -43,8 +48,9 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     fresh = known is not None and known.passed and op.dialect.reports_run_state
     found = known if fresh and known is not None else (yield from read_preflight(op))
     if not found.passed:
+        refused = all(unmet.found is None for unmet in found.unmet)
         raise PreflightError(
-            "drives.preflight",
+            "drives.preflight_refused" if refused else "drives.preflight",
             model=op.dialect.profile.model,
             station=op.dialect.address,
             parameters=", ".join(m.notation for m in found.unmet),
@@ -55,6 +61,11 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
 
 def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
     """Return the raw word of a parameter, None where it is rejected. Raises PreflightError without a reply."""
+    return op.dialect.parameter_raw((yield from read_parameter_reply(op, parameter)))
+
+
+def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOperation[Any]:
+    """Return the reply to the read of a parameter. Raises PreflightError without one."""
     request = op.dialect.read_parameter(parameter)
     error: DrivebusError | None = None
     if op.dialect.needs_sync(request):
@@ -62,7 +73,7 @@ def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOpera
     if error is None:
         answer = yield from op.transact(request)
         if answer.error is None:
-            return op.dialect.parameter_raw(answer.reply)
+            return answer.reply
         error = answer.error if isinstance(answer.error, DrivebusError) else None
     problem = error.text() if error is not None else ""
     raise PreflightError(
@@ -85,16 +96,21 @@ def _read_ramp_times(op: OperationContext) -> DriveOperation[None]:
     op.drive.acceleration_s, op.drive.deceleration_s = seconds
 
 
-def _unmet(condition: Precondition, raw: int | None) -> UnmetPrecondition:
-    return UnmetPrecondition(condition.notation, raw, condition.accepted, condition.keypad)
+def _unmet(dialect: Dialect, condition: Precondition, reply: Any) -> UnmetPrecondition:
+    raw = dialect.parameter_raw(reply)
+    why = None
+    if raw is None:
+        why = (dialect.rejection(reply) or Rejection("drives.item_not_echoed", None)).text
+    return UnmetPrecondition(condition.notation, raw, condition.accepted, condition.keypad, why)
 
 
 def _keypad_steps(missing: tuple[UnmetPrecondition, ...]) -> Text:
     """Return the value of each unmet parameter and the keypad step that corrects it, in both languages."""
-    en = " ".join(f"{m.notation} reads {_raw_text(m.found)}: {m.keypad.en}" for m in missing)
-    zh = "".join(f"{m.notation} 当前为 {_raw_text(m.found)}：{m.keypad.zh}" for m in missing)
-    return Text(en, zh)
+    sentences = {language: [_precondition_sentence(one, language) for one in missing] for language in i18n.LANGUAGES}
+    return Text(en=" ".join(sentences["en"]), zh="".join(sentences["zh"]))
 
 
-def _raw_text(raw: int | None) -> str:
-    return "?" if raw is None else str(raw)
+def _precondition_sentence(unmet: UnmetPrecondition, language: str) -> str:
+    key = "drives.precondition_unmet" if unmet.rejection is None else "drives.precondition_refused"
+    params = {"notation": unmet.notation, "found": unmet.found, "keypad": unmet.keypad, "why": unmet.rejection}
+    return i18n.text(key, language, **params)

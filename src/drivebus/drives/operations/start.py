@@ -5,8 +5,11 @@ A start that was not answered is resent only after a verified state shows stands
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+from drivebus import i18n
 from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
@@ -15,8 +18,9 @@ from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequenc
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
-from drivebus.drives.state import Direction, DriveState
+from drivebus.drives.state import Direction, DriveState, DriveStatus
 from drivebus.errors import CapabilityError, DrivebusError, Expired, StartInhibited, Superseded, TargetNotReached
+from drivebus.values import Text
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
 RAMP_FACTOR, RAMP_SLACK_S = 1.5, 2.0  # a ramp may take 1.5 times its set time and 2 s
@@ -81,8 +85,9 @@ def _change_running_speed(
     wanted = direction or Direction.FORWARD
     runs = derived.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
     if not runs or (derived.direction is not None and derived.direction is not wanted):
-        shown_direction = derived.direction if derived.direction else "?"
-        raise StartInhibited("drives.turning", state=derived.state, direction=shown_direction)
+        if derived.direction is None:
+            raise StartInhibited("drives.turning_state", state=derived.state)
+        raise StartInhibited("drives.turning", state=derived.state, direction=derived.direction)
     if derived.direction is None and direction is not None:
         raise StartInhibited("drives.turning_unknown_direction", direction=direction)
     return (yield from set_frequency(op, frequency_hz))
@@ -98,8 +103,10 @@ def _start_from_standstill(
     yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
+    if outcome.status is OutcomeStatus.REFUSED:
+        return _refused_outcome(outcome, "drives.start_setpoint_refused", frequency_hz=frequency_hz)
     if not outcome.succeeded:
-        return outcome if outcome.status is OutcomeStatus.REFUSED else _not_started_outcome(outcome)
+        return _not_started_outcome(outcome)
     yield from op.check_not_superseded(setpoint)
     try:
         if op.dialect.reports_run_state:
@@ -118,11 +125,17 @@ def _send_start(
     answer = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(answer)
     if refused is not None:
-        return refused
+        return _refused_outcome(refused, "drives.start_refused")
     outcome = yield from confirm_start(op, command, frames, direction, answer.error is None)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
         return (yield from _check_setpoint(op, outcome, word, frequency_hz))
     return outcome
+
+
+def _refused_outcome(refused: Outcome, key: str, **params: Any) -> Outcome:
+    """Return a rejection with the frame that the drive rejected named by the sentence of ``key``."""
+    why = Text(*(refused.text(language) for language in i18n.LANGUAGES))
+    return replace(refused, key=key, params={**params, "code": refused.params["code"], "why": why})
 
 
 def _not_started_outcome(outcome: Outcome) -> Outcome:
@@ -192,10 +205,16 @@ def confirm_start(
 
 
 def _running_outcome(op: OperationContext, direction: Direction | None) -> Outcome:
-    found = op.derived.direction
-    if direction is not None and found is not None and found is not direction:
-        return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=direction, found=found)
-    return op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=op.derived.state)
+    wrong = _wrong_direction_outcome(op, direction)
+    return wrong or op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=op.derived.state)
+
+
+def _wrong_direction_outcome(op: OperationContext, direction: Direction | None) -> Outcome | None:
+    """Return the outcome of a drive that reports another direction than commanded; a start without one is forward."""
+    expected, found = direction or Direction.FORWARD, op.derived.direction
+    if found is None or found is expected:
+        return None
+    return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=expected, found=found)
 
 
 def _unconfirmed_outcome(op: OperationContext, state: DriveState, silent: bool) -> Outcome:
@@ -206,7 +225,12 @@ def _unconfirmed_outcome(op: OperationContext, state: DriveState, silent: bool) 
 
 
 def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency_hz: float) -> DriveOperation[Outcome]:
-    """Check the frequency of a confirmed start."""
+    """Check the frequency of a confirmed start, where the drive shows it.
+
+    A drive that shows only its output frequency (C320) has not reached it yet: ``wait_at_speed`` confirms it.
+    """
+    if not op.dialect.setpoint_reads() and op.dialect.can_confirm_speed():
+        return outcome
     if not op.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
     found = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
@@ -240,9 +264,17 @@ def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> flo
 
 
 def wait_at_speed(
-    op: OperationContext, frequency_hz: float, outcome: Outcome, timeout_s: float | None
+    op: OperationContext,
+    frequency_hz: float,
+    outcome: Outcome,
+    timeout_s: float | None,
+    direction: Direction | None = None,
+    on_progress: Callable[[DriveStatus], None] | None = None,
 ) -> DriveOperation[Outcome]:
-    """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports."""
+    """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports.
+
+    ``on_progress`` is called with every status that was read meanwhile.
+    """
     conditions = yield from get_bus_conditions()
     stop_epoch = conditions.stop_epoch
     limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
@@ -253,6 +285,11 @@ def wait_at_speed(
         conditions = yield from get_bus_conditions()
         if conditions.stop_epoch != stop_epoch:
             raise op.superseded_error()
+        if on_progress is not None:
+            on_progress(op.drive_status())
+        wrong = _wrong_direction_outcome(op, direction)
+        if wrong is not None:
+            return wrong
         state, output = op.derived.state, _output_hz(op)
         if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
             key = "drives.running_at"

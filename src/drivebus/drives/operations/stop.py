@@ -5,14 +5,17 @@ A stop needs no permit: no check of the host ever withholds it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite
 
+from drivebus import i18n
 from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.state import DriveState
+from drivebus.drives.state import STATE_NOT_READ, DriveState
+from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
 STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # or for two verified states and two stops, on a slow bus (300 baud: 10 s)
@@ -64,7 +67,8 @@ def stop(
 ) -> DriveOperation[Outcome]:
     """Stop and return how far that is confirmed. Never raises for what the bus or the drive does.
 
-    ``wait_confirmed`` False returns once the drive has answered the stop, with an unconfirmed outcome.
+    ``wait_confirmed`` False returns once the drive has answered the stop, with an unconfirmed outcome; a drive that
+    can't report standstill is sent the stop three times in either case, and the outcome is acknowledged.
     """
     outcome = yield from _send_and_confirm(
         op, mode, wait_confirmed, progress or StopProgress(op, (yield from get_bus_conditions()).now)
@@ -94,8 +98,8 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )
         if place == 0:
-            accepted = answer.reply is not None and op.dialect.rejection(answer.reply) is None
-            answered = answer.error is None and accepted
+            op.stop_rejection = None if answer.reply is None else op.dialect.rejection(answer.reply)
+            answered = answer.error is None and answer.reply is not None and op.stop_rejection is None
     return answered
 
 
@@ -130,8 +134,31 @@ def _until_confirmed(
 
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:
-    """Return the outcome of a stop that must be checked at the drive."""
-    return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_unconfirmed", state=op.derived.state)
+    """Return the outcome of a stop that must be checked at the drive, with what the drive has reported."""
+    seen, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
+    if seen.newest is None:
+        key = "drives.stop_no_reply" if why is None else "drives.stop_rejected"
+        return op.outcome(OutcomeStatus.UNKNOWN, key, why=why)
+    state, output_hz = seen.newest.state, seen.output_hz
+    found = Text(*(_reported_text(state, output_hz, language) for language in i18n.LANGUAGES))
+    params = {"found": found, "reads": seen.count, "failures": seen.failures, "state": state, "output_hz": output_hz}
+    if seen.failures:
+        key = "drives.stop_reply_lost"
+    elif why is not None:
+        key, params["why"] = "drives.stop_rejected_running", why
+    else:
+        key = "drives.stop_unconfirmed" if state.turning else "drives.stop_contradicted"
+    outcome = op.outcome(OutcomeStatus.UNKNOWN, key, **params)
+    if op.derived is not STATE_NOT_READ or outcome.drive_status is None:
+        return outcome
+    status = replace(outcome.drive_status, state=state, direction=seen.newest.direction, reason=None)
+    return replace(outcome, drive_status=status)
+
+
+def _reported_text(state: DriveState, output_hz: float | None, language: str) -> str:
+    """Format ``running at 25.0 Hz``, without a frequency that the drive does not report as good."""
+    key = "drives.reported" if output_hz is None else "drives.reported_at"
+    return i18n.text(key, language, state=state, output_hz=output_hz)
 
 
 def _is_stop_confirmed(op: OperationContext) -> bool:

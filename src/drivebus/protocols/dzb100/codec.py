@@ -1,4 +1,4 @@
-"""Codec of the DZB100 protocol, for a host and for a station, and the effect of a request frame.
+"""Codec of the DZB100 protocol, for a master and for a station, and the effect of a request frame.
 
     0 head C P R Q · 1 S = 03H · 2 A (request) or B (reply) · 3-4 address · 5-6 command, parameter or item · 7-10 data
 
@@ -198,11 +198,11 @@ def parse_reply(data: bytes) -> Dzb100Reply:
         raise AddressError("protocols.dzb100.address_range", expected=LAST_ADDRESS, found=address)
     mark = data[2]
     if mark in (ACK_DONE, ACK_REFUSED):
-        return Dzb100Reply(chr(data[0]), address, index, word, mark == ACK_DONE)
+        return Dzb100Reply(head=chr(data[0]), address=address, index=index, data=word, accepted=mark == ACK_DONE)
     digit = STATE_DIGITS.get(mark)
     if digit is None or data[0] != Dzb100Control.head:
         raise CodeError("protocols.dzb100.acknowledge", expected="06, 07", found=mark)
-    return Dzb100Reply("C", address, index, word, None, digit)
+    return Dzb100Reply(head="C", address=address, index=index, data=word, accepted=None, digit=digit)
 
 
 def _acknowledge(reply: Dzb100Reply) -> int:

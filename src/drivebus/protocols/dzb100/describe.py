@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,9 +33,14 @@ from drivebus.protocols.dzb100.codec import (
 from drivebus.protocols.dzb100.messages import (
     COMMAND_BY_CODE,
     FREQUENCY_CODINGS,
+    LAST_PARAMETER,
+    LAST_QUERY_ITEM,
     Dzb100Command,
     Dzb100Control,
+    Dzb100Query,
+    Dzb100ReadParameter,
     Dzb100Request,
+    Dzb100WriteParameter,
     FaultCoding,
     FrequencyCoding,
     StateWord,
@@ -81,7 +87,7 @@ def describe(
     if direction == "request" and not problems:
         request_message = _CODEC.decode_request(data).message  # type: ignore[union-attr]
         canonical = _canonical_request(request_message)
-        errata, hazards = _errata(data, canonical), _hazards(request_message, options)  # type: ignore[assignment]
+        errata, hazards = _errata(data, request_message, canonical), _hazards(request_message, options)  # type: ignore[assignment]
     interpretations = _interpretations(data) if guessed and direction == "request" and not problems else ()
     return FrameDescription(
         family="dzb100",
@@ -199,11 +205,21 @@ def _canonical_request(request: Dzb100Request) -> bytes | None:
         return None
 
 
-def _errata(data: bytes, canonical: bytes | None) -> tuple[Note, ...]:
-    found = [] if data == canonical else [note("protocols.dzb100.erratum.not_canonical")]
+def _errata(data: bytes, request: Dzb100Request, canonical: bytes | None) -> tuple[Note, ...]:
+    found = list(_range_errata(request))
+    if data != canonical and not found:
+        found.append(note("protocols.dzb100.erratum.not_canonical"))
     if data == _EXAMPLE_1_FRAME:
         found.append(note("protocols.dzb100.erratum.example_1"))
     return tuple(found)
+
+
+def _range_errata(request: Dzb100Request) -> Iterator[Note]:
+    """Yield the fields that are outside the manual's ranges."""
+    if isinstance(request, Dzb100Query) and request.index > LAST_QUERY_ITEM:
+        yield note("protocols.dzb100.erratum.item", found=request.index)
+    if isinstance(request, Dzb100ReadParameter | Dzb100WriteParameter) and request.index > LAST_PARAMETER:
+        yield note("protocols.dzb100.erratum.parameter", found=request.index)
 
 
 def _hazards(request: Dzb100Request, options: Dzb100DecodeOptions) -> tuple[Note, ...]:

@@ -96,7 +96,7 @@ class Dzb100Query:
 Dzb100Request = Dzb100Control | Dzb100WriteParameter | Dzb100ReadParameter | Dzb100Query
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Dzb100Reply:
     """Reply of a drive. Byte B is 06 (``accepted``), 07 (not accepted) or, in a C reply, a state digit.
 

@@ -12,6 +12,8 @@ from drivebus.protocols.modbus.ascii import ModbusAsciiCodec
 from drivebus.protocols.modbus.classify import RegisterWrite, parse_request_frame, registers_written
 from drivebus.protocols.modbus.describe import describe
 from drivebus.protocols.modbus.messages import (
+    BROADCAST,
+    EXCEPTION_NAMES,
     BitValues,
     Diagnostics,
     DiagnosticsReply,
@@ -31,6 +33,8 @@ from drivebus.protocols.modbus.pdu import IllegalRequest
 from drivebus.protocols.modbus.rtu import ErrorForm, ModbusRtuCodec
 
 __all__ = [
+    "BROADCAST",
+    "EXCEPTION_NAMES",
     "BitValues",
     "Diagnostics",
     "DiagnosticsReply",

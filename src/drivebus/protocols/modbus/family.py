@@ -11,9 +11,9 @@ from drivebus.protocols.family import Locator, NotationStyle, ProtocolFamily
 from drivebus.protocols.modbus.ascii import START_MARK, ModbusAsciiCodec
 from drivebus.protocols.modbus.messages import ADDRESSES, BROADCAST
 from drivebus.protocols.modbus.rtu import ModbusRtuCodec
+from drivebus.values import HEX_WORD, parse_hex_word
 
 _PARAMETER = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
-_REGISTER = re.compile(r"0X([0-9A-F]{1,4})|([0-9][0-9A-F]{0,4})H", re.ASCII)
 _DECIMAL = re.compile(r"[0-9]{1,5}", re.ASCII)
 _LAST_ITEM = 99
 
@@ -29,9 +29,8 @@ def _parse_consecutive(text: str, highest: int, group_sizes: Mapping[str, int]) 
 
 
 def _parse_grouped(text: str, highest: int, index_of: Callable[[int, int], int]) -> Locator | None:
-    register = _parse_hexadecimal(text)
-    if register is not None or _REGISTER.fullmatch(text):
-        return register
+    if _is_hexadecimal(text):
+        return _parse_hexadecimal(text)
     match = _PARAMETER.fullmatch(text)
     if not match:
         return None
@@ -42,15 +41,14 @@ def _parse_grouped(text: str, highest: int, index_of: Callable[[int, int], int])
 
 def _parse_register(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
     """``3002H``, ``0x3002`` or ``12290``."""
-    if _REGISTER.fullmatch(text):
+    if _is_hexadecimal(text):
         return _parse_hexadecimal(text)
     return ("holding", int(text)) if _DECIMAL.fullmatch(text) and int(text) <= highest else None
 
 
 def _parse_hexadecimal(text: str) -> Locator | None:
-    match = _REGISTER.fullmatch(text)
-    register = int(match[1] or match[2], 16) if match else None
-    return ("holding", register) if register is not None and register <= 0xFFFF else None
+    register = parse_hex_word(text)
+    return None if register is None else ("holding", register)
 
 
 def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
@@ -78,7 +76,7 @@ def _format_register(locator: Locator, highest: int) -> str:
 
 
 def _is_hexadecimal(text: str) -> bool:
-    return _REGISTER.fullmatch(text) is not None
+    return HEX_WORD.fullmatch(text) is not None
 
 
 FAMILY: Final = ProtocolFamily(
@@ -97,7 +95,7 @@ FAMILY: Final = ProtocolFamily(
             is_raw_address=_is_hexadecimal,
         ),
         "hundreds": NotationStyle(
-            examples="F1.07, 2001H, 0x2001",
+            examples="F1.07 (F0.00-F9.99), 2001H, 0x2001",
             parse=_parse_hundreds,
             format=_format_hundreds,
             is_raw_address=_is_hexadecimal,

@@ -28,6 +28,8 @@ ILLEGAL_REGISTER: Final = 2
 ILLEGAL_VALUE: Final = 3
 EXCEPTION_CODES: Final = frozenset((1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
 """Codes of V1.1b3 section 7; VC660 documents 1 to 4."""
+EXCEPTION_NAMES: Final = {1: "illegal_function", 2: "illegal_address", 3: "illegal_value", 4: "failed"}
+"""Exceptions that V1.1b3 section 7 and the VC660 manual define alike."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Codec of the Sunfar protocol: messages to frames and back, for a host and for a station.
+"""Codec of the Sunfar protocol: messages to frames and back, for a master and for a station.
 
 Decoding is strict and begins at offset 0; the length comes from the class or the response code, because the end mark
 is an ordinary byte of hex frames. Section numbers are those of the C320 manual.
@@ -52,7 +52,7 @@ from drivebus.protocols.sunfar.messages import (
 
 
 class SunfarCodec:
-    """One encoding of the Sunfar protocol.
+    """Encoding of the Sunfar protocol.
 
     ``digits`` "tolerant" also reads 3AH-3FH and a-f as A-F. ``nibble`` also reads hex frames with one nibble a byte;
     ``nibble_data`` then marks replies whose data are ambiguous. Both affect decoding only: frames are written
@@ -287,7 +287,7 @@ def parse_short_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     address, response, zero = fmt.read(SHORT_LAYOUT, frame).values
     if zero:
         raise CodeError("protocols.sunfar.short_state", expected=0, found=zero)
-    return SunfarReply(address, RESPONSE_BY_CODE[response])
+    return SunfarReply(address=address, response=RESPONSE_BY_CODE[response])
 
 
 def parse_full_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
@@ -297,9 +297,27 @@ def parse_full_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     known = _parse_state(state)
     if known is SunfarState.FAULT:
         return SunfarReply(
-            address, RESPONSE_BY_CODE[response], known, group, None, data, item, None, fields.nibble_data
+            address=address,
+            response=RESPONSE_BY_CODE[response],
+            state=known,
+            group=group,
+            item=None,
+            data=data,
+            fault_code=item,
+            info=None,
+            nibble_data=fields.nibble_data,
         )
-    return SunfarReply(address, RESPONSE_BY_CODE[response], known, group, item, data, None, None, fields.nibble_data)
+    return SunfarReply(
+        address=address,
+        response=RESPONSE_BY_CODE[response],
+        state=known,
+        group=group,
+        item=item,
+        data=data,
+        fault_code=None,
+        info=None,
+        nibble_data=fields.nibble_data,
+    )
 
 
 def parse_identity_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
@@ -312,7 +330,12 @@ def parse_identity_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     known = _parse_state(state)
     digits = _UNKNOWN_DIGITS if known is SunfarState.FAULT else f"{seven:X}{eight:X}"
     return SunfarReply(
-        address, RESPONSE_BY_CODE[response], known, group, info=f"{digits}{rest:04X}", nibble_data=fields.nibble_data
+        address=address,
+        response=RESPONSE_BY_CODE[response],
+        state=known,
+        group=group,
+        info=f"{digits}{rest:04X}",
+        nibble_data=fields.nibble_data,
     )
 
 
@@ -323,7 +346,11 @@ def _parse_identity_in_fault(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     if _parse_state(state) is not SunfarState.FAULT:
         raise AlphabetError("protocols.sunfar.digit", expected=0x0F, found=item, position=8)
     return SunfarReply(
-        address, RESPONSE_BY_CODE[response], SunfarState.FAULT, group, info=f"{_UNKNOWN_DIGITS}{rest:04X}"
+        address=address,
+        response=RESPONSE_BY_CODE[response],
+        state=SunfarState.FAULT,
+        group=group,
+        info=f"{_UNKNOWN_DIGITS}{rest:04X}",
     )
 
 
@@ -379,7 +406,13 @@ def _validate_control_reply(request: SunfarControl, reply: SunfarReply) -> Sunfa
     _check_echo("group", 0, reply.group)
     if request.expected_item is not None and reply.item == request.expected_item:
         return reply
-    return SunfarReply(reply.address, reply.response, reply.state, reply.group, fault_code=reply.fault_code)
+    return SunfarReply(
+        address=reply.address,
+        response=reply.response,
+        state=reply.state,
+        group=reply.group,
+        fault_code=reply.fault_code,
+    )
 
 
 def _check_write_echo(request: SunfarWriteParameter, reply: SunfarReply) -> None:

@@ -182,7 +182,7 @@ def _hazards(frame_class: int, operation: int) -> tuple[Note, ...]:
 
 
 def _canonical_request(received: ReceivedRequest, codec: SunfarCodec, raw: FrameFields) -> bytes | None:
-    """Return the frame of a correct host for this request; None where the codec refuses to encode it."""
+    """Return the frame of a correct master for this request; None where the codec refuses to encode it."""
     request = received.request
     if raw.nibble_data is not None and isinstance(request, SunfarWriteParameter):
         request = SunfarWriteParameter(request.address, request.group, request.item, raw.nibble_data, request.save)

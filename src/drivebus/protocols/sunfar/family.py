@@ -39,9 +39,14 @@ FAMILY: Final = ProtocolFamily(
     broadcast=BROADCAST,
     gap_characters=5.0,  # manual section 2.2.4
     jog_frequency="either",
-    notations={"sunfar": NotationStyle(examples="F0.1, F1.10, FC.03, d.0", parse=_parse, format=_format)},
+    notations={
+        "sunfar": NotationStyle(
+            examples="F0.1, F1.10 (F1.0-F1.255), FC.03, d.0 (d.0-d.255)", parse=_parse, format=_format
+        )
+    },
     describe="drivebus.commissioning.decode.sunfar:describe",
     dialect="drivebus.drives.dialects.sunfar:SunfarDialect",
+    calibrations="drivebus.drives.operations.setpoint_step_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.c320:MODELS",),
-    scan_models=("c320",),
+    scan_models=("c320", "c300", "e300", "e500", "e550"),
 )

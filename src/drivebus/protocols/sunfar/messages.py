@@ -202,7 +202,7 @@ class ReceivedRequest:
     nibble_data: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SunfarReply:
     """Reply of a station. A short reply (response 6, 7, 8) has only address and response.
 
@@ -237,7 +237,7 @@ def error_reply(error: ProtocolError) -> SunfarReply | None:
         return None
     for error_type, response in _ERROR_RESPONSES:
         if isinstance(error, error_type):
-            return SunfarReply(address, response)
+            return SunfarReply(address=address, response=response)
     return None
 
 

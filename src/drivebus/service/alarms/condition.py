@@ -42,7 +42,7 @@ class Observation:
 
 @dataclass(slots=True)
 class AlarmCondition:
-    """One alarm configuration for one drive. ``value``: the value that raised the alarm."""
+    """Alarm configuration applied to a drive. ``value``: the value that raised the alarm."""
 
     setting: AlarmConfig
     drive: str

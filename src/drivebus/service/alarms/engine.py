@@ -7,7 +7,7 @@ may be set at any time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivebus import i18n
@@ -31,26 +31,42 @@ MAX_SHELVED_MS = 86_400_000
 """After a restart an alarm stays shelved for a day at most, even if the wall clock was set in between."""
 
 
+@dataclass(frozen=True, slots=True)
+class Shelving:
+    """End of a shelving, the user who shelved, and the reason that the user gave."""
+
+    until_ms: int | None = None
+    by: str | None = None
+    reason: str | None = None
+
+    @property
+    def alarm_fields(self) -> dict[str, Any]:
+        return {"shelved_until_ms": self.until_ms, "shelved_by": self.by, "shelved_reason": self.reason}
+
+
+NOT_SHELVED = Shelving()
+
+
 class AlarmShelf:
-    """Shelved alarm keys with their end: monotonic second and UTC millisecond."""
+    """Shelved alarm keys with the monotonic second of their end."""
 
     def __init__(self) -> None:
-        self._until: dict[AlarmKey, tuple[float, int]] = {}
+        self._until: dict[AlarmKey, tuple[float, Shelving]] = {}
 
-    def shelve(self, key: AlarmKey, minutes: int, now: float, now_ms: int) -> int:
-        """Shelve a key and return its end as UTC milliseconds."""
-        self._until[key] = (now + minutes * 60.0, now_ms + minutes * 60_000)
-        return self._until[key][1]
+    def shelve(self, key: AlarmKey, minutes: int, shelving: Shelving, now: float) -> None:
+        """Shelve a key for ``minutes``."""
+        self._until[key] = (now + minutes * 60.0, shelving)
 
     def restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
         """Shelve an alarm of an earlier run for the rest of its time, as far as the wall clock shows."""
         if alarm.shelved_until_ms is not None:
             left_ms = min(max(0, alarm.shelved_until_ms - now_ms), MAX_SHELVED_MS)
-            self._until[alarm.key] = (now + left_ms / 1000, alarm.shelved_until_ms)
+            shelving = Shelving(alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason)
+            self._until[alarm.key] = (now + left_ms / 1000, shelving)
 
-    def until_ms(self, key: AlarmKey) -> int | None:
+    def shelving(self, key: AlarmKey) -> Shelving:
         found = self._until.get(key)
-        return None if found is None else found[1]
+        return NOT_SHELVED if found is None else found[1]
 
     def expired(self, now: float) -> list[AlarmKey]:
         """Return the keys whose time has ended."""
@@ -137,8 +153,8 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
 
 
 DEFAULT_ALARMS = (
-    AlarmConfig("fault", AlarmKind.FAULT, (), priority=AlarmPriority.CRITICAL),
-    AlarmConfig("no_response", AlarmKind.NO_RESPONSE, (), priority=AlarmPriority.HIGH),
+    AlarmConfig(id="fault", kind=AlarmKind.FAULT, drives=(), priority=AlarmPriority.CRITICAL),
+    AlarmConfig(id="no_response", kind=AlarmKind.NO_RESPONSE, drives=(), priority=AlarmPriority.HIGH),
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
@@ -253,7 +269,7 @@ class AlarmEngine:
         self._next_number += 1
         self._uncleared[alarm.key] = alarm.id
         forgotten = self._acknowledge_excess(alarm)
-        return [*forgotten, self._update("raised", alarm, shelved_until_ms=self._shelves.until_ms(alarm.key))]
+        return [*forgotten, self._update("raised", alarm, **self._shelves.shelving(alarm.key).alarm_fields)]
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
@@ -272,11 +288,12 @@ class AlarmEngine:
         alarm = self._get(id)
         return [] if alarm.acknowledged_ms is not None else [self._acknowledge(alarm, by, now_ms)]
 
-    def shelve(self, id: str, minutes: int, now: float, now_ms: int) -> list[AlarmChange]:
+    def shelve(self, id: str, minutes: int, now: float, now_ms: int, *, by: str, reason: str) -> list[AlarmChange]:
         """Shelve every alarm of the same key for ``minutes``; its condition stays active. Raises NotFound."""
         alarm = self._get(id)
-        until_ms = self._shelves.shelve(alarm.key, minutes, now, now_ms)
-        return [self._update("shelved", one, shelved_until_ms=until_ms) for one in self._with_key(alarm.key)]
+        shelving = Shelving(now_ms + minutes * 60_000, by, reason)
+        self._shelves.shelve(alarm.key, minutes, shelving, now)
+        return [self._update("shelved", one, **shelving.alarm_fields) for one in self._with_key(alarm.key)]
 
     def unshelve(self, id: str) -> list[AlarmChange]:
         """Unshelve every alarm of the same key. Raises NotFound."""
@@ -289,7 +306,7 @@ class AlarmEngine:
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
         self._shelves.remove(key)
         shelved = [one for one in self._with_key(key) if one.shelved_until_ms is not None]
-        return [self._update("unshelved", one, shelved_until_ms=None) for one in shelved]
+        return [self._update("unshelved", one, **NOT_SHELVED.alarm_fields) for one in shelved]
 
     def _acknowledge(self, alarm: Alarm, by: str, now_ms: int) -> AlarmChange:
         return self._update("acknowledged", alarm, acknowledged_ms=now_ms, acknowledged_by=by)

@@ -27,7 +27,13 @@ class SystemAlarm(StrEnum):
     STORAGE_FAILURE = "storage_failure"
     """The audit trail or the history cannot be written."""
     AUDIT_INCOMPLETE = "audit_incomplete"
-    """Records of the audit trail were missing when the service started."""
+    """Records or checkpoints of the audit trail were missing when the service started."""
+    AUDIT_KEY_REPLACED = "audit_key_replaced"
+    """The checkpoints of the audit trail were not made with its key when the service started."""
+    SETTINGS_LOST = "settings_lost"
+    """Waivers and limits of drives can't be read."""
+    CERTIFICATE_EXPIRY = "certificate_expiry"
+    """The TLS certificate of a gateway ends soon, or has ended."""
     PORT_LOST = "port_lost"
     """A bus has lost its port."""
     FOREIGN_MASTER = "foreign_master"
@@ -41,6 +47,9 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
     SystemAlarm.INTERLOCK_TRIP: AlarmPriority.CRITICAL,
     SystemAlarm.STORAGE_FAILURE: AlarmPriority.CRITICAL,
     SystemAlarm.AUDIT_INCOMPLETE: AlarmPriority.HIGH,
+    SystemAlarm.AUDIT_KEY_REPLACED: AlarmPriority.HIGH,
+    SystemAlarm.SETTINGS_LOST: AlarmPriority.HIGH,
+    SystemAlarm.CERTIFICATE_EXPIRY: AlarmPriority.MEDIUM,
     SystemAlarm.PORT_LOST: AlarmPriority.CRITICAL,
     SystemAlarm.FOREIGN_MASTER: AlarmPriority.CRITICAL,
 }
@@ -53,7 +62,7 @@ AlarmKey = tuple[str, str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """One occurrence of an alarm; active until it is cleared and acknowledged. Times are UTC milliseconds."""
+    """Occurrence of an alarm; active until it is cleared and acknowledged. Times are UTC milliseconds."""
 
     id: str
     setting: str
@@ -74,6 +83,8 @@ class Alarm:
     acknowledged_ms: int | None = None
     acknowledged_by: str | None = None
     shelved_until_ms: int | None = None
+    shelved_by: str | None = None
+    shelved_reason: str | None = None
     incident: str | None = None
 
     @property
@@ -101,6 +112,8 @@ class Alarm:
             "acknowledged_ms": self.acknowledged_ms,
             "acknowledged_by": self.acknowledged_by,
             "shelved_until_ms": self.shelved_until_ms,
+            "shelved_by": self.shelved_by,
+            "shelved_reason": self.shelved_reason,
             "incident": self.incident,
         }
 

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from drivebus.service.alarms.log import AlarmLog
-from drivebus.service.api.operations.alarms import AlarmParams, ShelveParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.alarms import (
+    ALARM_ACKNOWLEDGE,
+    ALARM_SHELVE,
+    ALARM_UNSHELVE,
+    ALARMS_HISTORY,
+    ALARMS_LIST,
+    AlarmParams,
+    ShelveParams,
+)
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.actor import Actor
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
@@ -18,32 +26,30 @@ class AlarmService:
     def __init__(self, plant: Plant, log: AlarmLog) -> None:
         self._plant, self._log = plant, log
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {
-            "alarms.list": self._list_alarms,
-            "alarms.history": self._alarm_history,
-            "alarm.acknowledge": self._acknowledge,
-            "alarm.shelve": self._shelve,
-            "alarm.unshelve": self._unshelve,
-        }
-
+    @handles(ALARMS_LIST)
     async def _list_alarms(self, params: NoParams, actor: Actor) -> Json:
         return self._plant.alarms.as_json()
 
+    @handles(ALARMS_HISTORY)
     async def _alarm_history(self, params: TimeRangeParams, actor: Actor) -> Json:
         return self._log.history(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
 
+    @handles(ALARM_ACKNOWLEDGE)
     async def _acknowledge(self, params: AlarmParams, actor: Actor) -> Json:
         plant = self._plant
         plant.publish_alarms(plant.alarms.acknowledge(params.alarm, actor.name, plant.wall_ms()))
         return {"alarm": params.alarm}
 
+    @handles(ALARM_SHELVE)
     async def _shelve(self, params: ShelveParams, actor: Actor) -> Json:
         plant = self._plant
-        changes = plant.alarms.shelve(params.alarm, params.minutes, plant.now(), plant.wall_ms())
+        changes = plant.alarms.shelve(
+            params.alarm, params.minutes, plant.now(), plant.wall_ms(), by=actor.name, reason=params.reason
+        )
         plant.publish_alarms(changes)
         return {"alarm": params.alarm, "shelved_until_ms": changes[0].alarm.shelved_until_ms}
 
+    @handles(ALARM_UNSHELVE)
     async def _unshelve(self, params: AlarmParams, actor: Actor) -> Json:
         self._plant.publish_alarms(self._plant.alarms.unshelve(params.alarm))
         return {"alarm": params.alarm}

@@ -7,11 +7,9 @@ done first and then recorded.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
-
-from pydantic import ValidationError
 
 from drivebus.errors import (
     AuditUnavailable,
@@ -23,12 +21,12 @@ from drivebus.errors import (
     ServiceUnavailable,
 )
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import error_to_json, os_reason, params_error, pydantic_faults, to_plain
+from drivebus.service.api.errors import error_to_json, os_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.audit import AuditEntry
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.rights import Right
+from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.control.tickets import (
     CommandTicket,
     MotionHandler,
@@ -47,12 +45,10 @@ TARGET_PARAMS = ("drive", "group", "alarm", "bus")
 
 
 class Dispatcher:
-    """Dispatcher of a service. ``motions``: handlers that move motors; they get a command ticket."""
+    """Dispatcher of a service. ``handlers``: by the name of their operation."""
 
-    def __init__(
-        self, plant: Plant, handlers: Mapping[str, OperationHandler], motions: Mapping[str, MotionHandler]
-    ) -> None:
-        self.plant, self._handlers, self._motions = plant, handlers, motions
+    def __init__(self, plant: Plant, handlers: Mapping[str, Callable[..., Awaitable[Json]]]) -> None:
+        self.plant, self._handlers = plant, handlers
 
     async def call(self, name: str, params: Json, actor: Actor) -> Json:
         """Run an operation and return its result. Raises the reason why it was not done, or how it failed."""
@@ -60,15 +56,15 @@ class Dispatcher:
         if operation is None:
             raise NotFound("plant.no_operation", id=name)
         await self._check_right(operation, operation.right, params, actor)
-        parsed = validate_params(operation, params)
+        parsed = operation.validate(params)
         if isinstance(parsed, ParameterWriteParams) and parsed.save:
             await self._check_right(operation, Right.SAVE, params, actor)
         self._check_accepting(operation)
-        if name in self._motions:
-            return await self._run_recorded(operation, parsed, actor, self._motions[name])
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
+        if operation.moves_motors:
+            return await self._run_recorded(operation, parsed, actor, handler)
         if operation.is_stop:
             return await self._stop_then_record(operation, parsed, actor, handler)
         if operation.mutates:
@@ -91,7 +87,7 @@ class Dispatcher:
         if not actor.may(Right.VIEW):
             raise PermissionDenied("plant.forbidden", name=actor.name, operation="live", right=Right.VIEW)
 
-    async def _check_right(self, operation: Operation, right: Right, params: Json, actor: Actor) -> None:
+    async def _check_right(self, operation: Operation, right: RequiredAccess, params: Json, actor: Actor) -> None:
         if actor.may(right):
             return
         error = PermissionDenied("plant.forbidden", name=actor.name, operation=operation.name, right=right)
@@ -193,14 +189,6 @@ class Dispatcher:
     async def _record_soon(self, entry: AuditEntry) -> None:
         """Write the entry of a stop; a disk that hangs does not delay its result."""
         await asyncio.wait([asyncio.ensure_future(self._record_after(entry))], timeout=STOP_AUDIT_TIMEOUT_S)
-
-
-def validate_params(operation: Operation, params: Json) -> OperationParams:
-    """Return the parameters as the operation's model. Raises InvalidParameters with every fault."""
-    try:
-        return operation.params.model_validate(params)
-    except ValidationError as error:
-        raise params_error(operation.name, pydantic_faults(error.errors(include_url=False))) from error
 
 
 def _audit_entry(

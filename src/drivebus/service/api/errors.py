@@ -96,6 +96,7 @@ FAULT_MESSAGES = {
     "string_type": "string",
     "string_unicode": "unicode",
     "string_pattern_mismatch": "pattern",
+    "printable": "printable",
     "string_too_short": "characters_least",
     "string_too_long": "characters_most",
     "float_type": "number",

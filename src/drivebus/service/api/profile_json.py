@@ -69,6 +69,7 @@ def _parameter(parameter: Parameter) -> Json:
         "minimum": parameter.minimum,
         "maximum": parameter.maximum,
         "choices": {str(raw): text_json(text) for raw, text in parameter.choices.items()},
+        "choices_complete": parameter.choices_complete,
         "help": text_json(parameter.help),
         "caveat": parameter.caveat,
         "writable": parameter.writable,

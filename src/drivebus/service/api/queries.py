@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 from drivebus.service.api.frames import frame_json
-from drivebus.service.api.operations.buses import BusParams, FramesParams
-from drivebus.service.api.operations.drives import DriveParams, ParameterReadParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.alarms import AUDIT_LIST, AUDIT_VERIFY
+from drivebus.service.api.operations.buses import BUSES_FRAMES, BUSES_GET, BUSES_LIST, BusParams, FramesParams
+from drivebus.service.api.operations.drives import (
+    DRIVES_GET,
+    DRIVES_LIST,
+    DRIVES_PROFILE,
+    DRIVES_STATISTICS,
+    PARAMETERS_READ,
+    DriveParams,
+    ParameterReadParams,
+)
+from drivebus.service.api.operations.groups import GROUPS_LIST
+from drivebus.service.api.operations.history import (
+    HISTORY_EVENTS,
+    HISTORY_EXPORT,
+    HISTORY_TAGS,
+    HISTORY_TREND,
+    ExportParams,
+    TimeRangeParams,
+    TrendParams,
+)
 from drivebus.service.api.operations.operation import NoParams
+from drivebus.service.api.operations.plant import PLANT_GET, PLANT_STATISTICS
 from drivebus.service.api.profile_json import profile_json, readings_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.groups import GroupCommands
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.live.publisher import bus_view, drive_view, plant_topic
 from drivebus.service.runtime.fairness import iter_cooperatively
 from drivebus.service.runtime.plant import Plant
@@ -17,28 +37,16 @@ from drivebus.types import Json
 
 
 class Queries:
-    """Answers from the present state of the service; only parameters are read from the bus."""
+    """Answers from the service's state, history and audit trail; only parameters are read from the bus."""
 
     def __init__(self, plant: Plant, groups: GroupCommands) -> None:
         self.plant, self.groups = plant, groups
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {
-            "plant.get": self.get_plant,
-            "plant.statistics": self.get_statistics,
-            "drives.list": self.list_drives,
-            "drives.get": self.get_drive,
-            "drives.profile": self.get_profile,
-            "groups.list": self.list_groups,
-            "buses.list": self.list_buses,
-            "buses.get": self.get_bus,
-            "buses.frames": self.list_frames,
-            "parameters.read": self.read_parameters,
-        }
-
+    @handles(PLANT_GET)
     async def get_plant(self, params: NoParams, actor: Actor) -> Json:
         return plant_topic(self.plant)
 
+    @handles(PLANT_STATISTICS)
     async def get_statistics(self, params: NoParams, actor: Actor) -> Json:
         """Return counters, which only grow while the service runs."""
         plant = self.plant
@@ -48,6 +56,7 @@ class Queries:
             "drives": {drive: plant.run_statistics.statistics_json(drive) for drive in plant.drives},
         }
 
+    @handles(DRIVES_LIST)
     async def list_drives(self, params: NoParams, actor: Actor) -> Json:
         found: list[Json] = []
         async for drive in iter_cooperatively(tuple(self.plant.drives.values())):
@@ -55,15 +64,23 @@ class Queries:
                 found.append(drive_view(self.plant, drive).as_json())
         return {"drives": found}
 
+    @handles(DRIVES_GET)
     async def get_drive(self, params: DriveParams, actor: Actor) -> Json:
         return drive_view(self.plant, self.plant.drive_runtime(params.drive)).as_json()
 
+    @handles(DRIVES_STATISTICS)
+    async def get_drive_statistics(self, params: DriveParams, actor: Actor) -> Json:
+        return self.plant.run_statistics.statistics_json(self.plant.drive_runtime(params.drive).id)
+
+    @handles(DRIVES_PROFILE)
     async def get_profile(self, params: DriveParams, actor: Actor) -> Json:
         return profile_json(self.plant.drive_runtime(params.drive).profile)
 
+    @handles(GROUPS_LIST)
     async def list_groups(self, params: NoParams, actor: Actor) -> Json:
         return {"groups": [self.groups.group_view(group) for group in self.plant.config.groups]}
 
+    @handles(BUSES_LIST)
     async def list_buses(self, params: NoParams, actor: Actor) -> Json:
         found: list[Json] = []
         async for bus in iter_cooperatively(tuple(self.plant.buses.values()), 1):
@@ -71,9 +88,11 @@ class Queries:
                 found.append(bus_view(self.plant, bus))
         return {"buses": found}
 
+    @handles(BUSES_GET)
     async def get_bus(self, params: BusParams, actor: Actor) -> Json:
         return bus_view(self.plant, self.plant.bus_runtime(params.bus))
 
+    @handles(BUSES_FRAMES)
     async def list_frames(self, params: FramesParams, actor: Actor) -> Json:
         bus = self.plant.bus_runtime(params.bus)
         frames = [
@@ -87,6 +106,33 @@ class Queries:
             "last": last,
         }
 
+    @handles(PARAMETERS_READ)
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
         drive = self.plant.drive_runtime(params.drive)
         return {"parameters": readings_json(drive.profile, await drive.drive.read(params.names))}
+
+    # --- history and audit trail ----------------------------------------------------------------------------------
+
+    @handles(HISTORY_TAGS)
+    async def list_tags(self, params: NoParams, actor: Actor) -> Json:
+        return self.plant.historian.queries.tags()
+
+    @handles(HISTORY_TREND)
+    async def get_trend(self, params: TrendParams, actor: Actor) -> Json:
+        return await self.plant.historian.queries.trend(params)
+
+    @handles(HISTORY_EXPORT)
+    async def export_history(self, params: ExportParams, actor: Actor) -> Json:
+        return await self.plant.historian.queries.export(params)
+
+    @handles(HISTORY_EVENTS)
+    async def list_events(self, params: TimeRangeParams, actor: Actor) -> Json:
+        return await self.plant.historian.queries.events(params)
+
+    @handles(AUDIT_LIST)
+    async def list_audit_records(self, params: TimeRangeParams, actor: Actor) -> Json:
+        return await self.plant.audit.query(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
+
+    @handles(AUDIT_VERIFY)
+    async def verify_audit_trail(self, params: NoParams, actor: Actor) -> Json:
+        return await self.plant.audit.verify()

@@ -1,4 +1,4 @@
-"""Entry point of ``python -m drivebus.service.audit FOLDER CHECKPOINTS KEY``: print the verification report as JSON.
+"""Entry point of ``python -m drivebus.service.audit FOLDER CHECKPOINTS KEY HEAD``: print the report as JSON.
 
 The service runs it as a child process, because reading a year of records would hold the interpreter of the buses.
 """

@@ -18,7 +18,7 @@ from typing import Final
 
 from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.service.audit import records
-from drivebus.service.audit.records import AuditEntry
+from drivebus.service.audit.records import AuditCheckpoint, AuditEntry
 from drivebus.service.storage import append_log
 from drivebus.service.storage.append_log import AppendLog
 from drivebus.types import Json
@@ -29,7 +29,9 @@ ROTATED_FILE: Final = re.compile(r"audit-(\d{12})\.jsonl")
 READ_BLOCK_BYTES: Final = 1 << 16
 MIN_KEY_BYTES: Final = 32
 RECORDS_MISSING: Final = "audit.cut"
-"""``what`` of the entry that reports records missing at the start."""
+"""``what`` of the entry that reports records or checkpoints missing at the start."""
+KEY_REPLACED: Final = "audit.key_replaced"
+"""``what`` of the entry that reports checkpoints that were not made with the key of the start."""
 MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
 """A larger file is renamed after its first record, and the chain continues in a new one."""
 
@@ -43,13 +45,18 @@ class AuditPaths:
     """Checkpoint file. On another disk or machine it detects more."""
     key: Path
     """Key of the checkpoints' MAC. Outside ``folder``, so that a copy of the folder does not contain it."""
+    head: Path
+    """Newest checkpoint. Outside ``folder``, so that removed records and checkpoints are detected together."""
 
     @classmethod
-    def of(cls, folder: Path, checkpoints: Path | None = None, key: Path | None = None) -> AuditPaths:
+    def of(
+        cls, folder: Path, checkpoints: Path | None = None, key: Path | None = None, head: Path | None = None
+    ) -> AuditPaths:
         return cls(
             folder,
             checkpoints or folder / "checkpoints.jsonl",
             key or folder.parent / f"{folder.name}.audit.key",
+            head or folder.parent / f"{folder.name}.audit.head",
         )
 
     @property
@@ -163,37 +170,63 @@ class AuditChain:
         self._checkpoint_number, self._checkpoint_mac = 0, records.GENESIS_HASH
         self._checkpoint_record = 0
         """Number of the record that the last checkpoint covers."""
+        self._unwritten_head = b""
+        """Line of the newest checkpoint while the head is older."""
 
     def open(self) -> list[AuditEntry]:
         """Recover the files and open them, once. Return entries that report what was found. Raises OSError."""
         if self._is_open:
             return []
         self._key = self.paths.create_key()
-        self._load_last_checkpoint()
+        checkpoint = self._load_last_checkpoint()
         files = self.paths.files()
         if files:
             self._quarantine_torn(torn_tail(files[-1], self._checkpoint_record))
         self._continue_after(files)
         self._records.open()
-        if self._last_number < self._checkpoint_record:
+        if self._last_number < self._checkpoint_record or checkpoint < self._checkpoint_number:
             self._recovery_entries.append(
-                AuditEntry(RECORDS_MISSING, params={"last": self._last_number, "checkpoint": self._checkpoint_record})
+                AuditEntry(
+                    what=RECORDS_MISSING, params={"last": self._last_number, "checkpoint": self._checkpoint_record}
+                )
             )
         self._is_open = True
         found, self._recovery_entries = self._recovery_entries, []
         return found
 
-    def _load_last_checkpoint(self) -> None:
-        """Continue after the last checkpoint. An unterminated line is cut off: it was never acknowledged."""
+    def _load_last_checkpoint(self) -> int:
+        """Continue after the last checkpoint, or after the head if it is newer, so that ``verify`` reports the gap for
+        good. Return the number of the last checkpoint in its file; 0: there is none.
+        """
+        line, head_line = self._last_checkpoint_line(), self._head_line()
+        last = records.decode_checkpoint(line, None)
+        head = records.decode_checkpoint(head_line, self._key)
+        if (last and not records.decode_checkpoint(line, self._key)) or (head_line and not head):
+            self._recovery_entries.append(AuditEntry(what=KEY_REPLACED))
+        newest = max((one for one in (last, head) if one), key=lambda one: one.number, default=None)
+        if newest is not None:
+            self._checkpoint_number, self._checkpoint_mac = newest.number, newest.mac
+            self._checkpoint_record = newest.n
+        return last.number if last else 0
+
+    def _last_checkpoint_line(self) -> bytes:
+        """Return the last checkpoint of the file. An unterminated line is cut off: it was never acknowledged."""
         if not self.paths.checkpoints.exists():
-            return
+            return b""
         tail = unterminated_tail(self.paths.checkpoints)
         if tail.torn:
             self._checkpoints.truncate(tail.valid_bytes)
-        lines = (records.decode_checkpoint(line, None) for line in lines_backwards(self.paths.checkpoints))
-        last = next((one for one in lines if one is not None), None)
-        if last is not None:
-            self._checkpoint_number, self._checkpoint_mac, self._checkpoint_record = last.number, last.mac, last.n
+        lines = lines_backwards(self.paths.checkpoints)
+        return next((line for line in lines if records.decode_checkpoint(line, None)), b"")
+
+    def _head_line(self) -> bytes:
+        """Return the line of the head; b"" where there is none. One that cannot be read counts as changed."""
+        try:
+            return self.paths.head.read_bytes().rstrip(b"\n")
+        except FileNotFoundError:
+            return b""
+        except OSError:
+            return b"unreadable"
 
     def _quarantine_torn(self, tail: TornTail) -> None:
         """Move the torn end, which was never acknowledged, into a file of its own and report it."""
@@ -206,7 +239,7 @@ class AuditChain:
         torn.truncate(tail.valid_bytes)
         torn.close()
         params = {"octets": len(tail.torn), "file": path.name, "sha256": digest}
-        self._recovery_entries.append(AuditEntry("audit.recovered", params=params))
+        self._recovery_entries.append(AuditEntry(what="audit.recovered", params=params))
 
     def _continue_after(self, files: Sequence[Path]) -> None:
         """Continue after the last valid record. An edited line stays where it is, for ``verify`` to find."""
@@ -261,6 +294,18 @@ class AuditChain:
         )
         self._checkpoints.append(line)
         self._checkpoint_number, self._checkpoint_mac, self._changed = self._checkpoint_number + 1, mac, False
+        self._unwritten_head = line
+
+    def write_head(self) -> AuditCheckpoint | None:
+        """Replace the head by the newest checkpoint, and return it; None if nothing changed. Raises OSError.
+
+        The head is written after the checkpoint: one that is newer than the checkpoint file proves a removal.
+        """
+        if not self._unwritten_head:
+            return None
+        atomic_write_private(self.paths.head, self._unwritten_head)
+        line, self._unwritten_head = self._unwritten_head[:-1], b""
+        return records.decode_checkpoint(line, None)
 
     def close(self) -> None:
         """Close the files. Idempotent."""

@@ -19,11 +19,9 @@ from hashlib import sha256
 from math import isfinite
 from typing import Any, Final
 
-from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.actor import SERVICE_NAME, Actor
 from drivebus.types import Json
 
-SERVICE_ACTOR: Final = "drivebus"
-"""``who`` of entries that the service makes itself."""
 SECRET_NAMES: Final = re.compile(
     r"password|passwd|passphrase|secret|token|cookie|csrf|credential|authorization|private_?key|^arm$|^code$", re.I
 )
@@ -37,12 +35,12 @@ MAX_CONTAINER_ITEMS: Final = 500
 MAX_NESTING_DEPTH: Final = 8
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AuditEntry:
     """Entry of the audit trail: one action or request. ``what`` is an operation, ``login``, ``refused``, …"""
 
     what: str
-    who: str = SERVICE_ACTOR
+    who: str = SERVICE_NAME
     session: str = ""
     address: str = ""
     target: str = ""
@@ -58,7 +56,7 @@ class AuditEntry:
     @classmethod
     def by(cls, actor: Actor, what: str, **more: Any) -> AuditEntry:
         """Return the entry of an action of ``actor``."""
-        return cls(what, actor.name, actor.session, actor.address, **more)
+        return cls(what=what, who=actor.name, session=actor.session, address=actor.address, **more)
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any], actor: Actor) -> AuditEntry:
@@ -144,7 +142,7 @@ class AuditRecord:
     body: Json
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AuditCheckpoint:
     """Line of the checkpoint file."""
 
@@ -196,7 +194,14 @@ def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
         return None
     body, mac = found
     try:
-        made = AuditCheckpoint(body["checkpoint"], body["n"], body["hash"], body["prev"], mac, body["time_ms"])
+        made = AuditCheckpoint(
+            number=body["checkpoint"],
+            n=body["n"],
+            hash=body["hash"],
+            prev=body["prev"],
+            mac=mac,
+            time_ms=body["time_ms"],
+        )
     except KeyError:
         return None
     numbers, words = (made.number, made.n, made.time_ms), (made.hash, made.prev)

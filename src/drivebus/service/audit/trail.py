@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import sys
 from asyncio.subprocess import PIPE
 from collections.abc import Callable, Sequence
@@ -17,46 +18,54 @@ from pathlib import Path
 
 from drivebus import clock
 from drivebus.errors import AuditUnavailable
-from drivebus.service.audit.chain import MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
+from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
-from drivebus.service.audit.records import AuditEntry, entry_json
+from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_json
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
+LOG = logging.getLogger("drivebus.service")
 CHECKPOINT_INTERVAL_S = 60.0
 """Records after the last checkpoint can be cut off undetected: at most those of one minute."""
 AUDIT_RETRY_INTERVAL_S = 5.0
 """Interval of attempts to write to a failed disk, also while no operation is waiting for it."""
+LOG_INTERVAL_MS = 3_600_000  # a checkpoint in the log each hour, at the start and at the end
 
 
 class AuditTrail:
-    """Audit trail in ``folder``. ``checkpoints`` and ``key`` may be on another disk (see ``AuditPaths``)."""
+    """Audit trail in ``folder``. ``checkpoints``, ``key`` and ``head`` may be on another disk (see ``AuditPaths``)."""
 
     def __init__(
         self,
         folder: Path,
         checkpoints: Path | None = None,
         key: Path | None = None,
+        head: Path | None = None,
         *,
         wall_clock: Callable[[], datetime] = clock.wall_clock,
         max_file_bytes: int = MAX_AUDIT_FILE_BYTES,
     ) -> None:
-        self.paths = AuditPaths.of(folder, checkpoints, key)
+        self.paths = AuditPaths.of(folder, checkpoints, key, head)
         self._wall_clock = wall_clock
         self._chain = AuditChain(self.paths, self._now_ms, max_file_bytes)
         self._writer: BatchWriter[Json, int] = BatchWriter("audit", self._append_batch)
         self._timer: asyncio.Task[None] | None = None
         self._reported_losses = 0
         self.records_missing = False
-        """Whether records that a checkpoint covers were missing when the trail was opened: its end was cut off."""
+        """Whether records or checkpoints were missing when the trail was opened: its end was cut off."""
+        self.key_replaced = False
+        """Whether the last checkpoint or the head was not made with the key when the trail was opened."""
         self.checkpoint_error: OSError | None = None
         """Error of the last checkpoint; it does not prevent starts."""
+        self.head_error: OSError | None = None
+        """Error of the last write of the head; it does not prevent starts."""
+        self._logged_ms: int | None = None
 
     @classmethod
     def of(cls, config: PlantConfig) -> AuditTrail:
-        """Return the trail of a plant, with the checkpoint file and key of its configuration. Not opened yet."""
-        return cls(config.directory, config.audit.checkpoints, config.audit.key)
+        """Return the trail of a plant, with the files that its configuration names. Not opened yet."""
+        return cls(config.directory, config.audit.checkpoints, config.audit.key, config.audit.head)
 
     @property
     def ok(self) -> bool:
@@ -75,9 +84,9 @@ class AuditTrail:
         """
         self._timer = asyncio.get_running_loop().create_task(self._write_checkpoints(), name="audit checkpoints")
         try:
-            await self.record(AuditEntry("audit.opened"))
+            await self.record(AuditEntry(what="audit.opened"))
         except AuditUnavailable:
-            self.record_nowait(AuditEntry("audit.opened"))
+            self.record_nowait(AuditEntry(what="audit.opened"))
             return
         await self.checkpoint()
 
@@ -102,7 +111,7 @@ class AuditTrail:
 
         A separate process reads them, so that a long trail delays no bus.
         """
-        paths = (self.paths.folder, self.paths.checkpoints, self.paths.key)
+        paths = (self.paths.folder, self.paths.checkpoints, self.paths.key, self.paths.head)
         command = (sys.executable, "-m", "drivebus.service.audit", *map(str, paths))
         child = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
         try:
@@ -116,12 +125,27 @@ class AuditTrail:
         return report
 
     async def checkpoint(self) -> None:
-        """Write a checkpoint now. Never raises: ``checkpoint_error`` holds the error."""
+        """Write a checkpoint and the head now. Never raises: ``checkpoint_error`` and ``head_error`` hold the error."""
         try:
             await self._writer.run_in_thread(self._chain.write_checkpoint)
             self.checkpoint_error = None
         except OSError as error:
             self.checkpoint_error = error
+        try:
+            written = await self._writer.run_in_thread(self._chain.write_head)
+            self.head_error = None
+        except OSError as error:
+            self.head_error = error
+        else:
+            if written is not None:
+                self._log_checkpoint(written)
+
+    def _log_checkpoint(self, checkpoint: AuditCheckpoint) -> None:
+        """Log a checkpoint where it is due: the log is a place that a program with access to the trail cannot edit."""
+        closing, logged = self._timer is None, self._logged_ms
+        if closing or logged is None or not 0 <= checkpoint.time_ms - logged < LOG_INTERVAL_MS:
+            self._logged_ms = checkpoint.time_ms
+            LOG.info("audit trail: record %d, checkpoint %d, %s", checkpoint.n, checkpoint.number, checkpoint.mac)
 
     async def close(self) -> None:
         """Write queued records and a last checkpoint, then close the files. Idempotent."""
@@ -146,7 +170,7 @@ class AuditTrail:
     def _retry(self) -> None:
         lost = self._writer.dropped
         if lost > self._reported_losses and self.ok:
-            self.record_nowait(AuditEntry("audit.lost", params={"records": lost - self._reported_losses}))
+            self.record_nowait(AuditEntry(what="audit.lost", params={"records": lost - self._reported_losses}))
             self._reported_losses = lost
         self._writer.retry()
 
@@ -155,6 +179,7 @@ class AuditTrail:
         try:
             entries = self._chain.open()
             self.records_missing = self.records_missing or any(entry.what == RECORDS_MISSING for entry in entries)
+            self.key_replaced = self.key_replaced or any(entry.what == KEY_REPLACED for entry in entries)
             found = [entry_json(entry, self._now_ms()) for entry in entries]
             return self._chain.append([*found, *bodies])[len(found) :]
         except OSError as error:

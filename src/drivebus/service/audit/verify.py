@@ -31,7 +31,7 @@ class AuditProblem:
         return {"kind": self.kind, **details, "text": localized(f"audit.problem.{self.kind}", details)}
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class AuditReport:
     """Result of a verification."""
 
@@ -41,6 +41,10 @@ class AuditReport:
     """Whether the key was there, so that forged checkpoints would have been detected."""
     covered: int = 0
     """Number of the last record that a checkpoint covers; later ones can be cut off undetected."""
+    head: int | None = None
+    """Number of the newest checkpoint according to the head. None: without it, removed checkpoints and the records
+    after them are not detected.
+    """
     problem_count: int = 0
     problems: list[AuditProblem] = field(default_factory=list)
 
@@ -60,41 +64,62 @@ class AuditReport:
             "checkpoints": self.checkpoints,
             "keyed": self.keyed,
             "covered": self.covered,
+            "head": self.head,
             "found": self.problem_count,
             "problems": [one.as_json() for one in self.problems],
         }
 
 
-def verify(paths: AuditPaths) -> AuditReport:
-    """Read and verify all files of a trail. Raises OSError for an existing file that cannot be read."""
+def verify(paths: AuditPaths, at_least: int = 0) -> AuditReport:
+    """Read and verify all files of a trail, which must have ``at_least`` this number of records.
+
+    Raises OSError for an existing file that cannot be read.
+    """
     report = AuditReport()
-    checkpoints = _checkpoints(paths, report)
-    _ChainVerifier(paths, report, checkpoints).run()
+    try:
+        key = paths.read_key()
+    except OSError:
+        key = None
+    report.keyed = key is not None
+    head = _head(paths, report, key)  # before the checkpoints: a running service writes it after them
+    checkpoints = _checkpoints(paths, report, key)
+    _ChainVerifier(paths, report, checkpoints, head).run(at_least)
     return report
 
 
 class _ChainVerifier:
     """Walk along the chain of records from its beginning."""
 
-    def __init__(self, paths: AuditPaths, report: AuditReport, checkpoints: list[AuditCheckpoint]) -> None:
+    def __init__(
+        self,
+        paths: AuditPaths,
+        report: AuditReport,
+        checkpoints: list[AuditCheckpoint],
+        head: AuditCheckpoint | None,
+    ) -> None:
         self._paths, self._report, self._checkpoints = paths, report, checkpoints
+        self._covering = [*checkpoints, head] if head else checkpoints
         self._expected_hashes: dict[int, set[str]] = {}
-        for checkpoint in checkpoints:
+        for checkpoint in self._covering:
             self._expected_hashes.setdefault(checkpoint.n, set()).add(checkpoint.hash)
         self._last_number = 0
         self._last_hash: str | None = records.GENESIS_HASH
         """None after a broken line: the hash that must follow is unknown."""
-        self._claimed_checkpoints = 0
-        """Number of checkpoints that existed according to the records."""
+        self._claimed_checkpoints = head.number if head else 0
+        """Number of checkpoints that existed according to the head and the records."""
 
-    def run(self) -> None:
+    def run(self, at_least: int) -> None:
         files = self._paths.files()
+        if not files:
+            self._report.add_problem("absent", self._paths.current, 0)
         for path in files:
             self._verify_file(path, whole=path != self._paths.current)
         end = files[-1] if files else self._paths.current
-        beyond = [checkpoint for checkpoint in self._checkpoints if checkpoint.n > self._last_number]
-        if beyond:
-            self._report.add_problem("cut", end, 0, last=self._last_number, checkpoint=beyond[-1].n)
+        newest = max((checkpoint.n for checkpoint in self._covering), default=0)
+        if newest > self._last_number:
+            self._report.add_problem("cut", end, 0, last=self._last_number, checkpoint=newest)
+        if at_least > self._last_number:
+            self._report.add_problem("fewer", end, 0, last=self._last_number, expected=at_least)
         if self._claimed_checkpoints > len(self._checkpoints):
             there, expected = len(self._checkpoints), self._claimed_checkpoints
             self._report.add_problem("checkpoints_missing", self._paths.checkpoints, 0, there=there, expected=expected)
@@ -125,13 +150,20 @@ class _ChainVerifier:
             self._report.add_problem("rewritten", path, number, n=found.n)
 
 
-def _checkpoints(paths: AuditPaths, report: AuditReport) -> list[AuditCheckpoint]:
+def _head(paths: AuditPaths, report: AuditReport, key: bytes | None) -> AuditCheckpoint | None:
+    """Return the newest checkpoint according to the head, and report a head that is none."""
+    if not paths.head.exists():
+        return None
+    head = records.decode_checkpoint(paths.head.read_bytes().rstrip(b"\n"), key)
+    if head is None:
+        report.add_problem("head_changed", paths.head, 0)
+    else:
+        report.head = head.number
+    return head
+
+
+def _checkpoints(paths: AuditPaths, report: AuditReport, key: bytes | None) -> list[AuditCheckpoint]:
     """Return the valid checkpoints in order, and report the others."""
-    try:
-        key = paths.read_key()
-    except OSError:
-        key = None
-    report.keyed = key is not None
     found: list[AuditCheckpoint] = []
     mac, number, n = records.GENESIS_HASH, 0, 0
     path = paths.checkpoints

@@ -1,1 +1,1 @@
-"""Who may do what, and how they prove who they are."""
+"""Users, their rights, and how a request proves its user."""

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
+from drivebus.service.auth.rights import ROLE_RIGHTS, RequiredAccess, Right, Role
+
+SERVICE_NAME = "drivebus"
+"""Name of the service in the audit trail and the log, for what it does by itself; no user may have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +24,9 @@ class Actor:
     address: str = ""
     """Address of the client, for the audit trail."""
 
-    def may(self, right: Right) -> bool:
-        return right in self.rights
+    def may(self, required: RequiredAccess) -> bool:
+        """Return whether the actor has the right; an access level is no right of anybody."""
+        return required in self.rights
 
     def as_json(self) -> dict[str, Any]:
         rights = sorted(self.rights)

@@ -40,6 +40,19 @@ class Right(StrEnum):
         return f"{i18n.text(f'page.right_{self.value}', 'zh')}（{self.value}）"
 
 
+class AccessLevel(StrEnum):
+    """Access that is not a right."""
+
+    PUBLIC = "public"
+    """No credential, also before the set-up."""
+    SESSION = "session"
+    """A session of a browser, idle or not."""
+
+
+RequiredAccess = Right | AccessLevel
+"""What an operation requires."""
+
+
 class Role(StrEnum):
     """Role of a user; each has all rights of the one before."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import ipaddress
 import secrets
 import time
 from collections.abc import Callable
@@ -14,24 +13,26 @@ from pathlib import Path
 from drivebus.atomic_write import atomic_write_private
 from drivebus.clock import Clock, wall_ms
 from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
+from drivebus.service.auth.devices import DeviceCookies
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, TooManyAttempts
-from drivebus.service.auth.passwords import LoginThrottle, PasswordHashing, check_password_policy
+from drivebus.service.auth.names import normalized_name
+from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
+from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, stranger_keys
 from drivebus.service.auth.users import (
     USER_FILE,
     OneTimeCode,
     User,
     UserDatabase,
     UserFile,
-    normalized_name,
 )
 
 SETUP_SECRET_FILE = "setup-secret"
 
 
 class SetupSecret:
-    """One-time secret that authorizes the creation of the first administrator. There is no default password.
+    """Secret, valid once, that authorizes the creation of the first administrator. There is no default password.
 
     It is in ``<directory>/setup-secret`` (0600) until it is used, and in memory for the comparison.
     """
@@ -94,6 +95,10 @@ class AuthService:
         self.clock = clock
         self.wall_ms = wall_ms
         self.throttle = LoginThrottle()
+        """Of passwords."""
+        self.secret_throttle = LoginThrottle()
+        """Of set-up secrets and one-time codes, which take no hash: a flood of them must not reach the other counts."""
+        self.devices = DeviceCookies(directory)
         self.context = AuthContext(self.user_file.read, clock, wall_ms)
 
     @property
@@ -128,7 +133,7 @@ class AuthService:
         """
         if not self.needs_setup:
             raise Conflict("auth.is_set_up")
-        self._record_attempt(f"setup@{_throttle_network(address)}")
+        self._record_attempt(self.secret_throttle, AttemptKeys((f"setup@{address_key(address)}",)))
         if not self.setup_secret.verify(secret):
             raise NotAuthenticated("auth.wrong_secret")
         user = await self.new_user(name, Role.ADMINISTRATOR, password)
@@ -141,12 +146,14 @@ class AuthService:
         hashed = await self.passwords.hash(check_password_policy(password, normalized_name(name)))
         return User(normalized_name(name), role, hashed, self.wall_ms())
 
-    async def login(self, name: str, password: str, address: str) -> LoginResult:
+    async def login(self, name: str, password: str, address: str, device_cookie: str = "") -> LoginResult:
         """Log in. Raises NotAuthenticated, the same for a wrong name and a wrong password; TooManyAttempts,
-        AuthUnavailable.
+        AuthUnavailable. ``device_cookie``: what the browser sent as the device cookie of this user.
         """
         user = self.database.find(name)
-        await self._verify_password(user, name, password, address)
+        device = self.devices.device(name, device_cookie)
+        keys = AttemptKeys((f"device:{device}",)) if device else stranger_keys(name, address)
+        await self._verify_password(user, password, keys, is_known=bool(device))
         current = self.database.find(name)
         if user is None or current is None or current.stamp != user.stamp:
             raise NotAuthenticated("auth.wrong_password")
@@ -154,7 +161,8 @@ class AuthService:
 
     async def login_with_code(self, code: str, address: str) -> LoginResult:
         """Log in with a one-time code. Raises NotAuthenticated, TooManyAttempts."""
-        keys, at = self._record_attempt(_throttle_network(address))
+        keys = AttemptKeys((address_key(address),))
+        at = self._record_attempt(self.secret_throttle, keys)
         found = self._find_code(code)
         if found is None:
             raise NotAuthenticated("auth.wrong_code")
@@ -162,7 +170,7 @@ class AuthService:
         user = self.database.user(found.user)
         if user.disabled:
             raise NotAuthenticated("auth.wrong_code")
-        self.throttle.record_success(keys, at)
+        self.secret_throttle.record_success(keys, at)
         return await self._open_session(user, address)
 
     async def issue_code(self, user: str, lifetime_s: float) -> str:
@@ -202,6 +210,13 @@ class AuthService:
         self.sessions.end_all(user.name, "rights")
         return await self._open_session(changed, session.address)
 
+    async def confirm_password(self, session: Session, password: str) -> None:
+        """Check the password of the session's user again, before a change that gives rights to others.
+
+        Raises AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
+        """
+        await self._verify_own_password(session, password)
+
     async def unlock(self, session: Session, password: str) -> LoginResult:
         """Give an idle session its rights back. It stays the same session, so that its control leases stay valid.
 
@@ -214,11 +229,11 @@ class AuthService:
 
     async def _verify_own_password(self, session: Session, password: str) -> User:
         """Return the session's user after checking the password. Raises AccessDenied rather than NotAuthenticated,
-        because the session goes on and keeps its right to stop.
+        because the session goes on and keeps its right to stop. Its attempts are counted on their own.
         """
         user = self.database.user(session.user)
         try:
-            await self._verify_password(user, user.name, password, session.address)
+            await self._verify_password(user, password, AttemptKeys((f"session:{session.id}",)), is_known=True)
         except NotAuthenticated as error:
             raise AccessDenied(error.key) from error
         return user
@@ -241,21 +256,23 @@ class AuthService:
         await self.keep()
         return LoginResult(secret, session)
 
-    async def _verify_password(self, user: User | None, name: str, password: str, address: str) -> None:
-        keys, at = self._record_attempt(f"user:{secret_digest(normalized_name(name))}", _throttle_network(address))
-        known = user.password if user is not None and not user.disabled else None
-        if not await self.passwords.verify(known, password):
+    async def _verify_password(self, user: User | None, password: str, keys: AttemptKeys, *, is_known: bool) -> None:
+        """Raises NotAuthenticated, TooManyAttempts, AuthUnavailable; an attempt that is not checked is not counted."""
+        self.passwords.check_capacity(is_known)
+        at = self._record_attempt(self.throttle, keys)
+        encoded = user.password if user is not None and not user.disabled else None
+        if not await self.passwords.verify(encoded, password, is_known=is_known):
             raise NotAuthenticated("auth.wrong_password")
         self.throttle.record_success(keys, at)
 
-    def _record_attempt(self, *keys: str) -> tuple[tuple[str, ...], float]:
-        """Count an attempt and return its keys and time. Raises TooManyAttempts."""
+    def _record_attempt(self, throttle: LoginThrottle, keys: AttemptKeys) -> float:
+        """Count an attempt and return its time. Raises TooManyAttempts."""
         now = self.clock()
-        wait_s = self.throttle.wait_s(keys, now)
+        wait_s = throttle.wait_s(keys, now)
         if wait_s > 0:
-            raise TooManyAttempts("auth.too_many", retry_s=round(wait_s, 1))
-        self.throttle.record_attempt(keys, now)
-        return keys, now
+            raise TooManyAttempts("auth.too_many", retry_s=max(0.1, round(wait_s, 1)))
+        throttle.record_attempt(keys, now)
+        return now
 
     def _find_code(self, code: str) -> OneTimeCode | None:
         digest, now_ms = secret_digest(code), self.wall_ms()
@@ -274,19 +291,6 @@ def _add_first_administrator(database: UserDatabase, user: User) -> UserDatabase
     if database.has_administrator:
         raise Conflict("auth.is_set_up")
     return database.with_user(user)
-
-
-def _throttle_network(address: str) -> str:
-    """Return the throttle key of an address: for IPv6 its /64 network, because a host chooses freely within it.
-
-    IPv4-mapped addresses (``::ffff:10.0.0.9``) count one by one.
-    """
-    try:
-        parsed = ipaddress.IPv6Address(address)
-    except ValueError:
-        return f"address:{address}"
-    network = parsed if parsed.ipv4_mapped else ipaddress.ip_network((parsed, 64), strict=False)
-    return f"address:{network}"
 
 
 __all__ = ["AuthService", "Credential", "LoginResult"]

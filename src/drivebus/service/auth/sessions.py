@@ -23,7 +23,7 @@ from drivebus.service.auth.users import User
 _BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class SessionRecord:
     """Fields of a session in memory and on disk. Times are monotonic seconds."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
-import unicodedata
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fcntl import LOCK_EX, flock
@@ -15,10 +13,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
+from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
-
-_USER_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +41,7 @@ class User:
         return hashlib.sha256(state.encode()).hexdigest()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Token:
     """Access token of a program. It never has more rights than its user."""
 
@@ -97,10 +95,10 @@ class UserDatabase:
 
     def with_user(self, user: User) -> UserDatabase:
         """Add a user. Raises InvalidInput for an invalid name, Conflict for one that exists."""
-        if not _USER_NAME.fullmatch(user.name) or user.name != normalized_name(user.name):
-            raise InvalidInput("auth.bad_name", name=user.name)
-        if self.find(user.name) is not None:
-            raise Conflict("auth.name_taken", name=user.name)
+        check_user_name(user.name)
+        same = next((one for one in self.users if appearance(one.name) == appearance(user.name)), None)
+        if same is not None:
+            raise Conflict("auth.name_taken", name=same.name)
         return replace(self, users=(*self.users, user))
 
     def with_changed_user(self, user: User) -> UserDatabase:
@@ -122,7 +120,11 @@ class UserDatabase:
         )
 
     def with_token(self, token: Token) -> UserDatabase:
-        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none."""
+        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, and
+        for control characters in its name, which is shown to others.
+        """
+        if CONTROL_CHARACTERS.search(token.name):
+            raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
             raise InvalidInput("auth.beyond_role", rights=", ".join(sorted(beyond)))
@@ -146,11 +148,6 @@ class UserDatabase:
         if self.has_administrator and not after.has_administrator:
             raise Conflict("auth.last_administrator")
         return after
-
-
-def normalized_name(name: str) -> str:
-    """Return the common spelling of names that look alike (NFKC, case folded)."""
-    return unicodedata.normalize("NFKC", name).casefold()
 
 
 def _can_administer(user: User) -> bool:

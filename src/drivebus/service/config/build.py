@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable,
 from drivebus.values import Text
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ParsedPlant:
     """Well-formed part of a plant file. The checks fill in profiles, ports and dialects."""
 
@@ -47,6 +47,10 @@ class ParsedPlant:
     """The whole file: a table with a fault is still known by its id."""
     base: Path
     """Folder that relative paths start from."""
+    may_read_model: Callable[[Path], bool] = lambda path: True
+    """Whether a profile file may be read; other files are reported, without a word about their content."""
+    unread_models: set[str] = field(default_factory=set)
+    """Drives whose profile file may not be read."""
     profiles: dict[str, DriveProfile] = field(default_factory=dict)
     """Drive → profile, where it could be loaded."""
     profile_errors: dict[str, ProfileError] = field(default_factory=dict)
@@ -77,6 +81,9 @@ class ParsedPlant:
         read: dict[str, DriveProfile | ProfileError] = {}
         for name, drive in self.file.drive.items():
             model = self.model_of(drive)
+            if is_model_path(drive.model) and not self.may_read_model(Path(model)):
+                self.unread_models.add(name)
+                continue
             if model not in read:
                 try:
                     read[model] = profiles.load(model)
@@ -170,13 +177,13 @@ def _drives(parsed: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveCon
 def _groups(file: PlantFile) -> list[GroupConfig]:
     return [
         GroupConfig(
-            id,
-            tuple(one.drives),
-            _text(one.title, id),
-            one.start_interval_s,
-            one.max_concurrent_starts,
-            one.leader,
-            dict(one.ratios),
+            id=id,
+            drives=tuple(one.drives),
+            title=_text(one.title, id),
+            start_interval_s=one.start_interval_s,
+            max_concurrent_starts=one.max_concurrent_starts,
+            leader=one.leader,
+            ratios=dict(one.ratios),
         )
         for id, one in file.group.items()
     ]
@@ -185,7 +192,12 @@ def _groups(file: PlantFile) -> list[GroupConfig]:
 def _interlocks(file: PlantFile) -> list[InterlockConfig]:
     return [
         InterlockConfig(
-            id, tuple(one.drives), one.require, InterlockAction(one.action), one.delay_s, _text(one.title, id)
+            id=id,
+            drives=tuple(one.drives),
+            require=one.require,
+            action=InterlockAction(one.action),
+            delay_s=one.delay_s,
+            title=_text(one.title, id),
         )
         for id, one in file.interlock.items()
     ]
@@ -228,18 +240,21 @@ def _audit(parsed: ParsedPlant) -> AuditConfig:
     return AuditConfig(
         checkpoints=parsed.resolve_path(audit.checkpoints) if audit.checkpoints else None,
         key=parsed.resolve_path(audit.key) if audit.key else None,
+        head=parsed.resolve_path(audit.head) if audit.head else None,
     )
 
 
 def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
     for name, table in parsed.file.gateway.configured():
         gateway = installed_gateways()[name]
+        settings = gateway.settings(table, parsed.resolve_path)
         yield GatewayConfig(
             id=name,
             module=gateway.module,
-            settings=gateway.settings(table, parsed.resolve_path),
+            settings=settings,
             enabled=table.enabled,
             extra=gateway.extra,
+            certificates=tuple(gateway.certificates(settings)),
         )
 
 

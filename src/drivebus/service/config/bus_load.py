@@ -107,7 +107,7 @@ def with_sufficient_interval(
     return [drive for drive, _ in tried]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveLoadEstimate:
     """Load of one drive: seconds, percent of bus time."""
 
@@ -130,7 +130,7 @@ class DriveLoadEstimate:
         return max(self.refresh.items(), key=lambda item: item[1], default=("-", 0.0))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BusLoadEstimate:
     """Load of one bus."""
 
@@ -159,7 +159,14 @@ def _bus_load(plant: PlantConfig, bus: BusConfig) -> BusLoadEstimate:
     drives = [(drive, dialect_of(drive)) for drive in plant.drives if drive.bus == bus.id]
     whole = polling_load(drives, line)
     each = tuple(_drive_load(drive, dialect, line, whole) for drive, dialect in drives)
-    return BusLoadEstimate(bus.id, bus.link, line, whole.load_percent, whole.cycle_s, each)
+    return BusLoadEstimate(
+        bus=bus.id,
+        link=bus.link,
+        serial_settings=line,
+        load_percent=whole.load_percent,
+        cycle_s=whole.cycle_s,
+        drives=each,
+    )
 
 
 def _drive_load(drive: DriveConfig, dialect: Dialect, line: SerialSettings, whole: BusLoad) -> DriveLoadEstimate:

@@ -12,6 +12,7 @@ from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, Diagnostic, Issue,
 from drivebus.service.config import check_buses, check_rules
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.gateways import gateway_problems
+from drivebus.service.config.redaction import HIDDEN, redact_url
 
 
 def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
@@ -72,7 +73,7 @@ def _check_users(parsed: ParsedPlant) -> Iterator[Issue]:
 
 
 def _check_audit(parsed: ParsedPlant) -> Iterator[Issue]:
-    for name in ("checkpoints", "key"):
+    for name in ("checkpoints", "key", "head"):
         text = getattr(parsed.file.audit, name)
         where = None if text is None else parsed.resolve_path(text)
         if where is not None and (where.is_dir() or not where.parent.is_dir()):
@@ -81,7 +82,7 @@ def _check_audit(parsed: ParsedPlant) -> Iterator[Issue]:
 
 def _check_history(parsed: ParsedPlant) -> Iterator[Issue]:
     history = parsed.file.history
-    if history.url is not None and not _is_postgres(history.url):
+    if history.url is not None and (HIDDEN in history.url or not _is_postgres(history.url)):
         yield issue("history_url", ("history", "url"), redact_url(history.url))
     retention = history.retention.model_dump()
     for shorter, longer in pairwise(retention):
@@ -97,8 +98,3 @@ def _is_postgres(url: str) -> bool:
         return parts.scheme in ("postgresql", "postgres") and bool(parts.path.strip("/")) and parts.port != 0
     except ValueError:
         return False
-
-
-def redact_url(url: str) -> str:
-    """Return a URL without its password, because issues are shown and logged."""
-    return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:…@", url)

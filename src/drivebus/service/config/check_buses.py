@@ -71,7 +71,7 @@ def is_format(text: str) -> bool:
 def _parse_bus_link(bus: BusTable) -> PortUrl:
     """Parse the port URL of a bus. Raises PortUrlError, ConfigurationError, also for an unknown option."""
     link = parse_port_url(bus.link, baud=bus.baud, format=bus.format)
-    if link.scheme not in _UNOPENED_SCHEMES and "name" not in link.options:
+    if link.scheme not in _UNOPENED_SCHEMES and not (link.path and "name" in link.options):
         ports.open_port(bus.link, baud=bus.baud, format=bus.format)
     return link
 
@@ -101,7 +101,9 @@ def drive_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
         if where in taken:
             yield issue("same_address", (*path, "address"), drive.address, other=taken[where], bus=drive.bus)
         taken.setdefault(where, id)
-        if id in parsed.profile_errors:
+        if id in parsed.unread_models:
+            yield issue("model_outside", ("drive", id, "model"), drive.model, folder=str(parsed.base))
+        elif id in parsed.profile_errors:
             yield from _check_profile(parsed, id, drive)
         elif id in parsed.profiles:
             yield from _check_drive(parsed, id, drive, parsed.profiles[id])

@@ -21,7 +21,7 @@ from drivebus.service.interlocks.expression import (
     Operand,
     Quantity,
     SignalReference,
-    StateWord,
+    StateLiteral,
     comparisons,
     parse,
     references,
@@ -108,7 +108,7 @@ def _check_sides(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> 
     if not any(isinstance(side, SignalReference) for side in (left, right)):
         yield issue("expression_constant", path, str(comparison), column=left.column)
         return
-    for word in (side for side in (left, right) if isinstance(side, StateWord)):
+    for word in (side for side in (left, right) if isinstance(side, StateLiteral)):
         if word.text not in STATE_WORDS:
             close = ", ".join(get_close_matches(word.text, STATE_WORDS, 3, 0.5) or STATE_WORDS)
             yield issue(
@@ -134,11 +134,11 @@ def _check_units(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> 
 
 
 def _with_unit(parsed: ParsedPlant, side: Operand) -> str:
-    return str(side) if isinstance(side, Quantity | StateWord) else f"{side} [{_unit(parsed, side) or '-'}]"
+    return str(side) if isinstance(side, Quantity | StateLiteral) else f"{side} [{_unit(parsed, side) or '-'}]"
 
 
 def _is_state(side: Operand) -> bool:
-    return isinstance(side, StateWord) or (isinstance(side, SignalReference) and side.name == STATE_NAME)
+    return isinstance(side, StateLiteral) or (isinstance(side, SignalReference) and side.name == STATE_NAME)
 
 
 def quantity_of(parsed: ParsedPlant, side: Operand) -> str | None:

@@ -64,7 +64,7 @@ class PartDiff(Generic[T]):
         return tuple(known[id] for id in self.order)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigDiff:
     """Difference of two plants."""
 

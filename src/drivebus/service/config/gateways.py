@@ -8,7 +8,7 @@ declaration is imported by the service, so its module imports no library of the 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -21,6 +21,7 @@ from pydantic import create_model
 from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import Issue
+from drivebus.service.config.model import CertificateFiles
 from drivebus.service.config.schema import GatewayTable, GatewayTables, PlantFile
 
 ENTRY_POINT_GROUP = "drivebus.gateways"
@@ -45,6 +46,8 @@ class Gateway:
     """Make the settings of its process from a checked table: a frozen dataclass with absolute paths."""
     check: Callable[[Any, ResolvePath], Iterator[Issue]] = lambda table, resolve_path: iter(())
     """Yield the issues of a well-formed table that the schema does not find; paths start in the table."""
+    certificates: Callable[[Any], Sequence[CertificateFiles]] = lambda settings: ()
+    """Return the TLS certificates that its process serves with these settings; the service announces their end."""
     runs_without_table: bool = False
     """It runs in a plant whose file has no table for it. Then every key of the table has a default."""
     extra: str | None = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from drivebus.service.config import build, check
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.gateways import installed_gateways, plant_file_schema
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.config.redaction import restore_url
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 
 CATALOGUE = "plant_config"
@@ -50,9 +51,20 @@ def load(path: str | Path) -> PlantConfig:
     return _parse(raw, str(path), where.resolve().parent)
 
 
-def loads(text: str, source: str = "plant.toml", base: Path | None = None) -> PlantConfig:
-    """Load a plant from a text. Relative paths start from ``base``, else from here. Raises like ``load``."""
-    return _parse(text.encode(), source, (base or Path()).resolve())
+def loads(
+    text: str,
+    source: str = "plant.toml",
+    base: Path | None = None,
+    *,
+    may_read_model: Callable[[Path], bool] = lambda path: True,
+    history_url: str | None = None,
+) -> PlantConfig:
+    """Load a plant from a text. Relative paths start from ``base``, else from here. Raises like ``load``.
+
+    A profile file that ``may_read_model`` refuses is an error of the text. ``history_url`` is the database in use: its
+    redacted form in the text stands for it.
+    """
+    return _parse(text.encode(), source, (base or Path()).resolve(), may_read_model, history_url)
 
 
 def unreadable_complaint(path: str, error: OSError) -> Diagnostic:
@@ -70,7 +82,13 @@ def _single_error(source: str, found: Issue, line: int | None) -> ConfigurationE
     return config_error([to_diagnostic(found, source, line, CATALOGUE)])
 
 
-def _parse(content: bytes, source: str, base: Path) -> PlantConfig:
+def _parse(
+    content: bytes,
+    source: str,
+    base: Path,
+    may_read_model: Callable[[Path], bool] = lambda path: True,
+    history_url: str | None = None,
+) -> PlantConfig:
     try:
         text, raw = decode_toml(content)
     except TomlFault as fault:
@@ -81,7 +99,9 @@ def _parse(content: bytes, source: str, base: Path) -> PlantConfig:
         file, faults = _validate(raw)
         found += faults
         if file is not None:
-            parsed = ParsedPlant(file, raw, base)
+            url = restore_url(file.history.url, history_url)
+            file = file.model_copy(update={"history": file.history.model_copy(update={"url": url})})
+            parsed = ParsedPlant(file=file, raw=raw, base=base, may_read_model=may_read_model)
             found += check.all_problems(parsed)
     if found:
         raise config_error(_with_lines(found, text, source))
@@ -177,7 +197,7 @@ def state_directory_of(plant: str) -> Path:
 def _plant_table(file: Path) -> dict[str, Any]:
     """Return the table ``[plant]``; empty if it cannot be read."""
     try:
-        found = _PLANT_TABLE.search(file.read_text(encoding="utf-8", errors="replace"))
+        found = _PLANT_TABLE.search(file.read_text(encoding="utf-8-sig", errors="replace"))
         return {} if found is None else tomllib.loads(found[1])
     except (OSError, tomllib.TOMLDecodeError):
         return {}

@@ -46,7 +46,7 @@ class AlarmPriority(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BusConfig:
-    """One bus: port URL and serial settings."""
+    """Bus of a plant: port URL and serial settings."""
 
     id: str
     link: str
@@ -55,9 +55,9 @@ class BusConfig:
     title: Text = Text("", "")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveConfig:
-    """One drive."""
+    """Drive of a plant."""
 
     id: str
     bus: str
@@ -78,7 +78,7 @@ class DriveConfig:
     on_restart: OnRestart = OnRestart.ADOPT
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GroupConfig:
     """Drives that are started in sequence and stopped together."""
 
@@ -101,7 +101,7 @@ class InterlockAction(StrEnum):
     BLOCK_START = "block_start"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InterlockConfig:
     """Condition under which ``drives`` may run; a value without good quality violates it."""
 
@@ -124,9 +124,9 @@ class AlarmKind(StrEnum):
     STALE = "stale"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AlarmConfig:
-    """One alarm for one or several drives. ``fault`` and ``no_response`` exist for every drive by default."""
+    """Alarm for one or several drives. ``fault`` and ``no_response`` exist for every drive by default."""
 
     id: str
     kind: AlarmKind
@@ -162,17 +162,27 @@ class HistoryConfig:
 
 @dataclass(frozen=True, slots=True)
 class AuditConfig:
-    """Checkpoint file and key of the audit trail. On another disk or machine they detect more."""
+    """Checkpoint file, key and head of the audit trail. On another disk or machine they detect more."""
 
     checkpoints: Path | None = None
     """None: ``checkpoints.jsonl`` in the state directory."""
     key: Path | None = None
     """None: ``<state directory>.audit.key``."""
+    head: Path | None = None
+    """None: ``<state directory>.audit.head``."""
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateFiles:
+    """TLS certificate of a gateway, and its private key, as PEM files."""
+
+    certificate: Path
+    key: Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GatewayConfig:
-    """One gateway of a plant."""
+    """Gateway of a plant."""
 
     id: str
     """Its name, as in ``[gateway.<name>]``."""
@@ -183,9 +193,10 @@ class GatewayConfig:
     enabled: bool = True
     extra: str | None = None
     """Extra of the package drivebus whose libraries its process imports."""
+    certificates: tuple[CertificateFiles, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlantConfig:
     """Configuration of a whole plant."""
 

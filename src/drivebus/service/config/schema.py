@@ -138,6 +138,7 @@ class HistoryTable(StrictModel):
 class AuditTable(StrictModel):
     checkpoints: PathText | None = None
     key: PathText | None = None
+    head: PathText | None = None
 
 
 class GatewayTable(StrictModel):

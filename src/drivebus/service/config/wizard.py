@@ -13,6 +13,7 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from drivebus import i18n, profiles
+from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
 from drivebus.profiles.toml_file import line_of
@@ -70,7 +71,7 @@ def read_answers(path: str) -> PlantAnswers:
     It has ``title`` and tables ``[[bus]]`` with link, model, addresses (``1-3,7``) and names.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
         found = _PlantAnswersIn.model_validate(tomllib.loads(text))
     except OSError as error:
         raise config_error([unreadable_complaint(path, error)]) from None
@@ -176,6 +177,12 @@ def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterat
     yield from (f"[drive.{id}]", f'bus = "{bus}"', f"address = {drive.address}")
     sisters = trailing_comment("sisters", language, models=", ".join(drive.others)) if drive.others else ""
     yield f"model = {toml_string(drive.model)}{sisters}"
+    profile = profiles.load(drive.model)
+    steps_hz = possible_steps_hz(profile, profile.options)
+    if len(steps_hz) > 1:
+        cap = f"{profile.setpoint_scale.value(highest_safe_word(steps_hz)):g}"
+        step = toml_string(f"{profile.setpoint_scale.factor:g}")
+        yield f"# options = {{ {SETPOINT_STEP} = {step} }}{trailing_comment('setpoint_step', language, cap=cap)}"
     if drive.encoding is not None:
         yield f"encoding = {toml_string(drive.encoding)}"
     if drive.title:

@@ -10,11 +10,26 @@ from math import inf
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
+from drivebus.drives.operations.parameter_write import check_write, may_move
 from drivebus.drives.outcome import Outcome
-from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, StopUnconfirmed
+from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
+from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.drives import (
+    DRIVE_ARM,
+    DRIVE_LIMITS,
+    DRIVE_RESET,
+    DRIVE_RUN,
+    DRIVE_SET_FREQUENCY,
+    DRIVE_STOP,
+    LEASE_RELEASE,
+    LEASE_RENEW,
+    LEASE_TAKE,
+    PARAMETERS_WRITE,
+    START_INHIBIT_RELEASE,
+    WAIVER_GRANT,
+    WAIVER_REVOKE,
     DriveParams,
     LimitsParams,
     ParameterWriteParams,
@@ -27,7 +42,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
 from drivebus.service.control.start_blockers import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
+from drivebus.service.control.tickets import CommandTicket
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
@@ -39,24 +54,6 @@ class DriveCommands:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {
-            "lease.take": self.take_lease,
-            "lease.renew": self.renew_lease,
-            "lease.release": self.release_lease,
-            "drive.arm": self.arm_start,
-            "drive.stop": self.stop,
-            "drive.reset": self.reset_fault,
-            "start_inhibit.release": self.release_start_inhibit,
-            "waiver.grant": self.grant_waiver,
-            "waiver.revoke": self.revoke_waiver,
-            "drive.limits": self.set_limits,
-            "parameters.write": self.write_parameters,
-        }
-
-    def motions(self) -> dict[str, MotionHandler]:
-        return {"drive.run": self.run, "drive.set_frequency": self.set_frequency}
 
     def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
         """Return a drive that the actor controls. Raises NotFound, ControlNotHeld."""
@@ -79,6 +76,7 @@ class DriveCommands:
 
     # --- control ------------------------------------------------------------------------------------------------
 
+    @handles(LEASE_TAKE)
     async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
         runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
         taken = self.plant.leases.take(runtime.id, actor, now)
@@ -86,11 +84,13 @@ class DriveCommands:
             self.plant.publish_event("lease", runtime.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
         return self._lease_json(runtime)
 
+    @handles(LEASE_RENEW)
     async def renew_lease(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         self.plant.leases.renew(runtime.id, actor, self.plant.now())
         return self._lease_json(runtime)
 
+    @handles(LEASE_RELEASE)
     async def release_lease(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         self.plant.leases.release(runtime.id, actor, self.plant.now())
@@ -101,6 +101,7 @@ class DriveCommands:
         lease = self.plant.leases.get(runtime.id, now)
         return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
+    @handles(DRIVE_ARM)
     async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
         """Issue the token of a start. Fails for every reason for which the start itself would."""
         runtime = self.require_control(params.drive, actor)
@@ -109,6 +110,7 @@ class DriveCommands:
 
     # --- motion ---------------------------------------------------------------------------------------------------
 
+    @handles(DRIVE_RUN)
     async def run(self, params: RunParams, actor: Actor, ticket: CommandTicket) -> Json:
         runtime = self.require_control_with_followers(params.drive, actor)
         check_start(self.plant, runtime)
@@ -137,8 +139,10 @@ class DriveCommands:
         finally:
             runtime.last_motion_at = self.plant.now()
 
+    @handles(DRIVE_SET_FREQUENCY)
     async def set_frequency(self, params: SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
         runtime = self.require_control_with_followers(params.drive, actor)
+        _check_limits_known(runtime)
         outcome = await runtime.drive.set_frequency(params.frequency_hz, ticket.issued_at)
         runtime.commanded_hz = params.frequency_hz
         answer = self.publish_outcome(runtime, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
@@ -165,6 +169,7 @@ class DriveCommands:
     async def set_drive_frequency(self, drive: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
         """Return the outcome, or the error, of a setpoint."""
         try:
+            _check_limits_known(drive)
             outcome = await drive.drive.set_frequency(frequency_hz)
         except DrivebusError as error:
             return error_to_json(error)
@@ -175,6 +180,7 @@ class DriveCommands:
 
     # --- stops and resets -----------------------------------------------------------------------------------------
 
+    @handles(DRIVE_STOP)
     async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive_runtime(params.drive)
@@ -189,15 +195,18 @@ class DriveCommands:
         except StopUnconfirmed:
             self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             raise
-        runtime.started_by_service, runtime.commanded_hz = False, None
+        runtime.started_by_service = runtime.adopted = False
+        runtime.commanded_hz = None
         self.plant.stop_counters.count_outcome(outcome)
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
         return outcome
 
+    @handles(DRIVE_RESET)
     async def reset_fault(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.require_control(params.drive, actor)
         return self.publish_outcome(runtime, "reset", await runtime.drive.reset_fault(), actor)
 
+    @handles(START_INHIBIT_RELEASE)
     async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
         """Permit starts again after a bus stop; nothing is sent."""
         runtime = self.require_control(params.drive, actor)
@@ -221,12 +230,18 @@ class DriveCommands:
         )
         return {"outcome": answer}
 
+    @handles(PARAMETERS_WRITE)
     async def write_parameters(self, params: ParameterWriteParams, actor: Actor) -> Json:
         """Write parameters to RAM, or with ``save`` to EEPROM, and read each back; a parameter may move a motor."""
         runtime = self.require_control(params.drive, actor)
+        dialect = runtime.drive.dialect
+        starts = any(may_move(dialect, check_write(dialect, name, value)) for name, value in params.values.items())
+        if starts:
+            check_start(self.plant, runtime)
         runtime.invalidate_comm_loss()
+        write = runtime.drive.write(params.values, params.save, params.force)
         try:
-            outcome = await runtime.drive.write(params.values, params.save)
+            outcome = await (self.run_motion(runtime, write) if starts else write)
         finally:
             runtime.invalidate_comm_loss()  # what was read meanwhile may have been the old value
         self.plant.publish_event(
@@ -236,6 +251,7 @@ class DriveCommands:
 
     # --- waivers and limits -----------------------------------------------------------------------------------------
 
+    @handles(WAIVER_GRANT)
     async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         text = f"{params.reason} ({actor.name})"
@@ -249,6 +265,7 @@ class DriveCommands:
         """Store a value durably, in a thread. Raises ConfigurationError."""
         await asyncio.to_thread(self.plant.store.put, key, value)
 
+    @handles(WAIVER_REVOKE)
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         await self._store_value(f"waiver/{runtime.id}", "")
@@ -256,6 +273,7 @@ class DriveCommands:
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
 
+    @handles(DRIVE_LIMITS)
     async def set_limits(self, params: LimitsParams, actor: Actor) -> Json:
         """Set limits narrower than those of the configuration. Raises LimitError for wider ones."""
         runtime = self.plant.drive_runtime(params.drive)
@@ -267,10 +285,17 @@ class DriveCommands:
                 "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
             )
         await self._store_value(f"limits/{runtime.id}", json.dumps(asdict(own)))
+        runtime.limits_lost = False
         runtime.set_limits(narrow_limits(own, runtime.config.limits))
+        self.plant.report_lost_limits()
         self.plant.publish_event("configuration", runtime.id, "plant.limited", actor=actor.name)
         low, high = runtime.drive.range_hz
         return {"minimum_hz": low, "maximum_hz": high}
+
+
+def _check_limits_known(runtime: DriveRuntime) -> None:
+    if runtime.limits_lost:
+        raise ServiceError("plant.limits_lost", drive=runtime.id)
 
 
 def follower_hz(group: GroupConfig, drive: str, frequency_hz: float) -> float:

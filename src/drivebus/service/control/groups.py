@@ -12,13 +12,21 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
 from drivebus.service.api.errors import error_to_json
-from drivebus.service.api.operations.groups import GroupParams, GroupSetFrequencyParams, GroupStartParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.groups import (
+    GROUP_ARM,
+    GROUP_SET_FREQUENCY,
+    GROUP_START,
+    GroupParams,
+    GroupSetFrequencyParams,
+    GroupStartParams,
+)
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.drive_commands import DriveCommands, follower_hz
 from drivebus.service.control.leases import ARM_TTL_S
 from drivebus.service.control.start_blockers import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler, check_not_superseded
+from drivebus.service.control.tickets import CommandTicket, check_not_superseded
 from drivebus.service.live.views import text_json
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -38,18 +46,13 @@ class GroupCommands:
         self.progress: dict[str, int] = {}
         """Group that is being started → number of drives started so far."""
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {"group.arm": self.arm_start}
-
-    def motions(self) -> dict[str, MotionHandler]:
-        return {"group.start": self.start, "group.set_frequency": self.set_frequency}
-
     def _require_control(self, id: str, actor: Actor) -> tuple[GroupConfig, list[DriveRuntime]]:
         """Return the drives of a group, the leader first. Raises NotFound, ControlNotHeld."""
         group = self.plant.group(id)
         order = sorted(group.drives, key=lambda drive: drive != group.leader)
         return group, [self.commands.require_control(drive, actor) for drive in order]
 
+    @handles(GROUP_ARM)
     async def arm_start(self, params: GroupParams, actor: Actor) -> Json:
         """Issue the token of a start. Fails for every reason for which the start itself would."""
         group, runtimes = self._require_control(params.group, actor)
@@ -60,6 +63,7 @@ class GroupCommands:
             "expires_s": ARM_TTL_S,
         }
 
+    @handles(GROUP_START)
     async def start(self, params: GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Start the drives one after another; nothing is sent unless every one may start at its frequency.
 
@@ -154,6 +158,7 @@ class GroupCommands:
         fresh = status.at is not None and status.at >= runtime.group_started_at
         return not fresh or status.state in ACCELERATING_STATES
 
+    @handles(GROUP_SET_FREQUENCY)
     async def set_frequency(self, params: GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Set the leader's frequency (of every drive where there is no leader), then the followers' at their ratio."""
         group, runtimes = self._require_control(params.group, actor)

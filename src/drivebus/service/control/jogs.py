@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 from drivebus.drives.jog_session import JogSession
 from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
-from drivebus.service.api.operations.drives import ActiveJogParams, JogParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.drives import DRIVE_JOG, DRIVE_JOG_END, DRIVE_JOG_RENEW, ActiveJogParams, JogParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.start_blockers import check_start
-from drivebus.service.control.tickets import CommandTicket, MotionHandler, OperationHandler
+from drivebus.service.control.tickets import CommandTicket
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -35,12 +36,7 @@ class RemoteJogs:
         self._active: dict[str, ActiveJog] = {}
         self._stop_tasks: set[asyncio.Task[None]] = set()
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {"drive.jog_renew": self.renew, "drive.jog_end": self.stop}
-
-    def motions(self) -> dict[str, MotionHandler]:
-        return {"drive.jog": self.start}
-
+    @handles(DRIVE_JOG)
     async def start(self, params: JogParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Start a jog, which needs everything that a start needs."""
         runtime = self.commands.require_control(params.drive, actor)
@@ -54,6 +50,7 @@ class RemoteJogs:
         answer = self.commands.publish_outcome(runtime, "jog", session.start_outcome, actor)
         return {"jog": id, "lease_s": session.lease_s, **answer}
 
+    @handles(DRIVE_JOG_RENEW)
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped."""
         jog = self._find(params)
@@ -62,6 +59,7 @@ class RemoteJogs:
         jog.session.renew()
         return {"lease_s": jog.session.lease_s}
 
+    @handles(DRIVE_JOG_END)
     async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:
         """End a jog, also one of another session: only the right to stop is needed."""
         jog = self._find(params)

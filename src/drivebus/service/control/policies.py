@@ -9,6 +9,7 @@ from typing import Any
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
+from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnClientLost, OnRestart
 from drivebus.service.control.leases import ControlLease
@@ -53,12 +54,14 @@ class StopPolicies:
             if runtime.config.on_restart is OnRestart.STOP:
                 self.stop_drive(runtime, "plant.stopped_on_restart")
             else:
+                runtime.adopted = True
                 self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
         runtime.state_was_known = True
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-            runtime.started_by_service = False  # stopped at its keypad, or tripped: a later start is not by the service
+            # stopped at its keypad, or tripped: a later start is not by the service
+            runtime.started_by_service = runtime.adopted = False
         if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
@@ -90,11 +93,16 @@ class StopPolicies:
         self.plant.publish_event("stop", runtime.id, key, actor=self.service_actor.name, **params)
         task = asyncio.create_task(self._send_stop(runtime), name=f"policy stop {runtime.id}")
         self._stopping[runtime.id] = task
-        task.add_done_callback(lambda _: self._stopping.pop(runtime.id, None))
+        task.add_done_callback(lambda done: self._on_stop_done(runtime.id, done))
+
+    def _on_stop_done(self, drive: str, done: asyncio.Task[None]) -> None:
+        """Forget a finished stop, unless a later one of the same drive has taken its place."""
+        if self._stopping.get(drive) is done:
+            del self._stopping[drive]
 
     async def _send_stop(self, runtime: DriveRuntime) -> None:
         try:
-            await self._call("drive.stop", {"drive": runtime.id}, self.service_actor)
+            await self._call(DRIVE_STOP.name, {"drive": runtime.id}, self.service_actor)
         except DrivebusError:
             return  # an unconfirmed stop has raised its alarm and is being repeated
 
@@ -112,5 +120,5 @@ def _state_lost(runtime: DriveRuntime) -> bool:
 
 
 def may_be_running(runtime: DriveRuntime) -> bool:
-    """Return whether the motor turns, or was started by this service and has not reported standstill since."""
-    return runtime.started_by_service or runtime.status().state.turning
+    """Return whether the motor turns, or was started or adopted and has not reported standstill since."""
+    return runtime.started_by_service or runtime.adopted or runtime.status().state.turning

@@ -6,7 +6,14 @@ from collections.abc import Iterator
 
 from drivebus.drives import permissives
 from drivebus.drives.runner import bus_conditions
-from drivebus.errors import AuditUnavailable, DrivebusError, Interlocked, ServiceUnavailable, WaiverRequired
+from drivebus.errors import (
+    AuditUnavailable,
+    DrivebusError,
+    Interlocked,
+    ServiceError,
+    ServiceUnavailable,
+    WaiverRequired,
+)
 from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -26,6 +33,8 @@ def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusErro
         yield Interlocked("interlocks.violated", **violation.message_params)
     if runtime.comm_loss.kind != "trips" and runtime.waiver is None:
         yield _waiver_needed(runtime)
+    if runtime.limits_lost:
+        yield ServiceError("plant.limits_lost", drive=runtime.id)
     if not plant.audit.ok:
         yield AuditUnavailable("plant.audit_unavailable")
 

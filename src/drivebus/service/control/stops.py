@@ -5,17 +5,18 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Sequence
 
-from drivebus.drives import stop_bus
+from drivebus.drives import DriveState, stop_bus
 from drivebus.drives.bus_stop import StopReport
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
-from drivebus.service.api.operations.groups import GroupParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.groups import GROUP_STOP, GroupParams
 from drivebus.service.api.operations.operation import NoParams
+from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -31,9 +32,7 @@ class StopCommands:
     def __init__(self, plant: Plant, commands: DriveCommands) -> None:
         self.plant, self.commands = plant, commands
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {"plant.stop": self.stop_all, "group.stop": self.stop_group}
-
+    @handles(PLANT_STOP)
     async def stop_all(self, params: NoParams, actor: Actor) -> Json:
         """Stop all buses at once, each by broadcast and then drive by drive; starts stay inhibited."""
         plant = self.plant
@@ -49,10 +48,21 @@ class StopCommands:
             buses[bus], answer = self._count_report(runtimes, report)
             outcomes |= answer
         plant.last_stop_all = {"time_ms": plant.wall_ms(), "actor": actor.name, "buses": buses}
-        left = [drive for bus in buses.values() for drive in bus["unconfirmed"]]
-        key = "plant.did_stop_all" if not left else "plant.did_stop_all_but"
-        plant.publish_event("stop", None, key, actor=actor.name, drives=", ".join(left))
+        self._publish_stop_all(buses, outcomes, actor)
         return {"buses": buses, "outcomes": outcomes}
+
+    def _publish_stop_all(self, buses: Json, outcomes: Json, actor: Actor) -> None:
+        """Publish the event of a stop of everything, with the drives that must be checked."""
+        unconfirmed = [drive for bus in buses.values() for drive in bus["unconfirmed"]]
+        acknowledged = [drive for bus in buses.values() for drive in bus["acknowledged"]]
+        if unconfirmed:
+            key = "plant.did_stop_all_but"
+        elif acknowledged:
+            key = "plant.did_stop_all_acknowledged"
+        else:
+            key = "plant.did_stop_all" if outcomes else "plant.did_stop_all_no_drives"
+        drives = ", ".join(unconfirmed or acknowledged)
+        self.plant.publish_event("stop", None, key, actor=actor.name, drives=drives)
 
     def _count_report(self, runtimes: Sequence[DriveRuntime], report: StopReport) -> tuple[Json, Json]:
         by_address = {runtime.drive.address: runtime for runtime in runtimes}
@@ -62,14 +72,20 @@ class StopCommands:
             outcomes[runtime.id] = outcome_json(outcome, self.plant.command_id("stop"))
             self.plant.stop_counters.count_outcome(outcome)
             if outcome.succeeded:
-                runtime.started_by_service, runtime.commanded_hz = False, None
+                runtime.started_by_service = runtime.adopted = False
+                runtime.commanded_hz = None
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             else:
                 self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-        unconfirmed = [by_address[address].id for address in report.unconfirmed]
-        took_s = round(report.ended_at - report.started_at, 3)
-        return {"confirmed": not unconfirmed, "unconfirmed": unconfirmed, "took_s": took_s}, outcomes
+        result = {
+            "confirmed": report.confirmed,
+            "acknowledged": [by_address[address].id for address in report.acknowledged],
+            "unconfirmed": [by_address[address].id for address in report.unconfirmed],
+            "took_s": round(report.ended_at - report.started_at, 3),
+        }
+        return result, outcomes
 
+    @handles(GROUP_STOP)
     async def stop_group(self, params: GroupParams, actor: Actor) -> Json:
         """Stop every drive of a group at once, and end a group start that is under way."""
         group = self.plant.group(params.group)
@@ -92,24 +108,36 @@ class StopCommands:
         return answer
 
     async def stop_started_drives(self, actor: Actor) -> Json:
-        """Stop what this service started, unless the drive's ``on_service_stop`` is ``hold``, which becomes an event.
+        """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        Return the outcome of each stop, None where it was not known within the timeout.
+        Every other drive that may be running becomes an event. Return the outcome of each stop, None where it was not
+        known within the timeout.
         """
-        started = [runtime for runtime in self.plant.drives.values() if runtime.started_by_service]
-        runtimes = [runtime for runtime in started if runtime.config.on_service_stop is OnServiceStop.STOP]
+        everything = self.plant.drives.values()
+        own = [runtime for runtime in everything if runtime.started_by_service or runtime.adopted]
+        runtimes = [runtime for runtime in own if runtime.config.on_service_stop is OnServiceStop.STOP]
+        left = {runtime: key for runtime in everything if runtime not in runtimes and (key := _left_running(runtime))}
         self.plant.note_stop(*runtimes)
         stops = {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(runtimes))) for runtime in runtimes}
         if stops:
             await asyncio.wait(stops.values(), timeout=SERVICE_STOP_TIMEOUT_S)
-        for runtime in started:
-            if runtime not in stops:
-                self.plant.publish_event("lease", runtime.id, "plant.held", actor=actor.name)
+        for runtime, key in left.items():
+            self.plant.publish_event("lease", runtime.id, key, actor=actor.name)
         found = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
         for task in stops.values():  # the stops have been sent; their confirmation is not waited for
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
         return found
+
+
+def _left_running(runtime: DriveRuntime) -> str | None:
+    """Return the key of the sentence about a drive that may be running and is not stopped; None for one at rest."""
+    if runtime.started_by_service or runtime.adopted:
+        return "plant.held"
+    state = runtime.status().state
+    if state is DriveState.UNKNOWN:
+        return "plant.left_unknown"
+    return "plant.left_running" if state.turning else None
 
 
 async def _stop_bus(bus_runtime: BusRuntime, runtimes: Sequence[DriveRuntime]) -> StopReport:

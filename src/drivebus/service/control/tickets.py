@@ -25,7 +25,7 @@ class CommandTicket:
 OperationHandler = Callable[[Any, Actor], Awaitable[Json]]
 """Handler of an operation: validated parameters and actor → answer."""
 MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
-"""Handler of an operation that moves motors; it gets the ticket to check again before it sends."""
+"""Handler of an operation that moves motors; by its ticket it sends nothing that a later stop has voided."""
 
 
 def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime]) -> CommandTicket:

@@ -80,7 +80,9 @@ def decode_points(start_ms: int, width_ms: int, data: bytes) -> Points:
     time = _point_times(start_ms, width_ms, unpack("I", body[: 4 * n]))
     mean = unpack_floats(body[9 * n : 17 * n])
     low, high = (mean, mean) if kind == _FLAT else (unpack_floats(body[17 * n : 25 * n]), unpack_floats(body[25 * n :]))
-    return Points(time, unpack("I", body[4 * n : 8 * n]), low, mean, high, body[8 * n : 9 * n])
+    return Points(
+        time=time, count=unpack("I", body[4 * n : 8 * n]), low=low, mean=mean, high=high, quality=body[8 * n : 9 * n]
+    )
 
 
 def _point_times(start_ms: int, width_ms: int, places: list[int]) -> list[int]:

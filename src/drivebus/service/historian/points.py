@@ -63,7 +63,7 @@ CODE_BY_QUALITY: dict[Quality, int] = {Quality.GOOD: GOOD, Quality.UNCERTAIN: UN
 QUALITY_BY_CODE: tuple[Quality, ...] = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Points:
     """Columns of equal length. Where ``count`` is 0, a gap, ``low``, ``mean`` and ``high`` are NaN."""
 
@@ -92,7 +92,7 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
     known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
     if 0 in known:
         value = [number if one else math.nan for number, one in zip(value, known, strict=True)]
-    return sorted_by_time(Points(time, known, value, value, value, quality))
+    return sorted_by_time(Points(time=time, count=known, low=value, mean=value, high=value, quality=quality))
 
 
 def sorted_by_time(points: Points) -> Points:
@@ -103,18 +103,18 @@ def sorted_by_time(points: Points) -> Points:
     order = sorted(range(len(time)), key=time.__getitem__)
     _, count, low, mean, high, quality = points.columns()
     return Points(
-        [time[n] for n in order],
-        [count[n] for n in order],
-        [low[n] for n in order],
-        [mean[n] for n in order],
-        [high[n] for n in order],
-        bytes([quality[n] for n in order]),
+        time=[time[n] for n in order],
+        count=[count[n] for n in order],
+        low=[low[n] for n in order],
+        mean=[mean[n] for n in order],
+        high=[high[n] for n in order],
+        quality=bytes([quality[n] for n in order]),
     )
 
 
 def concat(pieces: Iterable[Points]) -> Points:
     """Return all pieces as one, sorted by time."""
-    found = Points([], [], [], [], [], b"")
+    found = Points(time=[], count=[], low=[], mean=[], high=[], quality=b"")
     time, count, low, mean, high = list[int](), list[int](), list[float](), list[float](), list[float]()
     for piece in pieces:
         time += piece.time
@@ -123,7 +123,7 @@ def concat(pieces: Iterable[Points]) -> Points:
         mean += piece.mean
         high += piece.high
         found.quality += piece.quality
-    return sorted_by_time(Points(time, count, low, mean, high, found.quality))
+    return sorted_by_time(Points(time=time, count=count, low=low, mean=mean, high=high, quality=found.quality))
 
 
 def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
@@ -133,7 +133,7 @@ def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
 
 def _slice(points: Points, a: int, b: int) -> Points:
     time, count, low, mean, high, quality = points.columns()
-    return Points(time[a:b], count[a:b], low[a:b], mean[a:b], high[a:b], quality[a:b])
+    return Points(time=time[a:b], count=count[a:b], low=low[a:b], mean=mean[a:b], high=high[a:b], quality=quality[a:b])
 
 
 def _bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
@@ -158,12 +158,12 @@ def roll_up(points: Points, width_ms: int) -> Points:
     runs = _bucket_ranges(time, width_ms)
     starts = [time[begin] // width_ms * width_ms for begin, _ in runs]
     if len(runs) == len(time):
-        return Points(starts, count, low, mean, high, quality)
+        return Points(time=starts, count=count, low=low, mean=mean, high=high, quality=quality)
     rolled = _roll_up_complete if 0 not in count else _roll_up_with_gaps
     counts, lows, means, highs = rolled(runs, count, low, mean, high)
     all_good = quality.count(GOOD) == len(quality)
     qualities = bytes(len(runs)) if all_good else bytes([_combined_quality(quality[a:b]) for a, b in runs])
-    return Points(starts, counts, lows, means, highs, qualities)
+    return Points(time=starts, count=counts, low=lows, mean=means, high=highs, quality=qualities)
 
 
 BucketRanges = list[tuple[int, int]]
@@ -293,7 +293,9 @@ def with_gaps(points: Points, width_ms: int) -> Points:
     for at in reversed(long):
         for column, cell in zip(columns, (time[at] + int(usual), 0, nan, nan, nan, BAD), strict=True):
             column.insert(at + 1, cell)
-    return Points(columns[0], columns[1], columns[2], columns[3], columns[4], bytes(columns[5]))
+    return Points(
+        time=columns[0], count=columns[1], low=columns[2], mean=columns[3], high=columns[4], quality=bytes(columns[5])
+    )
 
 
 def _smaller_neighbour(steps: list[int], at: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -112,19 +112,6 @@ class HistoryQueries:
         """Return all durable documents of a kind by id. Raises ServiceUnavailable."""
         rows = await self._on_reader_thread(lambda: self._reader.store.documents(kind))
         return {row.id: json.loads(row.data) for row in rows if row.data is not None}
-
-    def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
-        """Return the handlers of the operations ``history.*``."""
-
-        async def tags(_params: Any, _actor: Any) -> Json:
-            return self.tags()
-
-        return {
-            "history.tags": tags,
-            "history.trend": lambda params, _actor: self.trend(params),
-            "history.export": lambda params, _actor: self.export(params),
-            "history.events": lambda params, _actor: self.events(params),
-        }
 
 
 def check_time_order(from_ms: int, to_ms: int) -> None:

@@ -22,7 +22,7 @@ class StoreError(Exception):
     """The database failed: full, read-only, damaged, unreachable. The write may or may not be done."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tag:
     """Signal of a drive. It stays known after the drive is removed from the plant."""
 
@@ -202,9 +202,10 @@ class HistoryStore:
             raise StoreError(f"made by a later version of drivebus (tables {version}, known {SCHEMA_VERSION})")
         if version == 0 and not self._reader:
             self._make_tables()
+        columns = ("id", "name", "unit", "en", "zh", "first_uncompacted")
         tags = [
-            Tag(*row)
-            for row in self.connection.fetch("SELECT id, name, unit, en, zh, first_uncompacted FROM tag ORDER BY id")
+            Tag(**dict(zip(columns, row, strict=True)))
+            for row in self.connection.fetch(f"SELECT {', '.join(columns)} FROM tag ORDER BY id")
         ]
         last = self.connection.fetch("SELECT coalesce(max(id), 0) FROM event")[0][0]
         meta = {row[0]: row[1] for row in self.connection.fetch("SELECT key, value FROM meta")}

@@ -182,7 +182,7 @@ class BatchBuilder:
         self._labels.update(taken.labels)
         free = 1 + max((tag.id for tag in self.tags.values()), default=0)
         for name in dict.fromkeys([*names, *(name for name in taken.labels if name in self.tags)]):
-            tag = self.tags.get(name) or Tag(free, name)
+            tag = self.tags.get(name) or Tag(id=free, name=name)
             free += tag.id == free
             if name in self._labels:
                 unit, text = self._labels[name]

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 from drivebus.service.alarms import Alarm, AlarmChange
 from drivebus.service.api.frames import frame_json
-from drivebus.service.api.operations.alarms import IncidentParams
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.alarms import INCIDENTS_GET, INCIDENTS_LIST, IncidentParams
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.profile_json import readings_json
 from drivebus.service.auth.actor import Actor
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.incidents.recorder import (
     INCIDENT_FRAMES,
     TRIP_ALARM_KINDS,
@@ -90,12 +90,11 @@ class IncidentService(PlantListener):
 
     # --- operations -------------------------------------------------------------------------------------------------
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {"incidents.list": self._list_incidents, "incidents.get": self._get_incident}
-
+    @handles(INCIDENTS_LIST)
     async def _list_incidents(self, params: TimeRangeParams, actor: Actor) -> Json:
         span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
         return await asyncio.to_thread(self._store.query, *span)
 
+    @handles(INCIDENTS_GET)
     async def _get_incident(self, params: IncidentParams, actor: Actor) -> Json:
         return await asyncio.to_thread(self._store.get, params.incident)

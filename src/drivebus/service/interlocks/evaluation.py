@@ -19,7 +19,7 @@ from drivebus.service.interlocks.expression import (
     Or,
     Quantity,
     SignalReference,
-    StateWord,
+    StateLiteral,
 )
 
 UNIT_MEASURES: Mapping[str, tuple[str, float]] = {
@@ -104,7 +104,7 @@ def _same_state(comparison: Comparison, left: str, right: str) -> bool:
 
 def _operand_value(side: Operand, lookup: ValueLookup) -> tuple[float | str, str] | None:
     """Return a number in the first unit of its quantity, or the word of a state."""
-    if isinstance(side, StateWord):
+    if isinstance(side, StateLiteral):
         return side.text, STATE_NAME
     found = (side.value, side.unit) if isinstance(side, Quantity) else lookup(side.drive, side.name)
     if found is None:

@@ -53,8 +53,8 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class StateWord:
-    """Word of a state."""
+class StateLiteral:
+    """Name of a drive's state, written in an expression."""
 
     text: str
     column: int
@@ -63,7 +63,7 @@ class StateWord:
         return self.text
 
 
-Operand = SignalReference | Quantity | StateWord
+Operand = SignalReference | Quantity | StateLiteral
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ class _Parser:
         if token.kind != "word":
             self._syntax_error("expression.expected_value")
         self._advance()
-        return StateWord(token.text, token.column)
+        return StateLiteral(token.text, token.column)
 
 
 class _CatalogueText:

@@ -30,6 +30,11 @@ In bytes, because a message holds one drive (about 2 kB) or all of them: 300 dri
 """
 
 
+PING_INTERVAL_S = 1.0  # between pings while a request waits
+SILENCE_LIMIT_S = 5.0
+"""A service that sends nothing for so long while something is due hangs; a long operation alone does not."""
+
+
 class ReplyQueue:
     """Unread replies to one request."""
 
@@ -64,6 +69,8 @@ class SocketClient:
         self._numbers = itertools.count(1)
         self._pending: dict[int, ReplyQueue] = {}
         self._connecting = asyncio.Lock()
+        self._due_since: float | None = None
+        """Time of the first message since the service has sent anything."""
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
         """See ``ServiceClient.call``. Raises ServiceUnavailable where the service does not answer."""
@@ -74,7 +81,10 @@ class SocketClient:
         return result
 
     async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
-        """See ``ServiceClient.call_json``. Raises ServiceUnavailable where the service does not answer."""
+        """See ``ServiceClient.call_json``. Raises ServiceUnavailable where the service does not answer.
+
+        Cancelled, it ends a cancellable operation; any other is done.
+        """
         return await self._request({"op": operation, "params": params, "actor": actor.as_json()})
 
     async def record(self, entry: Json, actor: Actor) -> None:
@@ -114,9 +124,26 @@ class SocketClient:
     async def _request(self, message: Json) -> bytes:
         number, replies = await self._send(message)
         try:
-            return _payload(await replies.get())
+            return _payload(await self._first_reply(replies))
+        except asyncio.CancelledError:
+            self._write({"id": number, "end": True})
+            raise
         finally:
             self._pending.pop(number, None)
+
+    async def _first_reply(self, replies: ReplyQueue) -> Reply:
+        """Wait for a reply as long as the service answers pings. Raises ServiceUnavailable once it does not."""
+        clock = asyncio.get_running_loop().time
+        started_at = clock()
+        while True:
+            try:
+                async with asyncio.timeout(PING_INTERVAL_S):
+                    return await replies.get()
+            except TimeoutError:
+                silent_s = 0.0 if self._due_since is None else clock() - max(started_at, self._due_since)
+            if silent_s >= SILENCE_LIMIT_S:
+                raise ServiceUnavailable("plant.hangs", silent_s=round(silent_s))
+            self._write({"id": next(self._numbers), "ping": True})
 
     async def _send(self, message: Json) -> tuple[int, ReplyQueue]:
         async with self._connecting:
@@ -129,6 +156,8 @@ class SocketClient:
 
     def _write(self, message: Json) -> None:
         if self._writer is not None:
+            if self._due_since is None:
+                self._due_since = asyncio.get_running_loop().time()
             self._writer.write(json.dumps(message).encode() + b"\n")
 
     async def _connect(self) -> None:
@@ -142,6 +171,7 @@ class SocketClient:
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             while line := await reader.readline():
+                self._due_since = None
                 number, kind, payload = split_reply(line)
                 self._dispatch(number, kind, payload)
                 if kind == "live":
@@ -149,7 +179,7 @@ class SocketClient:
         except (OSError, ValueError):
             pass
         finally:
-            self._writer = None
+            self._writer = self._due_since = None
             writer.close()
             for replies in self._pending.values():
                 replies.replace(CONNECTION_LOST)

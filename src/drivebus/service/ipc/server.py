@@ -18,10 +18,12 @@ from typing import Any
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceUnavailable
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.api.operations.plant import PLANT_STOP
+from drivebus.service.api.strict_json import parse_json
 from drivebus.service.auth.actor import Actor, local_actor
 from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_RECEIVED, STOP_REQUEST, short_socket_path
 from drivebus.service.ipc.service_client import ServiceClient
-from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
+from drivebus.service.runtime.fairness import COMPACT_ENCODER, encode_json_cooperatively, yield_to_loop
 from drivebus.types import Json
 
 MAX_CONCURRENT_REQUESTS = 1000  # of one connection; stops do not count
@@ -67,41 +69,53 @@ class _ClientConnection:
     def __init__(self, service: ServiceClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._service, self._reader, self._writer = service, reader, writer
         self._request_tasks: set[asyncio.Task[None]] = set()
-        self._live_tasks: dict[Any, asyncio.Task[None]] = {}
+        self._ending_tasks: dict[Any, asyncio.Task[None]] = {}
+        """Live streams and requests that end with their client, by id."""
 
     async def run(self) -> None:
         """Serve until the client disconnects or sends an invalid request.
 
-        Its commands continue: a stop is not revoked, and each is recorded with its outcome.
+        Its commands continue: a stop is not revoked, and each is recorded with its outcome. Live streams and
+        cancellable requests end.
         """
         try:
             while line := await self._reader.readline():
-                self._handle(json.loads(line))
+                self._handle(parse_json(line))
         except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
             LOG.warning("a client of the service's socket was disconnected: %s", type(error).__name__)
         finally:
-            for task in self._live_tasks.values():
+            ending = tuple(self._ending_tasks.values())
+            for task in ending:
                 task.cancel()
-            await asyncio.gather(*self._request_tasks, *self._live_tasks.values(), return_exceptions=True)
+            await asyncio.gather(*self._request_tasks, *ending, return_exceptions=True)
             self._writer.close()
             with contextlib.suppress(OSError):
                 await self._writer.wait_closed()
 
     def _handle(self, found: Json) -> None:
         id = found["id"]
+        if found.get("ping"):
+            self._writer.write(COMPACT_ENCODER.encode({"id": id, "result": {}}).encode() + b"\n")
+            return
         if found.get("end"):
-            if (running := self._live_tasks.get(id)) is not None:
+            if (running := self._ending_tasks.get(id)) is not None:
                 running.cancel()
             return
         actor = Actor.from_json(found["actor"])
         if "live" in found:
             task = asyncio.create_task(self._live(id, str(found["live"]), actor), name=f"live {id}")
-            self._live_tasks[id] = task
-            task.add_done_callback(lambda _: self._live_tasks.pop(id, None))
+            self._end_with_client(id, task)
         else:
             task = asyncio.create_task(self._answer(id, self._dispatch(found, actor)), name=f"request {id}")
             self._request_tasks.add(task)
             task.add_done_callback(self._request_tasks.discard)
+            operation = OPERATIONS.get(str(found.get("op")))
+            if operation is not None and operation.cancellable:
+                self._end_with_client(id, task)
+
+    def _end_with_client(self, id: Any, task: asyncio.Task[None]) -> None:
+        self._ending_tasks[id] = task
+        task.add_done_callback(lambda _: self._ending_tasks.pop(id, None))
 
     def _dispatch(self, found: Json, actor: Actor) -> Awaitable[Json]:
         if "record" in found:
@@ -181,7 +195,7 @@ class StopServer:
             if await reader.readline() == STOP_REQUEST:
                 self._stops += 1
                 writer.write(STOP_RECEIVED)
-                found = await self._service.call("plant.stop", {}, local_actor("stop-all", f"stop-{self._stops}"))
+                found = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
                 writer.write(json.dumps(found, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()
         except (ValueError, ConnectionError):

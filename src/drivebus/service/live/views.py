@@ -86,7 +86,7 @@ class LeaseView:
         return {"owner": self.owner, "session": self.session, "expires_ms": self.expires_ms}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveView:
     """Present state of one drive; topic ``drives/<id>``."""
 
@@ -165,7 +165,7 @@ class DriveView:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One value for the historian."""
+    """Value for the historian."""
 
     tag: str
     """``<drive>.<signal>``."""

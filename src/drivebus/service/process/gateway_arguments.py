@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET
+from drivebus.service.process.logging_setup import LogFormat
 
 AddressOutput = Literal["plain", "json", "not"]
 """Output of the address that a gateway listens at: as text, as a line of JSON, or not at all."""
@@ -31,10 +32,14 @@ class GatewayArguments(Generic[T]):
     user_file: Path
     settings: T
     address_output: AddressOutput = "plain"
+    log_format: LogFormat = "text"
 
 
 def gateway_arguments(
-    plant: PlantConfig, gateway: GatewayConfig, address_output: AddressOutput = "plain"
+    plant: PlantConfig,
+    gateway: GatewayConfig,
+    address_output: AddressOutput = "plain",
+    log_format: LogFormat = "text",
 ) -> GatewayArguments[Any]:
     """Return the arguments of one gateway of a plant."""
     return GatewayArguments(
@@ -43,6 +48,7 @@ def gateway_arguments(
         user_file=plant.users or plant.directory / "users.json",
         settings=gateway.settings,
         address_output=address_output,
+        log_format=log_format,
     )
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Sequence
 
 from drivebus.service.config.model import GatewayConfig
 from drivebus.service.process.gateway_arguments import AddressOutput, encode_arguments, gateway_arguments
+from drivebus.service.process.logging_setup import LogFormat
 from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
 
 FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
@@ -24,7 +25,7 @@ LOG = logging.getLogger("drivebus.service")
 
 
 class ChildProcess:
-    """One child process, restarted when it exits. Its output is the service's own."""
+    """Child process, restarted when it exits. Its output is the service's own."""
 
     def __init__(
         self,
@@ -99,9 +100,17 @@ class ChildProcess:
 class GatewaySupervisor(PlantListener):
     """All gateways of a plant; ``plant.gateways`` holds their status."""
 
-    def __init__(self, plant: Plant, *, without: Collection[str] = (), address_output: AddressOutput = "plain") -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        without: Collection[str] = (),
+        address_output: AddressOutput = "plain",
+        log_format: LogFormat = "text",
+    ) -> None:
         """``without``: names of gateways that are not started, also where their table enables them."""
         self._plant, self._without, self._address_output = plant, frozenset(without), address_output
+        self._log_format: LogFormat = log_format
         self._configs: dict[str, GatewayConfig] = {}
         self._children: dict[str, ChildProcess] = {}
         self._closing: set[asyncio.Task[None]] = set()
@@ -135,7 +144,7 @@ class GatewaySupervisor(PlantListener):
         replaced = self._end(config.id) if config.id in self._children else None
         child = ChildProcess(
             (sys.executable, "-m", config.module),
-            encode_arguments(gateway_arguments(self._plant.config, config, self._address_output)),
+            encode_arguments(gateway_arguments(self._plant.config, config, self._address_output, self._log_format)),
             self._plant.now,
             on_start=on_start,
             on_exit=on_exit,

@@ -8,8 +8,11 @@ import json
 import logging
 import queue
 import sys
+from collections.abc import Callable
 from logging.handlers import QueueHandler, QueueListener
-from typing import Any, TextIO
+from math import inf
+from time import monotonic
+from typing import Any, Literal, TextIO
 
 from drivebus import i18n
 from drivebus.clock import wall_clock
@@ -18,6 +21,10 @@ from drivebus.types import Json
 LOG = logging.getLogger("drivebus.service")
 MAX_QUEUED_RECORDS = 10_000  # while the log hangs; further lines are dropped
 FLUSH_TIMEOUT_S = 1.0
+REPETITION_INTERVAL_S = 10.0  # between messages of a library that begin alike
+REPETITION_PREFIX = 60  # characters
+MAX_MESSAGE_KINDS = 100
+LogFormat = Literal["text", "json"]
 EVENT_LEVELS = {
     "fault": logging.ERROR,
     "alarm": logging.WARNING,
@@ -26,16 +33,19 @@ EVENT_LEVELS = {
 }
 
 
-def configure_logging(form: str, stream: TextIO | None = None) -> None:
-    """Write the log to ``stream`` as ``text`` or ``json``."""
+def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
+    """Write the log to ``stream`` as ``text`` or ``json``: everything of drivebus, and the warnings of libraries."""
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonFormatter() if form == "json" else PlainFormatter())
     lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)
     listener = QueueListener(lines, handler)
-    root = logging.getLogger("drivebus")
-    root.handlers = [NonBlockingQueueHandler(lines)]
-    root.setLevel(logging.INFO)
-    root.propagate = False
+    queued = NonBlockingQueueHandler(lines)
+    queued.addFilter(RepetitionFilter())
+    for name, level in (("drivebus", logging.INFO), ("", logging.WARNING)):
+        logger = logging.getLogger(name)
+        logger.handlers = [queued]
+        logger.setLevel(level)
+        logger.propagate = False
     listener.start()
     atexit.register(_flush, lines, listener)
 
@@ -47,6 +57,36 @@ def _flush(lines: queue.Queue[Any], listener: QueueListener) -> None:
         lines.put(listener._sentinel, timeout=FLUSH_TIMEOUT_S)  # type: ignore[attr-defined]
     if thread is not None:
         thread.join(FLUSH_TIMEOUT_S)
+
+
+class RepetitionFilter(logging.Filter):
+    """Filter of what libraries log about every connection: clients could fill the disk with it.
+
+    Of messages that begin alike one passes in ``REPETITION_INTERVAL_S``, with the number of those left out before it.
+    Records of drivebus itself all pass.
+    """
+
+    def __init__(self, now: Callable[[], float] = monotonic) -> None:
+        super().__init__()
+        self._now = now
+        self._passed: dict[tuple[str, str], tuple[float, int]] = {}
+        """Time of the last message of a kind that passed, and number of those left out since."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.name.split(".")[0] == "drivebus":
+            return True
+        text = record.getMessage()
+        kind = record.name, text.partition("\n")[0][:REPETITION_PREFIX]
+        now, (passed_at, left_out) = self._now(), self._passed.get(kind, (-inf, 0))
+        if now - passed_at < REPETITION_INTERVAL_S:
+            self._passed[kind] = passed_at, left_out + 1
+            return False
+        if len(self._passed) >= MAX_MESSAGE_KINDS:
+            self._passed.clear()
+        self._passed[kind] = now, 0
+        if left_out:
+            record.msg, record.args = f"{text} (and {left_out} more)", None
+        return True
 
 
 class NonBlockingQueueHandler(QueueHandler):

@@ -12,6 +12,7 @@ from contextlib import AsyncExitStack, contextmanager
 from typing import Any
 
 from drivebus.errors import DrivebusError
+from drivebus.service.api.operations.plant import CONFIGURATION_RELOAD
 from drivebus.service.app import SERVICE_ACTOR, Service, build_service
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
@@ -19,8 +20,10 @@ from drivebus.service.ipc.server import SocketServer, StopServer
 from drivebus.service.process.gateway_arguments import AddressOutput
 from drivebus.service.process.gateways import GatewaySupervisor
 from drivebus.service.process.lock import single_instance
+from drivebus.service.process.logging_setup import LogFormat
+from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.process.systemd import SystemdNotifier
-from drivebus.service.process.tuning import relax_gc
+from drivebus.service.process.tuning import raise_file_limit, relax_gc
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
@@ -32,15 +35,18 @@ async def run_service(
     *,
     without: Collection[str] = (),
     address_output: AddressOutput = "plain",
+    log_format: LogFormat = "text",
     on_ready: Callable[[], None] = lambda: None,
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
     ``without`` names gateways that are not started. An outcome is None where it was not known in time. Raises
-    ConfigurationError: the service runs already, or its directory or a socket can't be used.
+    ConfigurationError: the service runs already, its directory or socket can't be used, others could write its files.
     """
+    raise_file_limit()
     loop = asyncio.get_running_loop()
     notify, ending = SystemdNotifier(), asyncio.Event()
+    check_plant_files(config)
     with single_instance(config.directory), handle_signals(loop, ending) as on_reload:
         async with AsyncExitStack() as stack:
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
@@ -53,7 +59,9 @@ async def run_service(
             for server in servers:
                 await server.open()
                 stack.push_async_callback(server.close)
-            gateways = GatewaySupervisor(service.plant, without=without, address_output=address_output)
+            gateways = GatewaySupervisor(
+                service.plant, without=without, address_output=address_output, log_format=log_format
+            )
             gateways.start()
             relax_gc()
             notify.send("READY=1")
@@ -66,7 +74,7 @@ async def run_service(
 
 async def _reload(service: Service) -> None:
     try:
-        await service.call("configuration.reload", {}, SERVICE_ACTOR)
+        await service.call(CONFIGURATION_RELOAD.name, {}, SERVICE_ACTOR)
     except DrivebusError as error:
         LOG.error("nothing was reloaded: %s", error)
 

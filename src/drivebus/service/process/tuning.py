@@ -1,4 +1,4 @@
-"""Processor priorities and garbage collection: the buses come first, then the gateways, then batch work."""
+"""Processor priorities, memory and garbage collection: the buses come first, then the gateways, then batch work."""
 
 from __future__ import annotations
 
@@ -14,6 +14,26 @@ def set_nice(steps: int) -> None:
     """Lower the priority of this process; without effect on Windows."""
     with suppress(AttributeError, OSError):
         os.nice(steps)
+
+
+def limit_memory(most: int) -> None:
+    """Limit the address space of this process to ``most`` bytes; without effect on Windows."""
+    with suppress(ImportError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def raise_file_limit() -> None:
+    """Raise the number of files that this process may open to the most that the system grants it.
+
+    Without effect on Windows. The usual limit of 1,024 is less than a service with many connections may need.
+    """
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def relax_gc() -> None:

@@ -59,11 +59,15 @@ class DriveRuntime:
         self.group_started_at: float | None = None
         """Monotonic time of its last start by a group."""
         self.waiver: str | None = None
+        self.limits_lost = False
+        """The limits that an engineer set are lost with their file: it is not started until they are set again."""
         self.waiver_of_another: CommLossWaiver | None = None
         """Waiver that was recorded under this name for another drive: it allows nothing."""
         self.commanded_hz: float | None = None
         self.started_by_service = False
         """Started by this service and not reported at standstill since."""
+        self.adopted = False
+        """Found running when this service started, and not reported at standstill since."""
         self.last_motion_at = 0.0
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
@@ -103,7 +107,7 @@ class DriveRuntime:
         if self.monitor is not None:
             return self.monitor.status()
         return complete_status(
-            self.drive.dialect, DriveStatus(DriveState.UNKNOWN, reason="drives.not_read"), self.signals
+            self.drive.dialect, DriveStatus(state=DriveState.UNKNOWN, reason="drives.not_read"), self.signals
         )
 
     @property

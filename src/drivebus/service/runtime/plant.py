@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -31,6 +30,7 @@ from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.run_statistics import RunStatisticsStore
 from drivebus.service.runtime.utc_clock import UtcClock
+from drivebus.service.storage.settings import SETTINGS_FILE, StoredSettings
 from drivebus.types import Json
 
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
@@ -282,15 +282,23 @@ class Plant:
     # --- what outlives the process ------------------------------------------------------------------------------
 
     def restore(self, runtime: DriveRuntime) -> None:
-        """Restore the stored waiver and limits of a drive."""
-        self._restore_waiver(runtime)
-        limits = self.store.get(f"limits/{runtime.id}")
-        found = json.loads(limits) if limits else None
-        runtime.set_limits(None if found is None else narrow_limits(DriveLimits(**found), runtime.config.limits))
+        """Restore the stored waiver and limits of a drive. Where they can't be read, it has no waiver and no limits."""
+        settings = StoredSettings.of(self.store, runtime.id)
+        self._restore_waiver(runtime, settings.waiver)
+        runtime.limits_lost = settings.limits_lost
+        own = settings.limits
+        runtime.set_limits(None if own is None else narrow_limits(own, runtime.config.limits))
 
-    def _restore_waiver(self, runtime: DriveRuntime) -> None:
+    def report_lost_limits(self) -> None:
+        """Raise an alarm while the limits of a drive are lost with their file, else clear it."""
+        lost = [runtime.id for runtime in self.drives.values() if runtime.limits_lost]
+        if lost:
+            self.raise_alarm(SystemAlarm.SETTINGS_LOST, subject=SETTINGS_FILE, drives=", ".join(lost))
+        else:
+            self.clear_alarm(SystemAlarm.SETTINGS_LOST, subject=SETTINGS_FILE)
+
+    def _restore_waiver(self, runtime: DriveRuntime, waiver: CommLossWaiver | None) -> None:
         """Restore a waiver; one that was recorded for another drive of this name is ignored and becomes an event."""
-        waiver = CommLossWaiver.from_json(self.store.get(f"waiver/{runtime.id}"))
         fits = waiver is not None and waiver.applies_to(runtime.config, self.bus_of(runtime).config)
         runtime.waiver = waiver.text if waiver is not None and fits else None
         runtime.waiver_of_another = None if fits else waiver
@@ -311,9 +319,11 @@ def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:
 
 
 T = TypeVar("T")
+MAX_NAMES_IN_ERROR = 20  # a plant may have hundreds of drives
 
 
 def _lookup(known: dict[str, T], what: str, id: str) -> T:
     if id not in known:
-        raise NotFound(f"plant.no_{what}", id=id)
+        shown = [*list(known)[:MAX_NAMES_IN_ERROR], *(["…"] if len(known) > MAX_NAMES_IN_ERROR else [])]
+        raise NotFound(f"plant.no_{what}", id=id, known=", ".join(shown) or "-")
     return known[id]

@@ -6,31 +6,35 @@ What did not change misses no poll. A drive that may be running is never removed
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from drivebus.errors import ConfigurationError, ServiceError
-from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
-from drivebus.service.api.errors import localized, to_plain
+from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.operation import NoParams
-from drivebus.service.api.operations.plant import ConfigurationParams
+from drivebus.service.api.operations.plant import (
+    CONFIGURATION_CHECK,
+    CONFIGURATION_GET,
+    CONFIGURATION_RELOAD,
+    ConfigurationParams,
+)
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.bus_load import signal_labels
 from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
-from drivebus.service.config.load import load, loads
+from drivebus.service.config.load import load
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.config.redaction import redact_text
 from drivebus.service.control.policies import may_be_running
-from drivebus.service.control.tickets import OperationHandler
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.runtime.bus import BusRuntime
+from drivebus.service.runtime.configuration_check import ConfigurationCheck, difference_json
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
 RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users"})
 """Settings of the whole plant that take effect at the next start only."""
 
@@ -41,32 +45,24 @@ class ConfigReload:
     def __init__(self, plant: Plant, publisher: LivePublisher) -> None:
         self.plant, self.publisher = plant, publisher
         self._lock = asyncio.Lock()
+        self._check = ConfigurationCheck()
 
-    def handlers(self) -> dict[str, OperationHandler]:
-        return {
-            "configuration.get": self.get,
-            "configuration.check": self.check,
-            "configuration.reload": self.reload,
-        }
-
+    @handles(CONFIGURATION_GET)
     async def get(self, params: NoParams, actor: Actor) -> Json:
-        """Return the text of the file, which may be newer than what runs. Raises ConfigurationError."""
+        """Return the text of the file without passwords; it may be newer than what runs. Raises ConfigurationError."""
         source = self.plant.config.source
         try:
             text = await self._in_thread(lambda: Path(source).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigurationError("plant.no_source", source=source, reason=str(error)) from error
-        return {"text": text, "source": source}
+        return {"text": redact_text(text, source), "source": source}
 
+    @handles(CONFIGURATION_CHECK)
     async def check(self, params: ConfigurationParams, actor: Actor) -> Json:
-        """Return every fault of a text and the changes that it would make."""
-        source = self.plant.config.source
-        try:
-            new = await self._in_thread(lambda: loads(params.text, source, Path(source).parent))
-        except ConfigurationError as error:
-            return {"complaints": _complaints_json(error), "difference": {}}
-        return {"complaints": [], "difference": difference_json(config_diff(self.plant.config, new))}
+        """Return every fault of a text and the changes that it would make. Raises as ``ConfigurationCheck.check``."""
+        return await self._check.check(params.text, self.plant.config)
 
+    @handles(CONFIGURATION_RELOAD)
     async def reload(self, params: NoParams, actor: Actor) -> Json:
         """Read the file again and apply the differences.
 
@@ -83,6 +79,10 @@ class ConfigReload:
         key = "plant.reloaded_but" if later else "plant.reloaded"
         self.plant.publish_event("configuration", None, key, actor=actor.name, restart=", ".join(later))
         return {"difference": names, "restart": later}
+
+    def close(self) -> None:
+        """End a check that is under way."""
+        self._check.close()
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         """Run in a thread: reading a file delays no stop."""
@@ -117,6 +117,7 @@ class ConfigReload:
         await asyncio.gather(*(bus_runtime.close() for bus_runtime in closing))
         for id in (*change.buses.added, *change.reopened):
             plant.buses[id].start()
+        plant.report_lost_limits()
         plant.notify_reload()
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
@@ -172,25 +173,3 @@ def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
         return True
     of_bus = alarm.kind in (SystemAlarm.PORT_LOST, SystemAlarm.FOREIGN_MASTER)
     return alarm.subject in change.buses.removed if of_bus else alarm.drive in change.drives.removed
-
-
-def difference_json(change: ConfigDiff) -> Json:
-    """Return the names of what was added, changed and removed."""
-    parts = [getattr(change, name) for name in RELOADABLE_TABLES]
-    changed = [id for part in parts for id in part.changed]
-    return {
-        "added": _unique(id for part in parts for id in part.added),
-        "changed": _unique((*changed, *change.others)),
-        "removed": _unique(id for part in parts for id in part.removed),
-    }
-
-
-def _unique(found: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(found))
-
-
-def _complaints_json(error: ConfigurationError) -> list[Json]:
-    found: Iterable[Diagnostic] = error.params.get("complaints", ())
-    return [{"line": one.line, "key": one.key, "found": one.found, "text": to_plain(one)} for one in found] or [
-        {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
-    ]

@@ -7,13 +7,12 @@ has no energy.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from drivebus.drives.state import DriveState
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.api.operations.drives import DriveParams
 from drivebus.service.historian import Historian
 from drivebus.service.live.views import DriveView, SignalView
 from drivebus.types import Json
@@ -29,7 +28,7 @@ MAX_OBSERVATION_GAP_S = 5.0
 _TURNING_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class RunStatistics:
     """Numbers of one drive since ``since_ms``, in UTC milliseconds."""
 
@@ -175,11 +174,3 @@ class RunStatisticsStore:
 
     def statistics_json(self, drive: str) -> Json:
         return self._drives.get(drive, RunStatistics()).as_json()
-
-    def handlers(self) -> Mapping[str, Callable[[Any, Any], Awaitable[Json]]]:
-        """Return the handler of ``drives.statistics``; the dispatcher has checked that the drive exists."""
-
-        async def statistics(params: DriveParams, _actor: Any) -> Json:
-            return self.statistics_json(params.drive)
-
-        return {"drives.statistics": statistics}

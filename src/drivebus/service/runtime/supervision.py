@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import localized, os_reason
+from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
@@ -58,6 +60,9 @@ class SupervisionCycle:
         self._cycles = 0
         self._disk_task: asyncio.Task[None] | None = None
         self._was_open: dict[str, bool] = {}
+        self._expiring = {
+            alarm.subject for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.CERTIFICATE_EXPIRY
+        }
         self._comm_loss_reads: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
@@ -100,8 +105,21 @@ class SupervisionCycle:
             yield partial(self._watchdog.feed_watchdog, plant.buses.values(), plant.now())
 
     async def _check_disk(self) -> None:
-        """Read the free space in a thread: a disk that hangs delays no bus."""
-        self._plant.disk_space = await asyncio.to_thread(_disk_space, self._plant.config.directory)
+        """Read the free space and the certificates in a thread: a disk that hangs delays no bus."""
+        config = self._plant.config
+        self._plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
+        self._report_certificates(await asyncio.to_thread(lambda: list(certificate_states(config))))
+
+    def _report_certificates(self, states: Sequence[CertificateState]) -> None:
+        """Raise an alarm for each certificate that ends soon; clear those of renewed certificates and of others."""
+        now = datetime.fromtimestamp(self._plant.wall_ms() / 1000, UTC)
+        ending = {state.gateway: state for state in states if state.ends_soon(now)}
+        for gateway in self._expiring - ending.keys():
+            self._plant.clear_alarm(SystemAlarm.CERTIFICATE_EXPIRY, subject=gateway)
+        self._expiring = set(ending)
+        for gateway, state in ending.items():
+            params = {"file": str(state.certificate), "until": f"{state.valid_until:%Y-%m-%d %H:%M} UTC"}
+            self._plant.raise_alarm(SystemAlarm.CERTIFICATE_EXPIRY, subject=gateway, **params)
 
     def _check_storage(self) -> None:
         """Raise an alarm for each file that is written in the background and fails; try it again."""

@@ -14,6 +14,7 @@ from drivebus.service.config.model import PlantConfig
 from drivebus.service.historian import Historian
 from drivebus.service.incidents import IncidentStore
 from drivebus.service.runtime.run_statistics import RunStatisticsStore
+from drivebus.service.storage.settings import SETTINGS_FILE, recover_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class Storage:
             run_statistics=RunStatisticsStore(historian),
             alarm_log=AlarmLog(directory / "alarms.jsonl"),
             incidents=IncidentStore(directory / "incidents"),
-            settings=FileStore(directory / "plant.json"),
+            settings=FileStore(directory / SETTINGS_FILE),
         )
 
     def errors(self) -> dict[str, Exception | None]:
@@ -51,10 +52,13 @@ class Storage:
             "alarms.jsonl": self.alarm_log.error,
             paths.current.name: self.audit.error,
             paths.checkpoints.name: self.audit.checkpoint_error,
+            paths.head.name: self.audit.head_error,
         }
 
     async def open(self, config: PlantConfig) -> None:
         """Open everything. A disk that cannot be written raises nothing here; it becomes an alarm."""
+        if isinstance(self.settings, FileStore):
+            recover_settings(self.settings, (drive.id for drive in config.drives), wall_ms())
         await self.audit.open()
         await self.historian.open()
         self.historian.set_labels(signal_labels(config))

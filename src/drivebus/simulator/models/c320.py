@@ -20,7 +20,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec, RejectReason
-from drivebus.simulator.station import SimulatedModel, Station, StationReply
+from drivebus.simulator.station import SimulatedModel, SimulatedStation, StationReply
 
 FREQUENCY_CHANNEL = 0x0_01
 FROM_BUS = 2
@@ -138,14 +138,14 @@ STOPS = frozenset(
 )
 
 
-class C320Station(Station):
+class C320Station(SimulatedStation):
     """Simulated C320 or a related model, with settings for what the manual leaves open.
 
     The arguments are described in ``docs/reference/simulated-drives.md``.
     """
 
     family: ClassVar[str] = "c320"
-    rule: FramingRule = FramingRule(5.0, requires_gap=True, start_bytes=b"\x2a\x5a")
+    rule: FramingRule = FramingRule(gap_characters=5.0, requires_gap=True, start_bytes=b"\x2a\x5a")
     broadcast: ClassVar[int] = sunfar.BROADCAST
     factory_settings: ClassVar[SerialSettings] = SerialSettings(9600, 8, "E")
     ramp_keys = (ACCEL_TIME, DECEL_TIME)
@@ -230,9 +230,26 @@ class C320Station(Station):
         code = self.trip_code(self.motor.trip) if state is SunfarState.FAULT and self.motor.trip else None
         info = reply.info
         if code is None or (info is not None and self.class0_fault == "information"):
-            return SunfarReply(self.address, reply.response, state, reply.group, reply.item, reply.data, info=info)
+            return SunfarReply(
+                address=self.address,
+                response=reply.response,
+                state=state,
+                group=reply.group,
+                item=reply.item,
+                data=reply.data,
+                info=info,
+            )
         info = None if info is None else "--" + info[2:]
-        return SunfarReply(self.address, reply.response, state, reply.group, None, reply.data, code, info)
+        return SunfarReply(
+            address=self.address,
+            response=reply.response,
+            state=state,
+            group=reply.group,
+            item=None,
+            data=reply.data,
+            fault_code=code,
+            info=info,
+        )
 
     def _read_or_write(self, request: Any) -> SunfarReply:
         match request:
@@ -241,7 +258,7 @@ class C320Station(Station):
             case sunfar.ReadMonitor():
                 number = sunfar.monitor_index(request.item, self.monitor_index)
                 if number is None or number > LAST_MONITOR:
-                    return SunfarReply(self.address, SunfarResponse.BAD_CODE)
+                    return SunfarReply(address=self.address, response=SunfarResponse.BAD_CODE)
                 return self._monitor_reply(number, SunfarResponse.OK, request.item)
             case sunfar.SunfarReadParameter():
                 return self._read(request.group, request.item)
@@ -257,11 +274,11 @@ class C320Station(Station):
             3: f"{int(self.obeys_bus)}{int(self.memory[FREQUENCY_CHANNEL] == FROM_BUS)}0000",
         }
         response = SunfarResponse.OK if group in digits else SunfarResponse.RESERVED
-        return SunfarReply(self.address, response, group=group, info=digits.get(group, "000000"))
+        return SunfarReply(address=self.address, response=response, group=group, info=digits.get(group, "000000"))
 
     def _monitor_reply(self, number: int, response: SunfarResponse, item: int) -> SunfarReply:
         data = self.monitor(number) & 0xFFFF if response is SunfarResponse.OK else 0
-        return SunfarReply(self.address, response, group=0, item=item, data=data)
+        return SunfarReply(address=self.address, response=response, group=0, item=item, data=data)
 
     @property
     def _selected_item(self) -> int:
@@ -272,7 +289,7 @@ class C320Station(Station):
         refusal = self.memory.read_rejection(key)
         response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
         data = 0 if refusal else self.memory[key]
-        return SunfarReply(self.address, response, group=group, item=item, data=data)
+        return SunfarReply(address=self.address, response=response, group=group, item=item, data=data)
 
     def _write(self, request: sunfar.SunfarWriteParameter) -> SunfarReply:
         """Execute classes 3 (RAM) and 5 (EEPROM too). A rejected write replies with data 0000."""
@@ -282,7 +299,7 @@ class C320Station(Station):
             self.memory.write(key, request.data, save=request.save)
         response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
         data = 0 if refusal else request.data
-        return SunfarReply(self.address, response, group=request.group, item=request.item, data=data)
+        return SunfarReply(address=self.address, response=response, group=request.group, item=request.item, data=data)
 
     def elapse(self, dt: float) -> None:
         self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
@@ -453,6 +470,10 @@ class C320Station(Station):
         if phase is OutputPhase.DECELERATING:
             return SunfarState.DECELERATING_REVERSE if backward else SunfarState.DECELERATING_FORWARD
         return SunfarState.RUNNING_REVERSE if backward else SunfarState.RUNNING_FORWARD
+
+    @property
+    def profile_options(self) -> dict[str, str]:
+        return {"setpoint_step": f"{self.step_hz:g}"}
 
     def trip_code(self, trip: Trip) -> int:
         """Return the number n of Fu.n on the keypad."""

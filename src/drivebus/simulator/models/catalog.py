@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from drivebus.errors import ConfigurationError
 from drivebus.protocols.family import protocol_families, resolve
 from drivebus.simulator.motor import Motor, MotorLoad
-from drivebus.simulator.station import SimulatedModel, Station
+from drivebus.simulator.station import SimulatedModel, SimulatedStation
 
 LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "hoist": MotorLoad.hoist}
 
@@ -29,7 +29,9 @@ def station_option_names() -> frozenset[str]:
     return frozenset(name for model in simulated_models().values() for name in model.options)
 
 
-def make_station(model: str, address: int, options: Mapping[str, str] | None = None, load: str = "constant") -> Station:
+def make_station(
+    model: str, address: int, options: Mapping[str, str] | None = None, load: str = "constant"
+) -> SimulatedStation:
     """Return one simulated drive; ``options`` of other models are ignored. Raises ConfigurationError."""
     models = simulated_models()
     chosen = models.get(model)
@@ -51,9 +53,11 @@ def make_station(model: str, address: int, options: Mapping[str, str] | None = N
     return chosen.station(address, motor=Motor(load=LOADS[load]()), **arguments)
 
 
-def make_stations(text: str, options: Mapping[str, str] | None = None, load: str = "constant") -> list[Station]:
+def make_stations(
+    text: str, options: Mapping[str, str] | None = None, load: str = "constant"
+) -> list[SimulatedStation]:
     """Return every drive of a text such as ``c320@0-3,7+vc660@8``. Raises ConfigurationError."""
-    stations: list[Station] = []
+    stations: list[SimulatedStation] = []
     for part in text.split("+"):
         model, separator, addresses = part.partition("@")
         if not separator:

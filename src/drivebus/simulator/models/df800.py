@@ -15,7 +15,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec
-from drivebus.simulator.station import SimulatedModel, Station
+from drivebus.simulator.station import SimulatedModel, SimulatedStation
 
 COMMAND, FREQUENCY = 0x2000, 0x2001
 MAX_READ = 4
@@ -45,7 +45,7 @@ def parameter_specs(address: int, encoding: str) -> dict[int, ParameterSpec]:
     return table
 
 
-class DF800Station(Station):
+class DF800Station(SimulatedStation):
     """Simulated DF800, with settings for what the supplement leaves open.
 
     ``direction_field``: the left digit is b3 or b2. ``accepts_broadcast``: not mentioned. ``reads_command``: one table
@@ -69,8 +69,8 @@ class DF800Station(Station):
         motor: Motor | None = None,
     ) -> None:
         super().__init__(address, parameter_specs(address, encoding), motor)
-        ascii_rule = FramingRule(0.0, start_bytes=b":", restarts_on_start_byte=True)
-        self.rule = ascii_rule if encoding == "ascii" else FramingRule(3.5, ends_by_silence=True)
+        ascii_rule = FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
+        self.rule = ascii_rule if encoding == "ascii" else FramingRule(gap_characters=3.5, ends_by_silence=True)
         codec: Codec = modbus.ModbusAsciiCodec("short") if encoding == "ascii" else modbus.ModbusRtuCodec("short")
         self.codecs: tuple[Codec, ...] = (codec,)
         self.direction_field = direction_field

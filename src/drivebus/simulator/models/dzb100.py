@@ -14,7 +14,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec
-from drivebus.simulator.station import SimulatedModel, Station
+from drivebus.simulator.station import SimulatedModel, SimulatedStation
 
 WordCoding = Literal["hex-0.1", "hex-0.01", "decimal-0.1", "hex-1"]
 
@@ -69,14 +69,14 @@ def parameter_specs(address: int, parameter_coding: WordCoding) -> dict[int, Par
     return table
 
 
-class DZB100Station(Station):
+class DZB100Station(SimulatedStation):
     """Simulated DZB100, with settings for the three codings, the meaning of B in a C reply and the fault digits.
 
     Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
     family: ClassVar[str] = "dzb100"
-    rule: FramingRule = FramingRule(5.0, start_bytes=b"CPRQ")
+    rule: FramingRule = FramingRule(gap_characters=5.0, start_bytes=b"CPRQ")
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     factory_settings: ClassVar[SerialSettings] = SerialSettings(4800, 8, "E")
@@ -132,7 +132,14 @@ class DZB100Station(Station):
         """Reply with B as 06 (example 1) or as the state digit (text): neither proves that the motor turns."""
         self._execute(int(request.command), request.data)
         accepted, digit = (True, None) if self.b_digit == "06" else (None, self.command)
-        return dzb100.Dzb100Reply("C", self.address, int(request.command), request.data, accepted, digit)
+        return dzb100.Dzb100Reply(
+            head="C",
+            address=self.address,
+            index=int(request.command),
+            data=request.data,
+            accepted=accepted,
+            digit=digit,
+        )
 
     def _execute(self, command: int, word: int) -> None:
         if self.memory[COMMAND_SOURCE] != COMMANDS_FROM_BUS:
@@ -161,18 +168,22 @@ class DZB100Station(Station):
     def _read(self, request: dzb100.Dzb100ReadParameter) -> Any:
         known = self.memory.read_rejection(request.parameter) is None
         data = self.memory[request.parameter] if known else 0
-        return dzb100.Dzb100Reply("R", self.address, request.parameter, data, known)
+        return dzb100.Dzb100Reply(head="R", address=self.address, index=request.parameter, data=data, accepted=known)
 
     def _write(self, request: dzb100.Dzb100WriteParameter) -> Any:
         refused = self.memory.write_rejection(request.parameter, request.data, self.running) is not None
         if not refused:
             self.memory.write(request.parameter, request.data, save=True)
-        return dzb100.Dzb100Reply("P", self.address, request.parameter, request.data, not refused)
+        return dzb100.Dzb100Reply(
+            head="P", address=self.address, index=request.parameter, data=request.data, accepted=not refused
+        )
 
     def _query(self, request: dzb100.Dzb100Query) -> Any:
         """Reply to a query of X0-X3; only the low digit counts."""
         word = self.query_word(request.item % 10)
-        return dzb100.Dzb100Reply("Q", self.address, request.item, word or 0, word is not None)
+        return dzb100.Dzb100Reply(
+            head="Q", address=self.address, index=request.item, data=word or 0, accepted=word is not None
+        )
 
     def query_word(self, item: int) -> int | None:
         """Return the word of Q00-Q03; None for an item that does not exist."""

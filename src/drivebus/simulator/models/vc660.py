@@ -14,7 +14,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec, RejectReason
-from drivebus.simulator.station import SimulatedModel, Station
+from drivebus.simulator.station import SimulatedModel, SimulatedStation
 
 PARAMETERS = 451
 """Indices 0-450 (0-1C2H)."""
@@ -74,14 +74,14 @@ def parameter_specs() -> dict[int, ParameterSpec]:
     return table
 
 
-class VC660Station(Station):
+class VC660Station(SimulatedStation):
     """Simulated VC660. ``pulses``: a bit acts on 0→1 ("edge", the stricter reading) or on every write of a 1 ("write").
 
     Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
     family: ClassVar[str] = "vc660"
-    rule: FramingRule = FramingRule(3.5, ends_by_silence=True)
+    rule: FramingRule = FramingRule(gap_characters=3.5, ends_by_silence=True)
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     factory_settings: ClassVar[SerialSettings] = SerialSettings(9600)

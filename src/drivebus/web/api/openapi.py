@@ -1,6 +1,8 @@
-"""OpenAPI description of the API: operations from their declarations, the other routes from FastAPI."""
+"""OpenAPI description of the API, from the declarations of the operations."""
 
 from __future__ import annotations
+
+import re
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -9,6 +11,7 @@ from pydantic import Field
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.drives import OutcomeObject
 from drivebus.service.api.operations.operation import ApiObject, LocalizedText
+from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -70,22 +73,23 @@ STATUS_MEANINGS = {
 }
 """Meaning of each error status; all have the shape of ``ErrorResponse``."""
 _UNUSED_SCHEMAS = ("HTTPValidationError", "ValidationError")  # FastAPI's own shape of an error
-_EXPORT_CONTENT = {
-    "text/csv": {"schema": {"type": "string"}},
-    "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+_ACCESS: dict[RequiredAccess, str] = {
+    AccessLevel.PUBLIC: "Needs no credential.",
+    AccessLevel.SESSION: "Needs the session of a browser.",
 }
 
 
 def operation_options(operation: Operation) -> Json:
     """Return FastAPI's options for the route of an operation."""
     done: Json = {"description": "done", "model": operation.response}
-    if operation.download:
-        done = {"description": "the file", "content": _EXPORT_CONTENT}
+    if operation.media_types:
+        done = {"description": "done", "content": {one: _content(one) for one in operation.media_types}}
     errors = {code: {"description": text.en, "model": ErrorResponse} for code, text in STATUS_MEANINGS.items()}
     return {
-        "operation_id": operation.name.replace(".", "_"),
+        "operation_id": re.sub(r"\W", "_", operation.name),
         "summary": operation.summary.en,
-        "description": f"Needs the right `{operation.right}`." + (" Audited." if operation.mutates else ""),
+        "description": _ACCESS.get(operation.right, f"Needs the right `{operation.right}`.")
+        + (" Audited." if operation.mutates else ""),
         "tags": [operation.tag],
         "response_model": None,
         "responses": {200: done} | errors,
@@ -93,8 +97,14 @@ def operation_options(operation: Operation) -> Json:
     }
 
 
+def _content(media_type: str) -> Json:
+    """Return the content of a result that is no JSON."""
+    is_text = media_type.startswith("text/") or media_type.endswith("text")
+    return {"schema": {"type": "string"} if is_text else {"type": "string", "format": "binary"}}
+
+
 def _request_schema(operation: Operation) -> Json:
-    schemas = operation.params.model_json_schema().get("properties", {})
+    schemas = operation.all_param_schemas()
     parameters = [
         {"name": name, "in": "path", "required": True} | _schema_and_example(schemas[name])
         for name in operation.path_params
@@ -147,7 +157,7 @@ def openapi_document(app: FastAPI) -> Json:
     for operations in found["paths"].values():
         for method, operation in operations.items():
             operation["responses"] = operation["responses"] | _error_responses()
-            operation["security"] = _security(method, by_token="x-right" in operation)
+            operation["security"] = _security(method, operation["x-right"])
     return found
 
 
@@ -156,10 +166,12 @@ def _error_responses() -> Json:
     return {str(code): {"description": text.en, "content": content} for code, text in STATUS_MEANINGS.items()}
 
 
-def _security(method: str, *, by_token: bool) -> list[Json]:
+def _security(method: str, required: RequiredAccess) -> list[Json]:
     """Return the accepted credentials: a token, or a cookie with the CSRF header where the method is not GET."""
     cookie: Json = {COOKIE_SCHEME: []} if method == "get" else {COOKIE_SCHEME: [], CSRF_SCHEME: []}
-    return [{TOKEN_SCHEME: []}, cookie] if by_token else [cookie, {TOKEN_SCHEME: []}, {}]
+    if required == AccessLevel.PUBLIC:
+        return [{}, {TOKEN_SCHEME: []}, cookie]
+    return [cookie] if required == AccessLevel.SESSION else [{TOKEN_SCHEME: []}, cookie]
 
 
 def install_openapi(app: FastAPI) -> None:

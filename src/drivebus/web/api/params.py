@@ -1,7 +1,7 @@
 """Parameters of an operation from a request: its path, and its parsed body or its query.
 
-Types and ranges are checked by the service alone, so that every client gets the same errors. Here only what a query
-string leaves open is settled: numbers, and a name given twice.
+Types and ranges are checked by the model of the operation. Here only what a query string leaves open is settled:
+numbers, booleans, and a name given twice.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from drivebus.service.api.errors import param_fault, params_error
 from drivebus.service.api.operations import Operation
 from drivebus.types import Json
 
+_BOOLEANS = {"true": True, "false": False}
 _INTEGER = re.compile(r"-?[0-9]{1,18}")
 """No sign but minus, no blank, ASCII digits only; 18 digits hold every time and count."""
 
 
 def request_params(operation: Operation, request: Request) -> Json:
-    """Return the parameters of ``operation``. Raises InvalidParameters."""
+    """Return the parameters of ``operation`` as they were sent. Raises InvalidParameters."""
     if operation.has_body:
         given: Json = request.state.body
         if not isinstance(given, dict):
@@ -35,7 +36,9 @@ def request_params(operation: Operation, request: Request) -> Json:
 
 
 def _query_params(operation: Operation, request: Request) -> Json:
-    """Return a list for a list parameter and a repeated name, an integer for an integer parameter, else the text."""
+    """Return a list for a list parameter and a repeated name, an integer or a boolean for such a parameter, else the
+    text.
+    """
     query, schemas = request.query_params, operation.param_schemas()
     return {name: _query_value(query.getlist(name), schemas.get(name, {})) for name in query}
 
@@ -43,6 +46,8 @@ def _query_params(operation: Operation, request: Request) -> Json:
 def _query_value(values: list[str], schema: Json) -> Any:
     if _has_type(schema, "array") or len(values) != 1:
         return values
+    if _has_type(schema, "boolean") and values[0] in _BOOLEANS:
+        return _BOOLEANS[values[0]]
     is_integer = _has_type(schema, "integer") and _INTEGER.fullmatch(values[0])
     return int(values[0]) if is_integer else values[0]
 

@@ -1,52 +1,83 @@
-"""Routes of the API: one for each operation of the service, and the description of all."""
+"""Routes of the API, one for each operation: the service's are forwarded, those of this process have a handler here."""
 
 from __future__ import annotations
 
+import asyncio
 import base64
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Mapping
+from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from drivebus.service.api.operations import API_PREFIX, Operation
+from drivebus.service.api.operations import Operation
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.api.openapi import operation_options
 from drivebus.web.api.params import request_params
 from drivebus.web.context import actor_of, client_of
-from drivebus.web.route import AccessRouter
+from drivebus.web.route import AccessRouter, Route
 
 NO_STORE = {"Cache-Control": "no-store"}  # a cache must not present a past state as the present one
+GatewayHandler = Callable[..., Awaitable[Json | Response]]
+"""Handler of an operation of this process: request and validated parameters → JSON or response."""
 EXPORT_MEDIA_TYPES = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
 
-def api_router(operations: Iterable[Operation]) -> AccessRouter:
-    """Return the routes of the operations under ``/api/v1``."""
-    router = AccessRouter(API_PREFIX)
+def service_router(operations: Iterable[Operation]) -> AccessRouter:
+    """Return the routes of operations of the service, which forward them."""
+    router = AccessRouter()
     for operation in operations:
-        router.add(
-            operation.method,
-            operation.path,
-            _download_handler(operation) if operation.download else _handler(operation),
-            access=operation.right,
-            background=operation.background,
-            name=operation.name,
-            **operation_options(operation),
-        )
-    router.add("GET", "/openapi.json", _openapi, access=Right.VIEW, include_in_schema=False)
+        handler = _download_handler(operation) if operation.media_types else _forward(operation)
+        router.add(Route.of(operation), handler, **operation_options(operation))
     return router
 
 
-def _handler(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
+def gateway_router(operations: Iterable[Operation], handlers: Mapping[str, GatewayHandler]) -> AccessRouter:
+    """Return the routes of operations of this process. Raises KeyError for one without handler."""
+    router = AccessRouter()
+    for operation in operations:
+        handler = _answer(operation, handlers[operation.name])
+        router.add(Route.of(operation), handler, **operation_options(operation))
+    return router
+
+
+def _answer(operation: Operation, handler: GatewayHandler) -> Callable[[Request], Awaitable[Response]]:
+    async def handle(request: Request) -> Response:
+        result = await handler(request, operation.validate(request_params(operation, request)))
+        return result if isinstance(result, Response) else JSONResponse(result, headers=NO_STORE)
+
+    return handle
+
+
+def _forward(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
     async def handle(request: Request) -> Response:
         """Forward the result of the service as it is."""
         params = request_params(operation, request)
-        payload = await client_of(request).call_json(operation.name, params, actor_of(request))
+        operation.validate(params)  # as the service does again: a rejected request never occupies its process
+        call = client_of(request).call_json(operation.name, params, actor_of(request))
+        payload = await (_until_disconnected(request, call) if operation.cancellable else call)
         return Response(payload, media_type="application/json", headers=NO_STORE)
 
     return handle
+
+
+async def _until_disconnected(request: Request, call: Coroutine[Any, Any, bytes]) -> bytes:
+    """Return the result of a call; it is cancelled, and nothing returned, when the client disconnects."""
+    running, gone = asyncio.ensure_future(call), asyncio.ensure_future(_disconnected(request))
+    try:
+        await asyncio.wait({running, gone}, return_when=asyncio.FIRST_COMPLETED)
+        return await running if running.done() else b""
+    finally:
+        running.cancel()
+        gone.cancel()
+
+
+async def _disconnected(request: Request) -> None:
+    """Wait for the disconnect; the messages before it are the body of a request whose body is not read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 def _download_handler(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
@@ -55,6 +86,7 @@ def _download_handler(operation: Operation) -> Callable[[Request], Awaitable[Res
         cuts the connection: a short file must not pass for a complete one.
         """
         params = request_params(operation, request)
+        operation.validate(params)  # as the service does again: a rejected request never occupies its process
         client, actor = client_of(request), actor_of(request)
         first = await client.call(operation.name, params, actor)
         headers = NO_STORE | {"Content-Disposition": f'attachment; filename="{first["file"]}"'}
@@ -77,7 +109,3 @@ async def _file_parts(
 def _part_bytes(part: Json) -> bytes:
     """Decode a part of a file: CSV is text, Parquet is base64."""
     return base64.b64decode(part["base64"]) if "base64" in part else str(part["text"]).encode()
-
-
-async def _openapi(request: Request) -> Response:
-    return JSONResponse(request.app.openapi(), headers=NO_STORE)

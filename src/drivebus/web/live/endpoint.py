@@ -5,6 +5,7 @@ from __future__ import annotations
 from starlette.websockets import WebSocket
 
 from drivebus.gateways.upstream import UpstreamFeed
+from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
@@ -44,10 +45,10 @@ class LiveEndpoint:
         return None
 
 
-router = AccessRouter("/api/v1")
+router = AccessRouter()
 
 
-@router.route(WEBSOCKET, "/live", access=Right.VIEW, name="live")
+@router.exempt(WEBSOCKET, f"{API_PREFIX}/live", access=Right.VIEW)
 async def live(socket: WebSocket) -> None:
     """``WS /api/v1/live?topics=drives/*,alarms&interval=0.25``."""
     endpoint: LiveEndpoint = socket.app.state.live

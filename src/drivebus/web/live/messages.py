@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from drivebus.service.api.strict_json import parse_json
+
 MAX_MESSAGE_CHARS = 16_384
 MAX_PATTERNS = 100
+MAX_RENEWALS = 200  # drives of one message; with the longest ids it is shorter than MAX_MESSAGE_CHARS
 DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", "events")
 DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
 
@@ -19,7 +21,7 @@ _NUMBER = re.compile(r"[0-9]{1,3}(\.[0-9]{1,6})?")
 
 @dataclass(frozen=True, slots=True)
 class ClientMessage:
-    """One message of a client."""
+    """Message of a client."""
 
     subscribe: tuple[str, ...] | None = None
     renew: tuple[str, ...] = ()
@@ -29,14 +31,11 @@ def parse_message(text: str) -> ClientMessage:
     """Parse ``{"subscribe": [patterns]}``, ``{"renew": [drives]}`` or both. Raises ValueError."""
     if len(text) > MAX_MESSAGE_CHARS:
         raise ValueError("too long")
-    try:
-        found = json.loads(text)
-    except RecursionError as error:
-        raise ValueError("too deep") from error
+    found = parse_json(text)
     if not isinstance(found, dict) or not found or found.keys() - {"subscribe", "renew"}:
         raise ValueError(text[:100])
-    topics = parse_patterns(_string_list(found["subscribe"])) if "subscribe" in found else None
-    return ClientMessage(topics, _all_matching(_ID, _string_list(found.get("renew", []))))
+    topics = parse_patterns(_limited_list(found["subscribe"], MAX_PATTERNS)) if "subscribe" in found else None
+    return ClientMessage(topics, _all_matching(_ID, _limited_list(found.get("renew", []), MAX_RENEWALS)))
 
 
 def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:
@@ -53,8 +52,8 @@ def parse_interval(text: str | None) -> float:
     return max(MIN_INTERVAL_S, round(float(text) * 20) / 20)
 
 
-def _string_list(found: object) -> list[str]:
-    if not isinstance(found, list) or len(found) > MAX_PATTERNS:
+def _limited_list(found: object, most: int) -> list[str]:
+    if not isinstance(found, list) or len(found) > most:
         raise ValueError("a list")
     return found
 

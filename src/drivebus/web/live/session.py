@@ -1,4 +1,4 @@
-"""One WebSocket of the live gateway: its subscription, the messages of its client, and its end."""
+"""WebSocket of the live gateway: its subscription, the messages of its client, and its end."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from drivebus.errors import DrivebusError
 from drivebus.gateways.fanout import FanoutGroup, Subscriber, encode_message
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.service.api.errors import error_to_json, localized
+from drivebus.service.api.operations.drives import LEASE_RENEW
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.context import credential_of
@@ -74,16 +75,16 @@ class WebSocketSession:
     async def _handle(self, message: ClientMessage) -> None:
         if message.subscribe is not None:
             self._subscribe(message.subscribe)
-        for drive in message.renew:
-            self._subscriber.offer(encode_message(await self._renew_lease(drive)))
+        if message.renew:
+            answers = {drive: await self._renew_lease(drive) for drive in message.renew}
+            self._subscriber.offer(encode_message({"type": "leases", "drives": answers}))
 
     async def _renew_lease(self, drive: str) -> Json:
         """Renew once: a lease never outlives its owner's last message by more than its own time."""
-        answer: Json = {"type": "lease", "drive": drive}
         try:
-            return answer | await self._service.call("lease.renew", {"drive": drive}, self._credential.actor)
+            return await self._service.call(LEASE_RENEW.name, {"drive": drive}, self._credential.actor)
         except DrivebusError as error:
-            return answer | {"error": error_to_json(error)}
+            return {"error": error_to_json(error)}
 
     async def _close_socket(self, reason: str) -> None:
         """Send the reason and close; a client that reads nothing is not waited for."""

@@ -13,7 +13,7 @@ from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound
-from drivebus.service.auth.rights import Right
+from drivebus.service.auth.rights import AccessLevel, Right
 from drivebus.service.auth.service import AuthService
 from drivebus.service.runtime.fairness import yield_to_loop
 from drivebus.web.errors import MethodNotAllowed, http_status, send_error
@@ -21,7 +21,8 @@ from drivebus.web.middleware.denial_log import DenialLog
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.request_body import MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES, read_body
 from drivebus.web.middleware.session_expiry import run_until_credential_ends
-from drivebus.web.route import READ_METHODS, WEBSOCKET, AccessLevel, Route, RouteTable
+from drivebus.web.middleware.trusted_proxies import TrustedProxies
+from drivebus.web.route import READ_METHODS, WEBSOCKET, Route, RouteTable
 
 COOKIE_NAMES = ("__Host-drivebus", "drivebus_session")
 """The first over TLS, where the browser protects it by its prefix; the second over HTTP on this machine."""
@@ -33,11 +34,19 @@ class AuthMiddleware:
     """ASGI middleware: forward a permitted request with ``state.credential`` and ``state.body``, deny the others."""
 
     def __init__(
-        self, app: ASGIApp, *, auth: AuthService, hosts: HostCheck, denials: DenialLog, routes: RouteTable
+        self,
+        app: ASGIApp,
+        *,
+        auth: AuthService,
+        hosts: HostCheck,
+        proxies: TrustedProxies,
+        denials: DenialLog,
+        routes: RouteTable,
     ) -> None:
         self.app = app
         self.auth = auth
         self.hosts = hosts
+        self.proxies = proxies
         self.denials = denials
         self.routes = routes
 
@@ -47,6 +56,7 @@ class AuthMiddleware:
             return
         headers, route, credential = Headers(scope=scope), None, None
         state = scope.setdefault("state", {})
+        self.proxies.resolve(scope, headers)
         try:
             self._check_origin(scope, headers)
             route = self._match(scope)
@@ -79,7 +89,8 @@ class AuthMiddleware:
             raise ResourceNotFound("auth.no_such_address")
         found = next((route for route in routes if route.method == _method(scope)), None)
         if found is None:
-            raise MethodNotAllowed("auth.no_such_method", allowed=", ".join(sorted(route.method for route in routes)))
+            allowed = {route.method for route in routes} | {"HEAD" for route in routes if route.method == "GET"}
+            raise MethodNotAllowed("auth.no_such_method", allowed=", ".join(sorted(allowed)))
         return found
 
     def _authenticate(self, route: Route, headers: Headers, scope: Scope) -> Credential | None:
@@ -156,13 +167,18 @@ def session_cookie(headers: Headers) -> str | None:
 
     Cookies are shared with every other port of the host, so other and malformed ones are skipped.
     """
-    pairs = (pair.partition("=") for line in headers.getlist("cookie") for pair in line.split(";"))
-    found = {name.strip(): value.strip() for name, _, value in pairs}
+    found = request_cookies(headers)
     return next((found[name] for name in COOKIE_NAMES if name in found), None)
 
 
+def request_cookies(headers: Headers) -> dict[str, str]:
+    """Return the cookies of a request by name."""
+    pairs = (pair.partition("=") for line in headers.getlist("cookie") for pair in line.split(";"))
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
 def client_address(scope: Scope) -> str:
-    """Return the address of the connection; no header can claim another."""
+    """Return the address of the connection, or the one that a trusted proxy names (``TrustedProxies``)."""
     return scope["client"][0] if scope.get("client") else "local"
 
 

@@ -1,22 +1,22 @@
 """HTTP and WebSocket protocols with limits that uvicorn lacks.
 
-They limit the time and size of headers, the time of an unread response, and the connections of one address.
+They limit the time and size of headers and the time of an unread response.
 """
 
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 from typing import Any
 
+from httptools import HttpParserError
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 HEADER_TIMEOUT_S = 10.0  # from the connection, or the first byte of a later request, to the empty line
 MAX_HEADER_BYTES = 32 * 1024
+_HEADER_LINE_BYTES = 4  # ": " and the line end of a header
 WRITE_STALL_TIMEOUT_S = 30.0  # a client may leave a response unread this long
 WEBSOCKET_CLOSE_TIMEOUT_S = 2.0  # for the close handshake; until then the connection counts
-MAX_CONNECTIONS_PER_ADDRESS = 128  # a reverse proxy on this machine may have all
 
 
 class _WriteStallTimeout(asyncio.Protocol):
@@ -45,17 +45,16 @@ class _WriteStallTimeout(asyncio.Protocol):
 
 
 class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
-    """HTTP/1.1 with limits of the headers' time and size and of the connections of one address."""
+    """HTTP/1.1 with limits of the headers' time and size."""
 
     _header_timer: asyncio.TimerHandle | None = None
     _header_bytes = 0
     """Bytes of headers that are not complete yet."""
+    _parsed_header_bytes = 0
+    """Bytes of the address and the headers of the current request, however they arrived."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if self._exceeds_address_limit():
-            transport.abort()
-            return
         self._start_header_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -71,8 +70,23 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
                 self.transport.abort()
 
     def on_message_begin(self) -> None:
+        self._parsed_header_bytes = 0
         super().on_message_begin()
         self._start_header_timer()
+
+    def on_url(self, url: bytes) -> None:
+        self._count_header(len(url))
+        super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        self._count_header(len(name) + len(value) + _HEADER_LINE_BYTES)
+        super().on_header(name, value)
+
+    def _count_header(self, size: int) -> None:
+        """Raises HttpParserError, answered as a malformed request, beyond the limit."""
+        self._parsed_header_bytes += size
+        if self._parsed_header_bytes > MAX_HEADER_BYTES:
+            raise HttpParserError(f"more than {MAX_HEADER_BYTES} bytes of headers")
 
     def on_headers_complete(self) -> None:
         self._cancel_header_timer()
@@ -91,19 +105,6 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
         if self._header_timer is not None:
             self._header_timer.cancel()
         self._header_timer, self._header_bytes = None, 0
-
-    def _exceeds_address_limit(self) -> bool:
-        if self.client is None or _is_local_address(self.client[0]):
-            return False
-        clients = (getattr(connection, "client", None) for connection in self.connections)
-        same = [client for client in clients if client is not None and client[0] == self.client[0]]
-        return len(same) > MAX_CONNECTIONS_PER_ADDRESS
-
-
-def _is_local_address(address: str) -> bool:
-    """Return whether an address is loopback; 127.0.0.1 may appear as ``::ffff:127.0.0.1`` on an IPv6 socket."""
-    found = ipaddress.ip_address(address)
-    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
 
 
 class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):

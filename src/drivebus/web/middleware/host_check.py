@@ -7,6 +7,7 @@ rebinding (its own name resolves to this machine), which ``Host`` shows. A numer
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 from urllib.parse import urlsplit
 
@@ -15,6 +16,8 @@ from starlette.datastructures import Headers
 from drivebus.web.gateway import WebConfig
 
 _LOCAL_NAMES = frozenset({"localhost"})
+_HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9._-]+))(?::\d{1,5})?")
+"""Host header: a name or an address, and a port. Anything else has a second meaning for another parser."""
 
 
 class HostCheck:
@@ -28,12 +31,8 @@ class HostCheck:
     def is_known_host(self, headers: Headers) -> bool:
         """Return whether there is one Host header, with a name of this service or a numeric address."""
         found = headers.getlist("host")
-        if len(found) != 1:
-            return False
-        try:
-            name = urlsplit(f"//{found[0]}").hostname or ""
-        except ValueError:
-            return False
+        host = _HOST.fullmatch(found[0]) if len(found) == 1 else None
+        name = (host[1] or host[2]).lower() if host is not None else ""
         return name in self._names or _is_address(name)
 
     def is_allowed_origin(self, headers: Headers, scheme: str) -> bool:

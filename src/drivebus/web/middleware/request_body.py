@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import math
 import re
 from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.types import Receive
 
-from drivebus.types import Json
+from drivebus.service.api.strict_json import MalformedJson, parse_json
 from drivebus.web.errors import BodyTimeout, BodyTooLarge, MalformedBody, UnsupportedMediaType
 
 MAX_BODY_BYTES = 1024 * 1024  # where a right is required; the worst JSON of this size takes 0.3 s to parse
@@ -19,7 +17,6 @@ MAX_PUBLIC_BODY_BYTES = 4 * 1024  # where none is; 1 ms
 BODY_TIMEOUT_S = 10.0  # from the headers to the last byte
 
 _LENGTH = re.compile("[0-9]{1,9}")
-_MAX_EXACT_INTEGER = 2**53  # a double holds every whole number below it
 
 
 async def read_body(receive: Receive, headers: Headers, max_bytes: int = MAX_BODY_BYTES) -> Any:
@@ -38,7 +35,12 @@ async def read_body(receive: Receive, headers: Headers, max_bytes: int = MAX_BOD
     if not body:
         return {}
     _check_type(headers)
-    return parse_json(body)
+    try:
+        return parse_json(body)
+    except MalformedJson as error:
+        if error.duplicates:
+            raise MalformedBody("auth.twice", names=", ".join(error.duplicates)) from None
+        raise MalformedBody("auth.malformed", problem=error.problem) from None
 
 
 async def _read_all(receive: Receive, max_bytes: int) -> bytes:
@@ -60,37 +62,3 @@ def _check_type(headers: Headers) -> None:
     is_json = kind.strip().lower() == "application/json" and rest.strip().lower() in ("", "charset=utf-8")
     if not is_json or headers.get("content-encoding", "identity") != "identity":
         raise UnsupportedMediaType("auth.not_json", found=headers.get("content-type", ""))
-
-
-def parse_json(body: bytes) -> Any:
-    """Parse one JSON document in UTF-8 (RFC 8259): no name twice in an object, no NaN, no float beyond a double.
-
-    JSON has one kind of number, so 60.0 is the integer 60. Raises MalformedBody.
-    """
-    try:
-        return json.loads(
-            body.decode("utf-8"),
-            object_pairs_hook=_object,
-            parse_constant=_reject_number,
-            parse_float=_parse_float,
-        )
-    except (ValueError, RecursionError) as error:
-        raise MalformedBody("auth.malformed", problem=type(error).__name__) from None
-
-
-def _object(pairs: list[tuple[str, Any]]) -> Json:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise MalformedBody("auth.twice", names=", ".join(sorted(name for name, _ in pairs)))
-    return found
-
-
-def _reject_number(text: str) -> float:
-    raise MalformedBody("auth.malformed", problem=text[:40])
-
-
-def _parse_float(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        return _reject_number(text)
-    return int(value) if value.is_integer() and abs(value) < _MAX_EXACT_INTEGER else value

@@ -1,1 +1,1 @@
-"""Routes that are no operations of the service: session, users, tokens, files of the page."""
+"""Handlers of the operations of this process, and the files of the page."""

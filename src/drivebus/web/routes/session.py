@@ -1,4 +1,4 @@
-"""Routes of one's own account: set-up, login, logout, unlocking, password."""
+"""Handlers of the operations on one's own account: set-up, login, logout, unlocking, password."""
 
 from __future__ import annotations
 
@@ -9,112 +9,100 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.errors import param_fault, params_error
-from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations import Operation
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential
+from drivebus.service.auth.devices import device_cookie_name
 from drivebus.service.auth.errors import TooManyAttempts
 from drivebus.service.auth.service import AuthService, LoginResult
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.types import Json
 from drivebus.web.context import audit_entry, context_of, credential_of
-from drivebus.web.middleware.auth import COOKIE_NAMES, client_address
+from drivebus.web.middleware.auth import COOKIE_NAMES, client_address, request_cookies
 from drivebus.web.middleware.denial_log import try_record
-from drivebus.web.route import AccessLevel, AccessRouter
-from drivebus.web.routes.schemas import (
-    CodeLoginBody,
-    LoginBody,
-    PasswordBody,
-    SetupBody,
-    UnlockBody,
-    body_schema,
-    parse_body,
+from drivebus.web.operations.account import (
+    LOGIN,
+    LOGIN_CODE,
+    LOGOUT,
+    PASSWORD,
+    SESSION_ACTIVITY,
+    SESSION_GET,
+    SET_UP,
+    UNLOCK,
+    CodeLoginParams,
+    LoginParams,
+    LogoutParams,
+    PasswordParams,
+    SetUpParams,
+    UnlockParams,
 )
 
-router = AccessRouter(API_PREFIX, tags=["account"])
+DEVICE_COOKIE_LIFETIME_S = 365 * 86_400
 
 
-@router.route("GET", "/health", access=AccessLevel.PUBLIC)
-async def health() -> dict[str, bool]:
-    return {"ok": True}
+@handles(SESSION_GET)
+async def get_session(request: Request, params: NoParams) -> Json:
+    return _session_json(context_of(request).auth, request.state.credential)
 
 
-@router.route("GET", "/session", access=AccessLevel.PUBLIC)
-async def get_session(request: Request) -> JSONResponse:
-    return JSONResponse(_session_json(context_of(request).auth, request.state.credential))
-
-
-@router.route("POST", "/session/activity", access=AccessLevel.SESSION)
-async def report_activity(request: Request) -> JSONResponse:
+@handles(SESSION_ACTIVITY)
+async def report_activity(request: Request, params: NoParams) -> Json:
     """Keep the session from becoming idle; the middleware has recorded the activity."""
-    return JSONResponse(_session_json(context_of(request).auth, request.state.credential))
+    return _session_json(context_of(request).auth, request.state.credential)
 
 
-@router.route("POST", "/session/unlock", access=AccessLevel.SESSION, openapi_extra=body_schema(UnlockBody))
-async def unlock(request: Request) -> JSONResponse:
+@handles(UNLOCK)
+async def unlock(request: Request, params: UnlockParams) -> JSONResponse:
     """Give an idle session its rights back for the password; it gets a new cookie."""
-    session, body = _session_credential(request).session, parse_body(request, UnlockBody)
-    unlocking = context_of(request).auth.unlock(session, body.password)
-    return await _complete_login(request, "unlock", unlocking, session.user)
+    session = _session_credential(request).session
+    unlocking = context_of(request).auth.unlock(session, params.password)
+    return await _complete_login(request, UNLOCK, unlocking, session.user)
 
 
-@router.route("POST", "/setup", access=AccessLevel.PUBLIC, openapi_extra=body_schema(SetupBody))
-async def set_up(request: Request) -> JSONResponse:
+@handles(SET_UP)
+async def set_up(request: Request, params: SetUpParams) -> JSONResponse:
     """Create the first administrator."""
-    body, auth = parse_body(request, SetupBody), context_of(request).auth
-    address = client_address(request.scope)
-    creating = auth.create_first_administrator(body.secret, body.name, body.password, address)
-    return await _complete_login(request, "set-up", creating, body.name)
+    auth, address = context_of(request).auth, client_address(request.scope)
+    creating = auth.create_first_administrator(params.secret, params.name, params.password, address)
+    return await _complete_login(request, SET_UP, creating, params.name)
 
 
-@router.route("POST", "/login", access=AccessLevel.PUBLIC, openapi_extra=body_schema(LoginBody))
-async def login(request: Request) -> JSONResponse:
-    body = parse_body(request, LoginBody)
-    opening = context_of(request).auth.login(body.name, body.password, client_address(request.scope))
-    return await _complete_login(request, "login", opening, body.name)
+@handles(LOGIN)
+async def login(request: Request, params: LoginParams) -> JSONResponse:
+    cookie = _device_cookie(request, params.name)
+    opening = context_of(request).auth.login(params.name, params.password, client_address(request.scope), cookie)
+    return await _complete_login(request, LOGIN, opening, params.name)
 
 
-@router.route("POST", "/login/code", access=AccessLevel.PUBLIC, openapi_extra=body_schema(CodeLoginBody))
-async def login_with_code(request: Request) -> JSONResponse:
-    body = parse_body(request, CodeLoginBody)
-    opening = context_of(request).auth.login_with_code(body.code, client_address(request.scope))
-    return await _complete_login(request, "login-code", opening)
+@handles(LOGIN_CODE)
+async def login_with_code(request: Request, params: CodeLoginParams) -> JSONResponse:
+    opening = context_of(request).auth.login_with_code(params.code, client_address(request.scope))
+    return await _complete_login(request, LOGIN_CODE, opening)
 
 
-_ALL_SESSIONS: Json = {
-    "parameters": [
-        {
-            "name": "all",
-            "in": "query",
-            "required": False,
-            "schema": {"type": "boolean", "default": False},
-            "description": "End every session of the user.",
-        }
-    ]
-}
-
-
-@router.route("POST", "/logout", access=AccessLevel.SESSION, openapi_extra=_ALL_SESSIONS)
-async def logout(request: Request) -> JSONResponse:
-    """End the session, with ``all=true`` every session of the user."""
+@handles(LOGOUT)
+async def logout(request: Request, params: LogoutParams) -> JSONResponse:
+    """End the session, with ``all`` every session of the user."""
     context, credential = context_of(request), _session_credential(request)
     actor = credential.actor
-    if _flag(request, "all"):
+    if params.all:
         ended = await context.auth.end_sessions(credential.session.user, "logout")
-        entry = audit_entry("logout", actor.name, {"sessions": ended}, "done")
+        entry = audit_entry(LOGOUT.name, actor.name, {"sessions": ended}, "done")
     else:
         await context.auth.logout(credential.session)
-        ended, entry = 1, audit_entry("logout", actor.name, outcome="done")
+        ended, entry = 1, audit_entry(LOGOUT.name, actor.name, outcome="done")
     await try_record(context.client, entry, actor)
     return _without_session_cookies(JSONResponse({"ended": ended}))
 
 
-@router.route("POST", "/password", access=AccessLevel.SESSION, openapi_extra=body_schema(PasswordBody))
-async def change_password(request: Request) -> JSONResponse:
+@handles(PASSWORD)
+async def change_password(request: Request, params: PasswordParams) -> JSONResponse:
     """Change one's own password; every other session of the user ends."""
-    context, credential, body = context_of(request), _session_credential(request), parse_body(request, PasswordBody)
-    changing = context.auth.change_password(credential.session, body.old, body.new)
-    opened = await context.record_change("password", credential.session.user, {}, credential.actor, changing)
+    context, credential = context_of(request), _session_credential(request)
+    changing = context.auth.change_password(credential.session, params.old, params.new)
+    opened = await context.record_change(PASSWORD, credential.session.user, {}, credential.actor, changing)
     session = SessionCredential(opened.session, context.auth.context)
     response = JSONResponse(_session_json(context.auth, session))
     return with_session_cookie(request, response, opened.secret)
@@ -124,17 +112,6 @@ def _session_credential(request: Request) -> SessionCredential:
     found = credential_of(request)
     assert isinstance(found, SessionCredential)  # the middleware lets nothing else through to these routes
     return found
-
-
-def _flag(request: Request, name: str) -> bool:
-    """Raises InvalidParameters for a query that is anything but ``name=true`` or ``name=false``."""
-    query = request.query_params.multi_items()
-    if unknown := [key for key, _ in query if key != name]:
-        raise params_error(request.url.path, [param_fault(unknown[0], "", "unknown")])
-    values = [value for _, value in query]
-    if values not in ([], ["true"], ["false"]):
-        raise params_error(request.url.path, [param_fault(name, values, "boolean")])
-    return values == ["true"]
 
 
 def _session_json(auth: AuthService, credential: Credential | None) -> Json:
@@ -156,7 +133,9 @@ def _session_json(auth: AuthService, credential: Credential | None) -> Json:
     }
 
 
-async def _complete_login(request: Request, what: str, login: Awaitable[LoginResult], name: str = "") -> JSONResponse:
+async def _complete_login(
+    request: Request, operation: Operation, login: Awaitable[LoginResult], name: str = ""
+) -> JSONResponse:
     """Run ``login``; its session replaces the one of the request. Raises AuthError, recorded as a denial."""
     context = context_of(request)
     auth = context.auth
@@ -165,25 +144,47 @@ async def _complete_login(request: Request, what: str, login: Awaitable[LoginRes
     except DrivebusError as error:
         recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
         actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
-        await context.denials.record_denial(what, recorded, error.key, actor)
+        await context.denials.record_denial(operation.name, recorded, error.key, actor)
         raise
     previous: Credential | None = request.state.credential
     if isinstance(previous, SessionCredential) and previous.session is not opened.session:
         previous.session.end("replaced")
         await auth.keep()
     credential = SessionCredential(opened.session, auth.context)
-    await try_record(context.client, audit_entry(what, opened.session.user, outcome="done"), credential.actor)
-    return with_session_cookie(request, JSONResponse(_session_json(auth, credential)), opened.secret)
+    await try_record(context.client, audit_entry(operation.name, opened.session.user, outcome="done"), credential.actor)
+    response = with_session_cookie(request, JSONResponse(_session_json(auth, credential)), opened.secret)
+    return _with_device_cookie(request, response, opened.session.user)
 
 
 def with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
-    """Set the session cookie; over TLS (a reverse proxy's too, as the Origin shows) with the prefix ``__Host-``."""
-    secure = request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
-    options: Any = {"path": "/", "httponly": True, "samesite": "strict"}
-    response.set_cookie(
-        COOKIE_NAMES[0 if secure else 1], secret, max_age=int(SESSION_LIFETIME_S), secure=secure, **options
-    )
+    """Set the session cookie; over TLS with the prefix ``__Host-``."""
+    _set_cookie(request, response, COOKIE_NAMES[0 if _is_secure(request) else 1], secret, int(SESSION_LIFETIME_S))
     return response
+
+
+def _with_device_cookie(request: Request, response: JSONResponse, user: str) -> JSONResponse:
+    """Set the device cookie of a user who has just logged in; over TLS with the prefix ``__Host-``."""
+    cookie = context_of(request).auth.devices.issue(user, _device_cookie(request, user))
+    _set_cookie(request, response, _device_cookie_name(request, user), cookie, DEVICE_COOKIE_LIFETIME_S)
+    return response
+
+
+def _device_cookie(request: Request, user: str) -> str:
+    return request_cookies(request.headers).get(_device_cookie_name(request, user), "")
+
+
+def _device_cookie_name(request: Request, user: str) -> str:
+    return ("__Host-" if _is_secure(request) else "") + device_cookie_name(user)
+
+
+def _set_cookie(request: Request, response: JSONResponse, name: str, value: str, lifetime_s: int) -> None:
+    options: Any = {"path": "/", "httponly": True, "samesite": "strict", "secure": _is_secure(request)}
+    response.set_cookie(name, value, max_age=lifetime_s, **options)
+
+
+def _is_secure(request: Request) -> bool:
+    """Return whether the browser uses TLS: to this service, or to a reverse proxy, as the Origin shows."""
+    return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
 def _without_session_cookies(response: JSONResponse) -> JSONResponse:

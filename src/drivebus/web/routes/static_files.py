@@ -12,7 +12,8 @@ from starlette.responses import Response
 
 from drivebus import i18n
 from drivebus.service.auth.errors import ResourceNotFound
-from drivebus.web.route import AccessLevel, AccessRouter
+from drivebus.service.auth.rights import AccessLevel
+from drivebus.web.route import AccessRouter
 
 WEB_DIRECTORY = Path(__file__).parents[1]
 MEDIA_TYPES = {
@@ -28,29 +29,36 @@ MEDIA_TYPES = {
 }
 """Media type by file name extension, never by content; a file with another extension is not served."""
 
-router = AccessRouter(include_in_schema=False)
+COMMAND_LINE_TEXTS = frozenset(
+    {"acceptance", "cli", "decode", "demo", "dry", "explain", "help", "hint", "metrics", "models", "monitor", "params"}
+    | {"plant_check", "plant_config", "plant_init", "ports_command", "read", "record", "release", "run"}
+    | {"scan", "serve", "service", "sim", "simulate", "status", "stop_all", "user_command"}
+)
+"""First parts of the keys that only the command line and the check of a file use; the page does not load them."""
+
+router = AccessRouter()
 
 
-@router.route("GET", "/", access=AccessLevel.PUBLIC)
+@router.exempt("GET", "/", access=AccessLevel.PUBLIC)
 async def page(request: Request) -> Response:
     return _file_response(request, WEB_DIRECTORY / "static", "index.html")
 
 
-@router.route("GET", "/static/{path:path}", access=AccessLevel.PUBLIC)
+@router.exempt("GET", "/static/{path:path}", access=AccessLevel.PUBLIC)
 async def static(request: Request, path: str) -> Response:
     return _file_response(request, WEB_DIRECTORY / "static", path)
 
 
-@router.route("GET", "/vendor/{path:path}", access=AccessLevel.PUBLIC)
+@router.exempt("GET", "/vendor/{path:path}", access=AccessLevel.PUBLIC)
 async def vendor(request: Request, path: str) -> Response:
     return _file_response(request, WEB_DIRECTORY / "vendor", path)
 
 
-@router.route("GET", "/i18n/{language}.json", access=AccessLevel.PUBLIC)
+@router.exempt("GET", "/i18n/{language}.json", access=AccessLevel.PUBLIC)
 async def texts(request: Request, language: str) -> Response:
     if language not in i18n.LANGUAGES:
         raise ResourceNotFound("auth.no_such_address")
-    return _cached_response(request, i18n.catalogue_json(language), MEDIA_TYPES[".json"])
+    return _cached_response(request, i18n.catalogue_json(language, COMMAND_LINE_TEXTS), MEDIA_TYPES[".json"])
 
 
 def _file_response(request: Request, folder: Path, name: str) -> Response:

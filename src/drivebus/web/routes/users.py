@@ -1,4 +1,4 @@
-"""Routes of users (administrators only) and of API tokens (one's own; for administrators those of all users)."""
+"""Handlers of the operations on users and API tokens."""
 
 from __future__ import annotations
 
@@ -7,56 +7,77 @@ from dataclasses import replace
 
 from starlette.requests import Request
 
-from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.credentials import SessionCredential
-from drivebus.service.auth.errors import AccessDenied, Conflict
+from drivebus.service.auth.errors import AccessDenied, Conflict, InvalidInput
+from drivebus.service.auth.names import normalized_name
 from drivebus.service.auth.passwords import check_password_policy
-from drivebus.service.auth.rights import Right
+from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.service import AuthService
 from drivebus.service.auth.sessions import secret_digest
-from drivebus.service.auth.users import Token, User, UserDatabase, normalized_name
+from drivebus.service.auth.users import Token, User, UserDatabase
 from drivebus.types import Json
 from drivebus.web.context import actor_of, context_of, credential_of
-from drivebus.web.route import AccessLevel, AccessRouter
-from drivebus.web.routes.schemas import NewTokenBody, NewUserBody, UserChangeBody, body_schema, parse_body
+from drivebus.web.operations.users import (
+    TOKEN_ADD,
+    TOKEN_REMOVE,
+    TOKENS_LIST,
+    USER_ADD,
+    USER_CHANGE,
+    USER_REMOVE,
+    USERS_LIST,
+    NewTokenParams,
+    NewUserParams,
+    TokenParams,
+    UserChangeParams,
+    UserParams,
+)
 
 DAY_MS = 86_400_000
 
-router = AccessRouter(API_PREFIX, tags=["users and tokens"])
 
-
-@router.route("GET", "/users", access=Right.ADMINISTER)
-async def list_users(request: Request) -> Json:
+@handles(USERS_LIST)
+async def list_users(request: Request, params: NoParams) -> Json:
     auth = context_of(request).auth
     return {"users": [_user_json(auth, user) for user in auth.database.users]}
 
 
-@router.route("POST", "/users", access=Right.ADMINISTER, openapi_extra=body_schema(NewUserBody))
-async def add_user(request: Request) -> Json:
-    context, body = context_of(request), parse_body(request, NewUserBody)
+@handles(USER_ADD)
+async def add_user(request: Request, params: NewUserParams) -> Json:
+    context = context_of(request)
 
     async def add() -> User:
-        user = await context.auth.new_user(body.name, body.role, body.password)
+        if params.role is Role.ADMINISTRATOR:
+            await _confirm(request, params.own_password)
+        user = await context.auth.new_user(params.name, params.role, params.password)
         await context.auth.change(lambda database: database.with_user(user))
         return user
 
-    user = await context.record_change("user.add", body.name, {"role": body.role}, actor_of(request), add())
+    user = await context.record_change(USER_ADD, params.name, {"role": params.role}, actor_of(request), add())
     return {"user": _user_json(context.auth, user)}
 
 
-@router.route("PATCH", "/users/{user}", access=Right.ADMINISTER, openapi_extra=body_schema(UserChangeBody))
-async def change_user(request: Request, user: str) -> Json:
-    context, body = context_of(request), parse_body(request, UserChangeBody)
-    recorded = body.model_dump(exclude_unset=True, exclude={"password"})
-    recorded |= {"password": "new"} if body.password is not None else {}
-    change = _change_user(context.auth, user, body, _user_name(request))
-    changed = await context.record_change("user.change", user, recorded, actor_of(request), change)
+@handles(USER_CHANGE)
+async def change_user(request: Request, params: UserChangeParams) -> Json:
+    context = context_of(request)
+    recorded = params.model_dump(exclude_unset=True, exclude={"user", "password", "own_password"})
+    recorded |= {"password": "new"} if params.password is not None else {}
+
+    async def change() -> User:
+        role = params.role or context.auth.database.user(params.user).role
+        strengthens = params.role is not None or params.password is not None or params.disabled is False
+        if role is Role.ADMINISTRATOR and strengthens and normalized_name(params.user) != _user_name(request):
+            await _confirm(request, params.own_password)
+        return await _change_user(context.auth, params, _user_name(request))
+
+    changed = await context.record_change(USER_CHANGE, params.user, recorded, actor_of(request), change())
     return {"user": _user_json(context.auth, changed)}
 
 
-@router.route("DELETE", "/users/{user}", access=Right.ADMINISTER)
-async def remove_user(request: Request, user: str) -> Json:
-    context = context_of(request)
+@handles(USER_REMOVE)
+async def remove_user(request: Request, params: UserParams) -> Json:
+    context, user = context_of(request), params.user
     if normalized_name(user) == _user_name(request):
         raise Conflict("auth.oneself")
 
@@ -64,64 +85,87 @@ async def remove_user(request: Request, user: str) -> Json:
         await context.auth.change(lambda database: database.without_user(user))
         await context.auth.end_sessions(user, "rights")
 
-    await context.record_change("user.remove", user, {}, actor_of(request), remove())
+    await context.record_change(USER_REMOVE, user, {}, actor_of(request), remove())
     return {}
 
 
-@router.route("GET", "/tokens", access=AccessLevel.SESSION)
-async def list_tokens(request: Request) -> Json:
+@handles(TOKENS_LIST)
+async def list_tokens(request: Request, params: NoParams) -> Json:
     tokens = context_of(request).auth.database.tokens
     return {"tokens": [_token_json(token) for token in tokens if _may_manage(request, token)]}
 
 
-@router.route("POST", "/tokens", access=AccessLevel.SESSION, openapi_extra=body_schema(NewTokenBody))
-async def add_token(request: Request) -> Json:
+@handles(TOKEN_ADD)
+async def add_token(request: Request, params: NewTokenParams) -> Json:
     """Create a token with at most the present rights of its user; the secret is shown this once."""
-    context, actor, body = context_of(request), actor_of(request), parse_body(request, NewTokenBody)
-    if beyond := set(body.rights) - actor.rights:
+    context, actor = context_of(request), actor_of(request)
+    if beyond := set(params.rights) - actor.rights:
         raise AccessDenied("auth.beyond_own", rights=", ".join(sorted(beyond)))
-    secret, token = _new_token(context.auth, body, _user_name(request))
-    recorded = {"name": body.name, "rights": list(token.rights), "days": body.days}
+    secret, token = _new_token(context.auth, params, _user_name(request))
+    recorded = {"name": params.name, "rights": list(token.rights), "days": params.days}
     change = context.auth.change(lambda database: database.with_token(token))
-    await context.record_change("token.add", token.id, recorded, actor, change)
+    await context.record_change(TOKEN_ADD, token.id, recorded, actor, change)
     return {"token": _token_json(token), "secret": secret}
 
 
-@router.route("DELETE", "/tokens/{token}", access=AccessLevel.SESSION)
-async def remove_token(request: Request, token: str) -> Json:
+@handles(TOKEN_REMOVE)
+async def remove_token(request: Request, params: TokenParams) -> Json:
     """Remove a token; another user's is answered as one that does not exist."""
-    context = context_of(request)
+    context, token = context_of(request), params.token
     database = context.auth.database
     manageable = {one.id for one in database.tokens if _may_manage(request, one)}
     (database if token in manageable else UserDatabase()).without_token(token)
     change = context.auth.change(lambda database: database.without_token(token))
-    await context.record_change("token.remove", token, {}, actor_of(request), change)
+    await context.record_change(TOKEN_REMOVE, token, {}, actor_of(request), change)
     return {}
 
 
-async def _change_user(auth: AuthService, name: str, body: UserChangeBody, own_name: str) -> User:
-    """Change only the fields in ``body``, on the database as it is when it is written.
+async def _change_user(auth: AuthService, params: UserChangeParams, own_name: str) -> User:
+    """Change only the fields in ``params``, on the database as it is when it is written.
 
-    Raises ResourceNotFound, InvalidInput; Conflict for one's own role and for the last administrator.
+    Raises ResourceNotFound, InvalidInput; Conflict for one's own role and password and for the last administrator.
     """
-    user = auth.database.user(name)
-    if user.name == own_name and (body.role is not None or body.disabled is not None):
+    user = auth.database.user(params.user)
+    if user.name == own_name and (params.role is not None or params.disabled is not None):
         raise Conflict("auth.oneself")
-    changes: Json = {key: value for key in ("role", "disabled") if (value := getattr(body, key)) is not None}
-    if body.password is not None:
-        changes["password"] = await auth.passwords.hash(check_password_policy(body.password, user.name))
+    if user.name == own_name and params.password is not None:
+        raise Conflict("auth.own_password")
+    changes: Json = {key: value for key in ("role", "disabled") if (value := getattr(params, key)) is not None}
+    if params.password is not None:
+        changes["password"] = await auth.passwords.hash(check_password_policy(params.password, user.name))
     after = await auth.change(lambda database: database.with_changed_user(replace(database.user(user.name), **changes)))
     changed = after.user(user.name)
-    if body.end_sessions or changed.stamp != user.stamp:
+    if params.end_sessions or changed.stamp != user.stamp:
         await auth.end_sessions(user.name, "rights")
     return changed
 
 
-def _new_token(auth: AuthService, body: NewTokenBody, user: str) -> tuple[str, Token]:
+async def _confirm(request: Request, own_password: str | None) -> None:
+    """Check the password of the one who changes an administrator.
+
+    Raises AccessDenied for a wrong one and for a token, InvalidInput for none, TooManyAttempts, AuthUnavailable.
+    """
+    credential = credential_of(request)
+    if not isinstance(credential, SessionCredential):
+        raise AccessDenied("auth.only_session")
+    if own_password is None:
+        raise InvalidInput("auth.own_password_needed")
+    await context_of(request).auth.confirm_password(credential.session, own_password)
+
+
+def _new_token(auth: AuthService, params: NewTokenParams, user: str) -> tuple[str, Token]:
     secret, now_ms = "dbt_" + secrets.token_urlsafe(32), auth.wall_ms()
-    rights = tuple(sorted(set(body.rights)))
-    expires_ms = now_ms + body.days * DAY_MS
-    return secret, Token(secrets.token_hex(6), body.name, user, rights, secret_digest(secret), now_ms, expires_ms)
+    rights = tuple(sorted(set(params.rights)))
+    expires_ms = now_ms + params.days * DAY_MS
+    return secret, Token(
+        id=secrets.token_hex(6),
+        name=params.name,
+        user=user,
+        rights=rights,
+        digest=secret_digest(secret),
+        created_ms=now_ms,
+        expires_ms=expires_ms,
+    )
 
 
 def _user_name(request: Request) -> str:

@@ -21,7 +21,7 @@ from drivebus.values import Text
 
 
 class AlarmParams(OperationParams):
-    """One raised alarm, by its id in ``alarms.list``."""
+    """Raised alarm that the operation acts on, by its id in ``alarms.list``."""
 
     alarm: Annotated[Name, Field(examples=["fault:fan-1:3"])]
 
@@ -34,7 +34,7 @@ class ShelveParams(AlarmParams):
 
 
 class IncidentParams(OperationParams):
-    """One incident."""
+    """Incident that the operation returns."""
 
     incident: Annotated[Name, Field(examples=["incident-17"])]
 
@@ -53,89 +53,90 @@ class AuditVerificationResponse(ApiObject):
     problems: list[dict[str, Any]]
 
 
-ALARM_OPERATIONS = (
-    Operation(
-        name="alarms.list",
-        right=Right.VIEW,
-        method="GET",
-        path="/alarms",
-        response=ActiveAlarmsResponse,
-        summary=Text("Active alarms", "当前报警"),
-    ),
-    Operation(
-        name="alarms.history",
-        right=Right.VIEW,
-        method="GET",
-        path="/alarms/history",
-        params=TimeRangeParams,
-        response=PageResponse,
-        summary=Text("Alarms of a time range", "一段时间内的报警"),
-    ),
-    Operation(
-        name="alarm.acknowledge",
-        right=Right.OPERATE,
-        method="POST",
-        path="/alarms/{alarm}/acknowledge",
-        params=AlarmParams,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Acknowledge an alarm", "确认报警"),
-    ),
-    Operation(
-        name="alarm.shelve",
-        right=Right.OPERATE,
-        method="POST",
-        path="/alarms/{alarm}/shelve",
-        params=ShelveParams,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Shelve an alarm for a while", "暂时搁置报警"),
-    ),
-    Operation(
-        name="alarm.unshelve",
-        right=Right.OPERATE,
-        method="POST",
-        path="/alarms/{alarm}/unshelve",
-        params=AlarmParams,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("End the shelving of an alarm", "取消搁置"),
-    ),
+ALARMS_LIST = Operation(
+    name="alarms.list",
+    right=Right.VIEW,
+    method="GET",
+    path="/alarms",
+    response=ActiveAlarmsResponse,
+    summary=Text("Active alarms", "当前报警"),
 )
 
-INCIDENT_OPERATIONS = (
-    Operation(
-        name="incidents.list",
-        right=Right.VIEW,
-        method="GET",
-        path="/incidents",
-        params=TimeRangeParams,
-        response=PageResponse,
-        summary=Text("Recorded incidents", "已记录的跳闸"),
-    ),
-    Operation(
-        name="incidents.get",
-        right=Right.VIEW,
-        method="GET",
-        path="/incidents/{incident}",
-        params=IncidentParams,
-        summary=Text("One incident with everything recorded around it", "一次跳闸及当时的全部记录"),
-    ),
+ALARMS_HISTORY = Operation(
+    name="alarms.history",
+    right=Right.VIEW,
+    method="GET",
+    path="/alarms/history",
+    params=TimeRangeParams,
+    response=PageResponse,
+    summary=Text("Alarms of a time range", "一段时间内的报警"),
 )
 
-AUDIT_OPERATIONS = (
-    Operation(
-        name="audit.list",
-        right=Right.AUDIT,
-        method="GET",
-        path="/audit",
-        params=TimeRangeParams,
-        response=PageResponse,
-        summary=Text("The audit trail", "审计记录"),
-    ),
-    Operation(
-        name="audit.verify",
-        right=Right.AUDIT,
-        method="GET",
-        path="/audit/verify",
-        response=AuditVerificationResponse,
-        summary=Text("Verify that the audit trail is complete", "检查审计记录是否完整"),
-    ),
+ALARM_ACKNOWLEDGE = Operation(
+    name="alarm.acknowledge",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/{alarm}/acknowledge",
+    params=AlarmParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Acknowledge an alarm", "确认报警"),
+)
+
+ALARM_SHELVE = Operation(
+    name="alarm.shelve",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/{alarm}/shelve",
+    params=ShelveParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Shelve an alarm for a while", "暂时搁置报警"),
+)
+
+ALARM_UNSHELVE = Operation(
+    name="alarm.unshelve",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/{alarm}/unshelve",
+    params=AlarmParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("End the shelving of an alarm", "取消搁置"),
+)
+
+INCIDENTS_LIST = Operation(
+    name="incidents.list",
+    right=Right.VIEW,
+    method="GET",
+    path="/incidents",
+    params=TimeRangeParams,
+    response=PageResponse,
+    summary=Text("Recorded incidents", "已记录的故障停机"),
+)
+
+INCIDENTS_GET = Operation(
+    name="incidents.get",
+    right=Right.VIEW,
+    method="GET",
+    path="/incidents/{incident}",
+    params=IncidentParams,
+    summary=Text("One incident with everything recorded around it", "一次故障停机及当时的全部记录"),
+)
+
+AUDIT_LIST = Operation(
+    name="audit.list",
+    right=Right.AUDIT,
+    method="GET",
+    path="/audit",
+    params=TimeRangeParams,
+    response=PageResponse,
+    summary=Text("The audit trail", "审计记录"),
+)
+
+AUDIT_VERIFY = Operation(
+    name="audit.verify",
+    right=Right.AUDIT,
+    method="GET",
+    path="/audit/verify",
+    response=AuditVerificationResponse,
+    cancellable=True,
+    summary=Text("Verify that the audit trail is complete", "检查审计记录是否完整"),
 )

@@ -12,7 +12,7 @@ from drivebus.values import Text
 
 
 class BusParams(OperationParams):
-    """One bus."""
+    """Bus that the operation acts on."""
 
     bus: Annotated[Id, Field(examples=["line-1"])]
 
@@ -38,30 +38,30 @@ class FramesResponse(ApiObject):
     last: int
 
 
-BUS_OPERATIONS = (
-    Operation(
-        name="buses.list",
-        right=Right.VIEW,
-        method="GET",
-        path="/buses",
-        response=BusesResponse,
-        summary=Text("All buses: load, errors, reply times", "全部总线：负载、错误、应答时间"),
-    ),
-    Operation(
-        name="buses.get",
-        right=Right.VIEW,
-        method="GET",
-        path="/buses/{bus}",
-        params=BusParams,
-        summary=Text("One bus", "一条总线"),
-    ),
-    Operation(
-        name="buses.frames",
-        right=Right.VIEW,
-        method="GET",
-        path="/buses/{bus}/frames",
-        params=FramesParams,
-        response=FramesResponse,
-        summary=Text("Decoded frames of a bus", "一条总线上解码后的帧"),
-    ),
+BUSES_LIST = Operation(
+    name="buses.list",
+    right=Right.VIEW,
+    method="GET",
+    path="/buses",
+    response=BusesResponse,
+    summary=Text("All buses: load, errors, reply times", "全部总线：负载、错误、应答时间"),
+)
+
+BUSES_GET = Operation(
+    name="buses.get",
+    right=Right.VIEW,
+    method="GET",
+    path="/buses/{bus}",
+    params=BusParams,
+    summary=Text("One bus", "一条总线"),
+)
+
+BUSES_FRAMES = Operation(
+    name="buses.frames",
+    right=Right.VIEW,
+    method="GET",
+    path="/buses/{bus}/frames",
+    params=FramesParams,
+    response=FramesResponse,
+    summary=Text("Decoded frames of a bus", "一条总线上解码后的帧"),
 )

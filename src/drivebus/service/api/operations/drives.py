@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from drivebus.protocols.family import JogFrequency
 from drivebus.service.api.operations.operation import (
@@ -26,7 +26,7 @@ ArmToken = Annotated[Name | None, Field(examples=["5b1f0c52d1"])]
 
 
 class DriveParams(OperationParams):
-    """One drive."""
+    """Drive that the operation acts on."""
 
     drive: DriveId
 
@@ -86,18 +86,26 @@ class ParameterReadParams(DriveParams):
     names: Annotated[list[Name], Field(min_length=1, max_length=64, examples=[["F0.1", "F1.07"]])]
 
 
+WordText = Annotated[str, StringConstraints(max_length=6, pattern="^[0-9][0-9A-FXHa-fxh]*$")]
+
+
 class ParameterWriteParams(DriveParams):
-    """Parameters to write. ``save`` writes to EEPROM and needs the right ``save`` as well."""
+    """Parameters to write. ``save`` writes to EEPROM and needs the right ``save`` as well.
+
+    A value is a number in the unit of the parameter, or a text: ``0010H`` and ``0x10`` are the raw word, ``0010`` the
+    digits of a keypad. ``force`` confirms a write that is refused with ``ConfirmationRequired`` otherwise.
+    """
 
     values: Annotated[
-        dict[Name, Annotated[float, Field(allow_inf_nan=False)]],
+        dict[Name, Annotated[float, Field(allow_inf_nan=False)] | WordText],
         Field(min_length=1, max_length=64, examples=[{"F1.07": 12.5}]),
     ]
     save: bool = Field(default=False, examples=[False])
+    force: bool = Field(default=False, examples=[False])
 
 
 class ExchangeObject(ApiObject):
-    """One frame of a command and its reply, as hex with blanks; seconds of the service's monotonic clock.
+    """Frame of a command and its reply, as hex with blanks; seconds of the service's monotonic clock.
 
     ``error`` is the key of a sentence, ``params`` its parameters.
     """
@@ -138,7 +146,7 @@ class OutcomeResponse(ApiObject):
 
 
 class SignalObject(ApiObject):
-    """One value with its quality; ``reason`` says why it is not good."""
+    """Value with its quality; ``reason`` says why it is not good."""
 
     value: float | int | str | None
     unit: str
@@ -230,212 +238,233 @@ class JogResponse(ApiObject):
     outcome: OutcomeObject
 
 
-DRIVE_OPERATIONS = (
-    Operation(
-        name="drives.list",
-        right=Right.VIEW,
-        method="GET",
-        path="/drives",
-        response=DrivesResponse,
-        summary=Text("Present state of all drives", "全部变频器的当前状况"),
+DRIVES_LIST = Operation(
+    name="drives.list",
+    right=Right.VIEW,
+    method="GET",
+    path="/drives",
+    response=DrivesResponse,
+    summary=Text("Present state of all drives", "全部变频器的当前状况"),
+)
+
+DRIVES_GET = Operation(
+    name="drives.get",
+    right=Right.VIEW,
+    method="GET",
+    path="/drives/{drive}",
+    params=DriveParams,
+    response=DriveObject,
+    summary=Text("Present state of one drive", "一台变频器的当前状况"),
+)
+
+DRIVES_PROFILE = Operation(
+    name="drives.profile",
+    right=Right.VIEW,
+    method="GET",
+    path="/drives/{drive}/profile",
+    params=DriveParams,
+    summary=Text(
+        "Profile of a drive: signals, parameters, faults, caveats", "变频器的类型：信号、参数、故障、注意事项"
     ),
-    Operation(
-        name="drives.get",
-        right=Right.VIEW,
-        method="GET",
-        path="/drives/{drive}",
-        params=DriveParams,
-        response=DriveObject,
-        summary=Text("Present state of one drive", "一台变频器的当前状况"),
+)
+
+DRIVES_STATISTICS = Operation(
+    name="drives.statistics",
+    right=Right.VIEW,
+    method="GET",
+    path="/drives/{drive}/statistics",
+    params=DriveParams,
+    summary=Text("Hours, starts, energy and faults of a drive", "一台变频器的运行时间、启动次数、电能和故障"),
+)
+
+PARAMETERS_READ = Operation(
+    name="parameters.read",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/parameters/read",
+    params=ParameterReadParams,
+    response=ParametersResponse,
+    summary=Text("Read parameters over the bus", "通过总线读参数"),
+)
+
+PARAMETERS_WRITE = Operation(
+    name="parameters.write",
+    right=Right.WRITE_PARAMETERS,
+    method="POST",
+    path="/drives/{drive}/parameters/write",
+    params=ParameterWriteParams,
+    response=OutcomeResponse,
+    audit=Audit.REQUIRED,
+    summary=Text(
+        "Write parameters, to RAM or with save to EEPROM; each is read back",
+        "写参数，写入 RAM，或用 save 写入 EEPROM；逐个回读",
     ),
-    Operation(
-        name="drives.profile",
-        right=Right.VIEW,
-        method="GET",
-        path="/drives/{drive}/profile",
-        params=DriveParams,
-        summary=Text(
-            "Profile of a drive: signals, parameters, faults, caveats", "变频器的类型：信号、参数、故障、注意事项"
-        ),
+)
+
+LEASE_TAKE = Operation(
+    name="lease.take",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/lease",
+    params=DriveParams,
+    response=LeaseResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Take control of a drive: only this session may command it", "取得一台变频器的控制权，只有本会话可以命令它"
     ),
-    Operation(
-        name="drives.statistics",
-        right=Right.VIEW,
-        method="GET",
-        path="/drives/{drive}/statistics",
-        params=DriveParams,
-        summary=Text("Hours, starts, energy and faults of a drive", "一台变频器的运行时间、启动次数、电能和故障"),
+)
+
+LEASE_RENEW = Operation(
+    name="lease.renew",
+    right=Right.STOP,  # a session that became idle in front of a running drive keeps it, and may stop it
+    method="POST",
+    path="/drives/{drive}/lease/renew",
+    params=DriveParams,
+    response=LeaseResponse,
+    keepalive=True,
+    background=True,
+    summary=Text("Keep control of a drive for ten seconds more", "把控制权再保持十秒"),
+)
+
+LEASE_RELEASE = Operation(
+    name="lease.release",
+    right=Right.OPERATE,
+    method="DELETE",
+    path="/drives/{drive}/lease",
+    params=DriveParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Release control of a drive", "交还控制权"),
+)
+
+DRIVE_ARM = Operation(
+    name="drive.arm",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/arm",
+    params=DriveParams,
+    response=ArmResponse,
+    audit=Audit.REQUIRED,
+    summary=Text("First step of a start", "启动的第一步"),
+)
+
+DRIVE_RUN = Operation(
+    name="drive.run",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/run",
+    params=RunParams,
+    response=OutcomeResponse,
+    audit=Audit.REQUIRED,
+    moves_motors=True,
+    summary=Text("Start a drive", "启动变频器"),
+)
+
+DRIVE_SET_FREQUENCY = Operation(
+    name="drive.set_frequency",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/set-frequency",
+    params=SetFrequencyParams,
+    response=OutcomeResponse,
+    audit=Audit.BEST_EFFORT,
+    moves_motors=True,
+    summary=Text("Change the set frequency; starts nothing", "修改设定频率；不启动任何东西"),
+)
+
+DRIVE_STOP = Operation(
+    name="drive.stop",
+    right=Right.STOP,
+    method="POST",
+    path="/drives/{drive}/stop",
+    params=StopParams,
+    response=OutcomeResponse,
+    audit=Audit.AFTER,
+    summary=Text("Stop a drive; needs no lease", "停一台变频器；不需要控制权"),
+)
+
+DRIVE_JOG = Operation(
+    name="drive.jog",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/jog",
+    params=JogParams,
+    response=JogResponse,
+    audit=Audit.REQUIRED,
+    moves_motors=True,
+    summary=Text("Jog: the motor turns while the jog is renewed", "点动：持续续期时电机转动"),
+)
+
+DRIVE_JOG_RENEW = Operation(
+    name="drive.jog_renew",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/jog/renew",
+    params=ActiveJogParams,
+    keepalive=True,
+    summary=Text("Keep a jog going while the key is pressed", "按住按键时保持点动"),
+)
+
+DRIVE_JOG_END = Operation(
+    name="drive.jog_end",
+    right=Right.STOP,
+    method="POST",
+    path="/drives/{drive}/jog/end",
+    params=ActiveJogParams,
+    response=OutcomeResponse,
+    audit=Audit.AFTER,
+    summary=Text("End a jog", "结束点动"),
+)
+
+DRIVE_RESET = Operation(
+    name="drive.reset",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/reset",
+    params=DriveParams,
+    response=OutcomeResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Reset a fault", "复位故障"),
+)
+
+START_INHIBIT_RELEASE = Operation(
+    name="start_inhibit.release",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/start-inhibit/release",
+    params=DriveParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Allow starts again after a bus stop", "总线停止之后重新允许启动"),
+)
+
+WAIVER_GRANT = Operation(
+    name="waiver.grant",
+    right=Right.LIMIT,
+    method="POST",
+    path="/drives/{drive}/waiver",
+    params=WaiverParams,
+    audit=Audit.REQUIRED,
+    summary=Text(
+        "Record why starts are allowed although the drive would run on after a communication loss",
+        "记录为何允许启动，尽管通信中断后变频器会继续运行",
     ),
-    Operation(
-        name="parameters.read",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/parameters/read",
-        params=ParameterReadParams,
-        response=ParametersResponse,
-        summary=Text("Read parameters over the bus", "通过总线读参数"),
-    ),
-    Operation(
-        name="parameters.write",
-        right=Right.WRITE_PARAMETERS,
-        method="POST",
-        path="/drives/{drive}/parameters/write",
-        params=ParameterWriteParams,
-        response=OutcomeResponse,
-        audit=Audit.REQUIRED,
-        summary=Text(
-            "Write parameters, to RAM or with save to EEPROM; each is read back",
-            "写参数，写入 RAM，或用 save 写入 EEPROM；逐个回读",
-        ),
-    ),
-    Operation(
-        name="lease.take",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/lease",
-        params=DriveParams,
-        response=LeaseResponse,
-        audit=Audit.BEST_EFFORT,
-        summary=Text(
-            "Take control of a drive: only this session may command it", "取得一台变频器的控制权，只有本会话可以命令它"
-        ),
-    ),
-    Operation(
-        name="lease.renew",
-        right=Right.STOP,  # a session that became idle in front of a running drive keeps it, and may stop it
-        method="POST",
-        path="/drives/{drive}/lease/renew",
-        params=DriveParams,
-        response=LeaseResponse,
-        keepalive=True,
-        background=True,
-        summary=Text("Keep control of a drive for ten seconds more", "把控制权再保持十秒"),
-    ),
-    Operation(
-        name="lease.release",
-        right=Right.OPERATE,
-        method="DELETE",
-        path="/drives/{drive}/lease",
-        params=DriveParams,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Release control of a drive", "交还控制权"),
-    ),
-    Operation(
-        name="drive.arm",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/arm",
-        params=DriveParams,
-        response=ArmResponse,
-        audit=Audit.REQUIRED,
-        summary=Text("First step of a start", "启动的第一步"),
-    ),
-    Operation(
-        name="drive.run",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/run",
-        params=RunParams,
-        response=OutcomeResponse,
-        audit=Audit.REQUIRED,
-        summary=Text("Start a drive", "启动变频器"),
-    ),
-    Operation(
-        name="drive.set_frequency",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/set-frequency",
-        params=SetFrequencyParams,
-        response=OutcomeResponse,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Change the set frequency; starts nothing", "修改设定频率；不启动任何东西"),
-    ),
-    Operation(
-        name="drive.stop",
-        right=Right.STOP,
-        method="POST",
-        path="/drives/{drive}/stop",
-        params=StopParams,
-        response=OutcomeResponse,
-        audit=Audit.AFTER,
-        summary=Text("Stop a drive; needs no lease", "停一台变频器；不需要控制权"),
-    ),
-    Operation(
-        name="drive.jog",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/jog",
-        params=JogParams,
-        response=JogResponse,
-        audit=Audit.REQUIRED,
-        summary=Text("Jog: the motor turns while the jog is renewed", "点动：持续续期时电机转动"),
-    ),
-    Operation(
-        name="drive.jog_renew",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/jog/renew",
-        params=ActiveJogParams,
-        keepalive=True,
-        summary=Text("Keep a jog going while the key is pressed", "按住按键时保持点动"),
-    ),
-    Operation(
-        name="drive.jog_end",
-        right=Right.STOP,
-        method="POST",
-        path="/drives/{drive}/jog/end",
-        params=ActiveJogParams,
-        response=OutcomeResponse,
-        audit=Audit.AFTER,
-        summary=Text("End a jog", "结束点动"),
-    ),
-    Operation(
-        name="drive.reset",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/reset",
-        params=DriveParams,
-        response=OutcomeResponse,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Reset a fault, once", "复位故障，一次"),
-    ),
-    Operation(
-        name="start_inhibit.release",
-        right=Right.OPERATE,
-        method="POST",
-        path="/drives/{drive}/start-inhibit/release",
-        params=DriveParams,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Allow starts again after a bus stop", "总线停止之后重新允许启动"),
-    ),
-    Operation(
-        name="waiver.grant",
-        right=Right.LIMIT,
-        method="POST",
-        path="/drives/{drive}/waiver",
-        params=WaiverParams,
-        audit=Audit.REQUIRED,
-        summary=Text(
-            "Record why starts are allowed although the drive would run on after a communication loss",
-            "记录为何允许启动，尽管通信中断后变频器会继续运行",
-        ),
-    ),
-    Operation(
-        name="waiver.revoke",
-        right=Right.LIMIT,
-        method="DELETE",
-        path="/drives/{drive}/waiver",
-        params=DriveParams,
-        audit=Audit.REQUIRED,
-        summary=Text("Revoke the waiver", "撤销豁免"),
-    ),
-    Operation(
-        name="drive.limits",
-        right=Right.LIMIT,
-        method="PUT",
-        path="/drives/{drive}/limits",
-        params=LimitsParams,
-        audit=Audit.REQUIRED,
-        summary=Text("Set the limits of a drive", "设置变频器的限值"),
-    ),
+)
+
+WAIVER_REVOKE = Operation(
+    name="waiver.revoke",
+    right=Right.LIMIT,
+    method="DELETE",
+    path="/drives/{drive}/waiver",
+    params=DriveParams,
+    audit=Audit.REQUIRED,
+    summary=Text("Revoke the waiver", "撤销豁免"),
+)
+
+DRIVE_LIMITS = Operation(
+    name="drive.limits",
+    right=Right.LIMIT,
+    method="PUT",
+    path="/drives/{drive}/limits",
+    params=LimitsParams,
+    audit=Audit.REQUIRED,
+    summary=Text("Set the limits of a drive", "设置变频器的限值"),
 )

@@ -20,7 +20,7 @@ from drivebus.values import Text
 
 
 class GroupParams(OperationParams):
-    """One group."""
+    """Group that the operation acts on."""
 
     group: Annotated[Id, Field(examples=["fans"])]
 
@@ -51,53 +51,57 @@ class OutcomesResponse(ApiObject):
     outcomes: dict[str, dict[str, Any]]
 
 
-GROUP_OPERATIONS = (
-    Operation(
-        name="groups.list",
-        right=Right.VIEW,
-        method="GET",
-        path="/groups",
-        response=GroupsResponse,
-        summary=Text("All groups", "全部分组"),
-    ),
-    Operation(
-        name="group.arm",
-        right=Right.OPERATE,
-        method="POST",
-        path="/groups/{group}/arm",
-        params=GroupParams,
-        response=ArmResponse,
-        audit=Audit.REQUIRED,
-        summary=Text("First step of a group's start", "分组启动的第一步"),
-    ),
-    Operation(
-        name="group.start",
-        right=Right.OPERATE,
-        method="POST",
-        path="/groups/{group}/start",
-        params=GroupStartParams,
-        response=OutcomesResponse,
-        audit=Audit.REQUIRED,
-        summary=Text("Start a group, one drive after another", "逐台启动一个分组"),
-    ),
-    Operation(
-        name="group.set_frequency",
-        right=Right.OPERATE,
-        method="POST",
-        path="/groups/{group}/set-frequency",
-        params=GroupSetFrequencyParams,
-        response=OutcomesResponse,
-        audit=Audit.BEST_EFFORT,
-        summary=Text("Change the set frequency of a group", "修改分组的设定频率"),
-    ),
-    Operation(
-        name="group.stop",
-        right=Right.STOP,
-        method="POST",
-        path="/groups/{group}/stop",
-        params=GroupParams,
-        response=OutcomesResponse,
-        audit=Audit.AFTER,
-        summary=Text("Stop a group", "停一个分组"),
-    ),
+GROUPS_LIST = Operation(
+    name="groups.list",
+    right=Right.VIEW,
+    method="GET",
+    path="/groups",
+    response=GroupsResponse,
+    summary=Text("All groups", "全部分组"),
+)
+
+GROUP_ARM = Operation(
+    name="group.arm",
+    right=Right.OPERATE,
+    method="POST",
+    path="/groups/{group}/arm",
+    params=GroupParams,
+    response=ArmResponse,
+    audit=Audit.REQUIRED,
+    summary=Text("First step of a group's start", "分组启动的第一步"),
+)
+
+GROUP_START = Operation(
+    name="group.start",
+    right=Right.OPERATE,
+    method="POST",
+    path="/groups/{group}/start",
+    params=GroupStartParams,
+    response=OutcomesResponse,
+    audit=Audit.REQUIRED,
+    moves_motors=True,
+    summary=Text("Start a group, one drive after another", "逐台启动一个分组"),
+)
+
+GROUP_SET_FREQUENCY = Operation(
+    name="group.set_frequency",
+    right=Right.OPERATE,
+    method="POST",
+    path="/groups/{group}/set-frequency",
+    params=GroupSetFrequencyParams,
+    response=OutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    moves_motors=True,
+    summary=Text("Change the set frequency of a group", "修改分组的设定频率"),
+)
+
+GROUP_STOP = Operation(
+    name="group.stop",
+    right=Right.STOP,
+    method="POST",
+    path="/groups/{group}/stop",
+    params=GroupParams,
+    response=OutcomesResponse,
+    audit=Audit.AFTER,
+    summary=Text("Stop a group", "停一个分组"),
 )

@@ -79,40 +79,41 @@ class TrendResponse(ApiObject):
     series: dict[str, TrendSeriesObject]
 
 
-HISTORY_OPERATIONS = (
-    Operation(
-        name="history.tags",
-        right=Right.VIEW,
-        method="GET",
-        path="/history/tags",
-        response=TagsResponse,
-        summary=Text("Tags that the history keeps", "历史库保存的内容"),
-    ),
-    Operation(
-        name="history.trend",
-        right=Right.VIEW,
-        method="GET",
-        path="/history/trend",
-        params=TrendParams,
-        response=TrendResponse,
-        summary=Text("A trend, at most 1,000 points a signal", "趋势，每个信号最多 1000 点"),
-    ),
-    Operation(
-        name="history.export",
-        right=Right.VIEW,
-        method="GET",
-        path="/history/export",
-        params=ExportParams,
-        download=True,
-        summary=Text("A file of samples", "样本文件"),
-    ),
-    Operation(
-        name="history.events",
-        right=Right.VIEW,
-        method="GET",
-        path="/history/events",
-        params=TimeRangeParams,
-        response=PageResponse,
-        summary=Text("Commands, faults and alarms of a time range", "一段时间内的命令、故障和报警"),
-    ),
+HISTORY_TAGS = Operation(
+    name="history.tags",
+    right=Right.VIEW,
+    method="GET",
+    path="/history/tags",
+    response=TagsResponse,
+    summary=Text("Tags that the history keeps", "历史库保存的内容"),
+)
+
+HISTORY_TREND = Operation(
+    name="history.trend",
+    right=Right.VIEW,
+    method="GET",
+    path="/history/trend",
+    params=TrendParams,
+    response=TrendResponse,
+    summary=Text("A trend, at most 1,000 points a signal", "趋势，每个信号最多 1000 点"),
+)
+
+HISTORY_EXPORT = Operation(
+    name="history.export",
+    right=Right.VIEW,
+    method="GET",
+    path="/history/export",
+    params=ExportParams,
+    media_types=("text/csv", "application/vnd.apache.parquet"),
+    summary=Text("A file of samples", "样本文件"),
+)
+
+HISTORY_EVENTS = Operation(
+    name="history.events",
+    right=Right.VIEW,
+    method="GET",
+    path="/history/events",
+    params=TimeRangeParams,
+    response=PageResponse,
+    summary=Text("Commands, faults and alarms of a time range", "一段时间内的命令、故障和报警"),
 )

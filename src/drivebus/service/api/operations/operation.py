@@ -1,6 +1,7 @@
 """``Operation``: the one declaration of something that the service does for a client.
 
-Routes, authorization, OpenAPI, the reference page, the Python client and the audit policy derive from it.
+Routes, authorization, OpenAPI, the reference page, the Python client, the exceptions for a stop and the audit policy
+derive from it. Its handler is bound to it by ``drivebus.service.api.handlers.handles``.
 """
 
 from __future__ import annotations
@@ -8,11 +9,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from types import ModuleType
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
 
-from drivebus.service.auth.rights import Right
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
+from drivebus.service.api.errors import params_error, pydantic_faults
+from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -21,14 +26,32 @@ ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN)]
 DriveId = Annotated[Id, Field(examples=["fan-1"])]
 Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False, examples=[25.0])]
-Reason = Annotated[str, Field(min_length=3, max_length=500, examples=["bearing is being changed"])]
+
+
+def _require_printable(text: str) -> str:
+    if CONTROL_CHARACTERS.search(text):
+        raise PydanticCustomError("printable", "control characters")
+    return text
+
+
+PRINTABLE_PATTERN = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]*$"  # as CONTROL_CHARACTERS
+Reason = Annotated[
+    str,
+    Field(
+        min_length=3,
+        max_length=500,
+        examples=["bearing is being changed"],
+        json_schema_extra={"pattern": PRINTABLE_PATTERN},
+    ),
+    AfterValidator(_require_printable),
+]
 MAX_TIME_MS = 253_402_300_799_999  # the end of the year 9999 in milliseconds since 1970
 TimeMs = Annotated[int, Field(ge=0, le=MAX_TIME_MS)]
 Cursor = Annotated[str, Field(max_length=200)]
 PageSize = Annotated[int, Field(ge=1, le=1000, examples=[100])]
 
 API_PREFIX = "/api/v1"  # stands before the path of every operation
-BODY_METHODS = ("POST", "PUT")  # the others carry their parameters in path and query
+BODY_METHODS = ("POST", "PUT", "PATCH")  # the others carry their parameters in path and query
 
 
 class OperationParams(BaseModel):
@@ -72,20 +95,26 @@ class Audit(StrEnum):
     """Before and after, but control goes on where the trail cannot be written."""
     AFTER = "after"
     """Only after: a stop waits for no record."""
+    SESSION = "session"
+    """After, with its result: it opens or ends a session, also where the trail cannot be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Operation:
-    """One operation. Raises ValueError where the declaration contradicts itself."""
+    """Operation of the API. Raises ValueError where the declaration contradicts itself."""
 
     name: str
-    right: Right
+    right: RequiredAccess
     method: str
     """HTTP method of its route."""
     path: str
-    """Path after ``API_PREFIX``; a name in braces is the parameter of that name."""
+    """Path after ``prefix``; a name in braces is the parameter of that name."""
     summary: Text
+    prefix: str = API_PREFIX
+    """Start of its path; empty where programs expect the path at the root of the server."""
     params: type[OperationParams] = NoParams
+    has_query: bool = False
+    """Parameters outside the path are the query although the method has a body."""
     response: type[ApiObject] = ApiObject
     """Model of the result; ``ApiObject`` itself where the reference describes it in words only."""
     audit: Audit = Audit.NONE
@@ -93,8 +122,12 @@ class Operation:
     """Keeps a lease or a jog from ending: it never waits behind queries."""
     background: bool = False
     """Sent by a page on its own; it does not count as activity of the user."""
-    download: bool = False
-    """The result is one part of a file; a client of the web gets the whole file."""
+    media_types: tuple[str, ...] = ()
+    """Media types of a result that is a text or a file instead of JSON."""
+    moves_motors: bool = False
+    """Its handler gets the command ticket as well, by which it sends nothing that a later stop has voided."""
+    cancellable: bool = False
+    """It takes long and ends when its client disconnects. Everything else is done, even when its client is gone."""
 
     def __post_init__(self) -> None:
         missing = set(self.path_params) - self.params.model_fields.keys()
@@ -102,8 +135,14 @@ class Operation:
             raise ValueError(f"{self.name}: {missing} of the path are no parameters")
         if self.mutates and self.method == "GET":
             raise ValueError(f"{self.name}: GET must not change anything")
+        if self.mutates and self.cancellable:
+            raise ValueError(f"{self.name}: a command is not cancelled by a client that disconnects")
         if self.is_stop and self.right is not Right.STOP:
             raise ValueError(f"{self.name}: only an operation of the right 'stop' is recorded after it is done")
+        if self.audit is Audit.SESSION and isinstance(self.right, Right):
+            raise ValueError(f"{self.name}: an operation that needs a right is recorded before it is done")
+        if self.moves_motors and (self.is_stop or not self.mutates):
+            raise ValueError(f"{self.name}: a motion is recorded before it begins")
 
     @property
     def mutates(self) -> bool:
@@ -123,6 +162,11 @@ class Operation:
         return not (self.mutates or self.keepalive)
 
     @property
+    def address(self) -> str:
+        """Path of its route."""
+        return self.prefix + self.path
+
+    @property
     def tag(self) -> str:
         """Section of the API description."""
         return self.path.split("/")[1]
@@ -135,19 +179,53 @@ class Operation:
     @property
     def has_body(self) -> bool:
         """Whether parameters outside the path are a JSON body; otherwise they are the query."""
-        return self.method in BODY_METHODS
+        return self.method in BODY_METHODS and not self.has_query
 
     @property
     def example(self) -> Json:
         """Parameters that work, from the examples of their fields."""
         return {name: field.examples[0] for name, field in self.params.model_fields.items() if field.examples}
 
+    def validate(self, params: Json) -> OperationParams:
+        """Return the parameters as the model. Raises InvalidParameters with every fault."""
+        try:
+            return self.params.model_validate(params)
+        except ValidationError as error:
+            raise params_error(self.name, pydantic_faults(error.errors(include_url=False))) from error
+
+    def all_param_schemas(self) -> Json:
+        """JSON schemas of the parameters, by name, without references."""
+        schema = self.params.model_json_schema()
+        found: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
+        return found
+
     def param_schemas(self) -> Json:
         """JSON schemas of the parameters outside the path, by name."""
-        found: Json = self.params.model_json_schema().get("properties", {})
-        return {name: schema for name, schema in found.items() if name not in self.path_params}
+        return {name: schema for name, schema in self.all_param_schemas().items() if name not in self.path_params}
 
     def required_params(self) -> list[str]:
         """Names of ``param_schemas`` that must be given."""
         required = self.params.model_json_schema().get("required", [])
         return [name for name in required if name not in self.path_params]
+
+
+def _without_references(value: Any, definitions: Json) -> Any:
+    """Replace the references of a JSON schema by what they refer to."""
+    if isinstance(value, list):
+        return [_without_references(one, definitions) for one in value]
+    if not isinstance(value, dict):
+        return value
+    if "$ref" in value:
+        return definitions[value["$ref"].rpartition("/")[2]] | {
+            name: one for name, one in value.items() if name != "$ref"
+        }
+    return {name: _without_references(one, definitions) for name, one in value.items()}
+
+
+def collect_operations(*modules: ModuleType) -> dict[str, Operation]:
+    """Return the operations that modules declare, by name. Raises ValueError for a name or route declared twice."""
+    found = [one for module in modules for one in vars(module).values() if isinstance(one, Operation)]
+    by_name = {operation.name: operation for operation in found}
+    if not len(found) == len(by_name) == len({(operation.method, operation.path) for operation in found}):
+        raise ValueError("an operation is declared twice")
+    return by_name

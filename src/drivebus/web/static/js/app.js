@@ -3,6 +3,8 @@ import { effect, html, render, signal, useEffect, useState } from "./lib.js";
 import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
+import { openAlarms } from "./alarm-list.js";
+import { startAlarmSound } from "./alarm-sound.js";
 import { api } from "./api.js";
 import { addSignalNames } from "./format.js";
 import { connection, start } from "./live.js";
@@ -85,7 +87,9 @@ effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titleOf(plant) : "drivebus";
   const way = `page.nav_${route.value.page}`;
-  document.title = language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name;
+  const waiting = loggedIn.value ? openAlarms().filter((alarm) => alarm.acknowledged_ms === null).length : 0;
+  const count = waiting > 0 ? `(${waiting}) ` : "";
+  document.title = count + (language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name);
 });
 
 await loadLanguage(language.peek());
@@ -98,3 +102,4 @@ watchActivity();
 loadSignalNames();
 startLeaseRenewal();
 watchTakeovers();
+startAlarmSound();

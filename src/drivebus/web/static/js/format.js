@@ -1,8 +1,9 @@
 // Numbers, ages and times as text. Ages are computed here from the time of each reply on this page's clock; times of
 // day are labels only.
 import { signal } from "./lib.js";
-import { localized, hasKey, locale, t } from "./i18n.js";
+import { localized, hasKey, t } from "./i18n.js";
 import { now, isLive } from "./live.js";
+import * as labels from "./trend/labels.js";
 
 const DIGITS = { Hz: 2, A: 2, V: 0, "°C": 0, "%": 1, kW: 2, kWh: 1, h: 1, s: 1, rpm: 0, "r/min": 0 };
 export const NO_VALUE = "–";
@@ -40,20 +41,11 @@ export function duration(seconds) {
   return t("page.days", { n: Math.floor(seconds / 86_400) });
 }
 
-const TIME = { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false };
-const DAY = { year: "numeric", month: "2-digit", day: "2-digit" };
-
-const formats = new Map();
-function formatTime(ms, options) {
-  const key = `${locale()}${Object.keys(options)}`;
-  if (!formats.has(key)) formats.set(key, new Intl.DateTimeFormat(locale(), options));
-  return formats.get(key).format(ms);
-}
-
-/** "14:03:22" of a UTC millisecond, in this browser's time zone. */
-export const clock = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, TIME));
+const isMissing = (ms) => ms === null || ms === undefined;
+/** Time of day of a UTC millisecond, in this browser's time zone. */
+export const clock = (ms) => (isMissing(ms) ? NO_VALUE : labels.clock(ms));
 /** Date and time. */
-export const moment = (ms) => (ms === null || ms === undefined ? NO_VALUE : formatTime(ms, { ...DAY, ...TIME }));
+export const moment = (ms) => (isMissing(ms) ? NO_VALUE : labels.moment(ms));
 
 /** A value of a drive as it may be shown now, with its present age; without a live connection its quality is bad.
  * `{value, unit, quality, reason, source_time_ms, age_s}`; null where the drive has no such signal. */

@@ -6,7 +6,7 @@ import { loadPreference } from "./preferences.js";
 import { applyDelta, noticeSleep, nowMs, applySnapshot } from "./store.js";
 
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
-/** The server sends at least once a second; after twice that no value counts as live. */
+/** The server sends at least every 1.7 s; soon after that no value counts as live. */
 const MESSAGE_TIMEOUT_MS = 2000;
 /** Limit for the connection and its snapshot. */
 const SNAPSHOT_TIMEOUT_MS = 6000;
@@ -50,9 +50,18 @@ export function subscribe(pattern) {
   };
 }
 
+/** The server closes the connection for a message with more. */
+const MAX_RENEWALS = 200;
+
+/** Messages that renew the control leases of these drives, each within the server's limit. */
+export function renewMessages(drives) {
+  const count = Math.ceil(drives.length / MAX_RENEWALS);
+  return Array.from({ length: count }, (_, n) => ({ renew: drives.slice(n * MAX_RENEWALS, (n + 1) * MAX_RENEWALS) }));
+}
+
 /** Renew control leases; false without a connection. */
 export function renew(drives) {
-  send({ renew: drives });
+  renewMessages(drives).forEach(send);
   return socket?.readyState === WebSocket.OPEN;
 }
 

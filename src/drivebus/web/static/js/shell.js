@@ -3,6 +3,8 @@ import { html, signal, useEffect } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
+import { openAlarms } from "./alarm-list.js";
+import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
 import { api } from "./api.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
@@ -21,14 +23,6 @@ const NAV_PAGES = [
   ["settings", "view"],
 ];
 const menu = signal(false);
-const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
-
-/** Active alarms that are not shelved, by priority and newest first. */
-function openAlarms() {
-  const active = topic("alarms").value?.active ?? [];
-  const open = active.filter((alarm) => !alarm.shelved_until_ms);
-  return open.sort((a, b) => RANK[a.priority] - RANK[b.priority] || b.raised_ms - a.raised_ms);
-}
 
 function NavLink({ page }) {
   const open = page === "alarms" ? openAlarms().length : 0;
@@ -52,7 +46,11 @@ export function Preferences() {
     ${LANGUAGES[other]}<//>
     <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
       aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>
-      ${t(`page.theme_${themeChoice.value}`)}<//>`;
+      ${t(`page.theme_${themeChoice.value}`)}<//>
+    ${session.value && html`<${Button} kind="quiet" icon=${isSoundOn.value ? "sound" : "silenced"} data-do="sound"
+      aria-pressed=${isSoundOn.value ? "true" : "false"} aria-label=${t("page.alarm_sound")}
+      title=${t(isSoundOn.value ? "page.alarm_sound_on" : "page.alarm_sound_off")}
+      onClick=${() => chooseSound(!isSoundOn.value)} />`}`;
 }
 
 function PageHeader() {
@@ -63,7 +61,7 @@ function PageHeader() {
         </button>
     <div class=${`ways ${menu.value ? "open" : ""}`}><nav aria-label=${t("page.navigation")}>
       ${NAV_PAGES.filter(([, right]) => may(right)).map(([page]) => html`<${NavLink} key=${page} page=${page} />`)}</nav>
-      <div class="who"><${Preferences} />
+      <div class="account"><${Preferences} />
       <span class="user">${session.value.user}</span>
       <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${ConnectionMark} /></header>`;
 }
@@ -72,7 +70,7 @@ function PageHeader() {
 function ConnectionNotice() {
   if (connection.value === "live") return null;
   if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
-  const age = duration((now.value - lostAt.value) / 1000);
+  const age = duration(Math.max(0, now.value - lostAt.value) / 1000);
   return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
     <strong role="timer">${t("page.offline", { age })}</strong>${" "}${closedText.value ? localized(closedText.value)
       : t("page.offline_how")}</span>

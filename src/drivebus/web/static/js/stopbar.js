@@ -56,7 +56,8 @@ function stopText(entry) {
 function StopStatus() {
   const [entry] = stops.value;
   if (!entry) return html`<p class="stop-status" role="status">${t("page.stop_note")}</p>`;
-  const kind = entry.phase === "sending" || entry.phase === "trying" ? "waiting" : entry.good ? "good" : "bad";
+  const open = entry.phase === "sending" || entry.phase === "trying" || entry.acknowledged;
+  const kind = open ? "waiting" : entry.good ? "good" : "bad";
   return html`<p class=${`stop-status ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
     ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${stopText(entry)}
       </span></p>`;

@@ -13,7 +13,7 @@ const RETRY_WINDOW_MS = 30_000;
 const RETRY_PAUSE_MS = 700;
 const MAX_ENTRIES = 5;
 
-/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, text(), time_ms}. */
+/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(), time_ms}. */
 export const stops = signal([]);
 let count = 0;
 
@@ -73,17 +73,30 @@ function failed(error) {
   return { phase: error.outcome ? "done" : "failed", good: false, text: () => error.sentence ?? String(error) };
 }
 
-const isConfirmed = (found) => found.status === "confirmed" || found.status === "acknowledged";
+const classOf = (found) => (["confirmed", "acknowledged"].includes(found.status) ? found.status : "unconfirmed");
 
-/** Result of a stop from any of the three shapes of an answer: one outcome, outcomes by drive, buses. */
+/** Result of a stop from any of the three shapes of an answer: one outcome, outcomes by drive, buses. `good`: no drive
+ * is left unconfirmed; `acknowledged`: a drive accepted the stop and cannot report standstill. */
 export function evaluateStop(answer) {
-  if (answer.outcome) return { phase: "done", good: isConfirmed(answer.outcome), text: () => localized(answer.outcome.text) };
-  const outcomes = Object.entries(answer.outcomes ?? {});
-  const named = new Set(Object.values(answer.buses ?? {}).flatMap((bus) => bus.unconfirmed ?? []));
-  for (const [id, one] of outcomes) if (!isConfirmed(one)) named.add(id);
-  const unnamed = Object.entries(answer.buses ?? {}).filter(([, bus]) => !bus.confirmed && !bus.unconfirmed?.length);
-  for (const [id] of unnamed) named.add(id);
-  if (named.size === 0) return { phase: "done", good: true, text: () => t("page.stop_all_confirmed") };
-  const names = () => [...named].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
-  return { phase: "done", good: false, text: () => t("page.stop_unconfirmed", { names: names() }) };
+  if (answer.outcome) {
+    const found = classOf(answer.outcome);
+    const text = () => localized(answer.outcome.text);
+    return { phase: "done", good: found !== "unconfirmed", acknowledged: found === "acknowledged", text };
+  }
+  const drives = { confirmed: new Set(), acknowledged: new Set(), unconfirmed: new Set() };
+  for (const [id, one] of Object.entries(answer.outcomes ?? {})) drives[classOf(one)].add(id);
+  for (const [id, bus] of Object.entries(answer.buses ?? {})) {
+    for (const one of bus.unconfirmed ?? []) drives.unconfirmed.add(one);
+    if (!bus.confirmed && !bus.unconfirmed?.length && !bus.acknowledged?.length) drives.unconfirmed.add(id);
+  }
+  const { acknowledged, unconfirmed } = drives;
+  const names = (ids) => [...ids].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
+  if (unconfirmed.size > 0) {
+    return { phase: "done", good: false, acknowledged: false, text: () => t("page.stop_unconfirmed", { names: names(unconfirmed) }) };
+  }
+  if (acknowledged.size > 0) {
+    return { phase: "done", good: true, acknowledged: true, text: () => t("page.stop_acknowledged", { names: names(acknowledged) }) };
+  }
+  const key = drives.confirmed.size > 0 ? "page.stop_all_confirmed" : "page.stop_no_drives";
+  return { phase: "done", good: drives.confirmed.size > 0, acknowledged: false, text: () => t(key) };
 }

@@ -45,8 +45,8 @@ function ControlLease({ view }) {
   const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
   // A lease lasts ten seconds: without a connection its owner is unknown.
-  return html`<div class=${`lease ${mine && isLive.value ? "mine" : ""}`}><span class="who" role="status">${words}
-    ${!isLive.value && html` <span class="was">${t("page.state_was")}</span>`}</span>
+  return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${words}
+    ${!isLive.value && html` <span class="outdated">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
       onClick=${() => run(() => takeControl(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
@@ -76,7 +76,7 @@ function Motion({ view, disabled }) {
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
   const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
-    limits=${view} disabled=${disabled} />
+    limits=${view} disabled=${disabled} onEnter=${() => !busy && set()} />
     <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${chosen} onChange=${setSelectedDirection}
         options=${directions} disabled=${disabled} />`}
       <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
@@ -105,6 +105,14 @@ function SingleAction({ path, text, note, disabled, name }) {
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
 
+/** Reset of a trip, with the reason where it is not possible now. */
+export function Reset({ view }) {
+  const why = controlBlocker(view);
+  if (!may("operate")) return null;
+  return html`<${SingleAction} path=${drivePath(view.id, "/reset")} name="reset" note=${why ?? t("page.reset_note")}
+    text=${t("page.reset")} disabled=${why !== null} />`;
+}
+
 function StartBlockers({ view }) {
   if (view.start_blockers.length === 0) return null;
   return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.start_blockers.map((one) => html`
@@ -121,9 +129,7 @@ export function ControlPanel({ view }) {
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
     ${may("stop") && html`<${Stops} view=${view} />`}
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
-    ${may("operate") && (view.fault || view.state === "fault") && html`<${SingleAction} path=${drivePath(view.id, "/reset")}
-      name="reset"
-      note=${t("page.reset_note")} text=${t("page.reset")} disabled=${disabled} />`}
+    ${view.state === "fault" && !view.fault && html`<${Reset} view=${view} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}

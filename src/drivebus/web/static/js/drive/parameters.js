@@ -60,7 +60,7 @@ function Edit({ parameter, value, onChange }) {
   const name = t("page.new_value", { notation: parameter.notation });
   const choices = Object.entries(parameter.choices);
   const put = (event) => onChange(event.currentTarget.value);
-  if (choices.length) {
+  if (choices.length && parameter.choices_complete) {
     return html`<select aria-label=${name} value=${value} onChange=${put}><option value="">${NO_VALUE}</option>
       ${choices.map(([raw, text]) => html`<option key=${raw} value=${raw}>${raw} ${localized(text)}</option>`)}</select>`;
   }

@@ -29,14 +29,16 @@ function Diff({ changes }) {
 /** `save`: to EEPROM; else to RAM, where it is lost when the drive loses power. */
 function Step({ view, changes, save, text, disabled, onWritten, kind = "main" }) {
   const [run, busy, error, result] = useRequest();
-  const write = async () => {
+  const write = async (force) => {
     const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), {
-      values: valuesOf(changes), save }, { timeout_ms: WRITE_TIMEOUT_MS }));
+      values: valuesOf(changes), save, force }, { timeout_ms: WRITE_TIMEOUT_MS }));
     if (found && isWritten(found.outcome)) onWritten();
   };
   return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled}
-    onClick=${write}
+    onClick=${() => write(false)}
     data-do=${save ? "save" : "write"}>${text}<//></div><${ErrorNote} error=${error} />
+    ${error?.kind === "ConfirmationRequired" && html`<div class="row end"><${Button} kind="plain"
+      onClick=${() => write(true)} data-do="write-force">${t("page.write_force")}<//></div>`}
     ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
 

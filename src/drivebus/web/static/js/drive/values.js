@@ -14,7 +14,7 @@ const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(
 /** Reason why a value is uncertain or absent, shown without a pointer. */
 function QualityReason({ found }) {
   if (!found?.reason || (found.quality === "bad" && found.age_s !== null)) return null;
-  return html`<small class="why" aria-hidden="true">${t(found.reason)}</small>`;
+  return html`<small class="reason" aria-hidden="true">${t(found.reason)}</small>`;
 }
 
 function Row({ view, name }) {

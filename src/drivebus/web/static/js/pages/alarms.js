@@ -1,12 +1,13 @@
 // Alarms: active, shelved and past ones, and incidents.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
+import { isShelved, openAlarms, shelvedAlarms } from "../alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
 import { now, isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
-import { serviceNow, topic } from "../store.js";
+import { serviceNow } from "../store.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
 import { PriorityMark } from "../parts/state.js";
@@ -19,18 +20,12 @@ import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
-const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
-const byPriority = (one, other) => RANK[one.priority] - RANK[other.priority] || other.raised_ms - one.raised_ms;
-const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > serviceNow();
-
 export function Page({ query }) {
-  const active = topic("alarms").value?.active ?? [];
-  const shelved = active.filter(isShelved);
-  const open = active.filter((alarm) => !isShelved(alarm)).sort(byPriority);
+  const [open, shelved] = [openAlarms(), shelvedAlarms()];
   const tabs = [
     ["active", t("page.alarms_active", { n: open.length }), () => html`<${Active} alarms=${open} />`],
     ["shelved", t("page.alarms_shelved", { n: shelved.length }), () => html`<${Shelved}
-      alarms=${shelved.sort(byPriority)} />`],
+      alarms=${shelved} />`],
     ["history", t("page.alarms_history"), () => html`<${AlarmHistory} />`],
     ["incidents", t("page.incidents"), () => html`<${IncidentList} />`],
   ];
@@ -77,7 +72,9 @@ function AlarmRow({ alarm }) {
       <span>${t("page.raised_ago", { age: duration(Math.max(0, plantNowTicking() - alarm.raised_ms) / 1000),
         time: moment(alarm.raised_ms) })}</span>
       ${isShelved(alarm) && html`
-        <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>`}</div>
+        <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
+        ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}
+          </span>`}`}</div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
         onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}

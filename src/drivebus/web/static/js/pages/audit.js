@@ -63,7 +63,7 @@ function actionText(entry) {
 }
 
 function Entry({ entry }) {
-  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="who">${userOf(entry)}</span>
+  return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="user">${userOf(entry)}</span>
     <span class="what"><strong>${actionText(entry)}</strong> ${targetOf(entry)}</span>
     <${OutcomeCell} entry=${entry} />
     <details class="whole"><summary>${t("page.entry_n", { n: entry.n })}</summary><dl class="facts">

@@ -9,7 +9,7 @@ import { addSignalNames, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
 import { CommLoss, Limits } from "../drive/waiver-limits.js";
-import { ControlPanel } from "../drive/control.js";
+import { ControlPanel, Reset } from "../drive/control.js";
 import { FaultsTab, CurrentFault } from "../drive/faults.js";
 import { ParametersTab } from "../drive/parameters.js";
 import { ProfileTab } from "../drive/profile.js";
@@ -21,7 +21,7 @@ function BusLocation({ view }) {
   const found = bus(view.bus).value;
   const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${
     group(id).value ? titleOf(group(id).value) : id}</a> `);
-  return html`<p class="soft where"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
+  return html`<p class="soft identity"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
     ${found ? titleOf(found) : view.bus}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
       </code> · ${t(`page.grade_${view.grade}`)}
@@ -67,7 +67,7 @@ export function Page({ id, query }) {
   if (!view && connection.value === "starting") return html`<${Loading} />`;
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
-  return html`<${Head} view=${view} />${view.fault && html`<${CurrentFault} fault=${view.fault} />`}
+  return html`<${Head} view=${view} />${view.fault && html`<${CurrentFault} view=${view}><${Reset} view=${view} /><//>`}
     <div class="drivegrid"><${Values} view=${view} /><div class="stack"><${ControlPanel} view=${view} />
       <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
       </section></div></div>

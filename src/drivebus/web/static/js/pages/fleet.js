@@ -134,7 +134,7 @@ export function Page({ query }) {
   const shown = useMemo(() => arrangement(chosen), [chosen]);
   return html`<h1 class="sr">${t("page.nav_fleet")}</h1><${Toolbar} chosen=${chosen} />
     <${Filtered} chosen=${chosen} shown=${shown.value} />
-    ${chosen && html`<${GroupPanel} id=${chosen} />`}
+    ${chosen && html`<${GroupPanel} key=${chosen} id=${chosen} />`}
     <div class="fleet" onKeyDown=${moveFocus}>${shown.value.map(([name, ids]) => html`
       <${Section} key=${name} name=${name} ids=${ids} />`)}${shown.value.length === 0 && html`<${Empty} />`}</div>`;
 }

@@ -1,6 +1,6 @@
 // Incident: the record of a trip with the signals of the last minute, states, parameters and frames.
 import { html, useMemo } from "../lib.js";
-import { locale, localized, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment, quantity, signalName } from "../format.js";
 import { href } from "../router.js";
@@ -10,7 +10,7 @@ import { faultText } from "../drive/faults.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { saveText } from "../parts/save.js";
 import { driveTitle } from "../parts/titles.js";
-import { stamp } from "../trend/labels.js";
+import { clock } from "../trend/labels.js";
 import { HUES } from "../trend/chart.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
@@ -97,7 +97,7 @@ function valueOrReason({ value, unit, reason }) {
 
 function IncidentFrames({ frames }) {
   const columns = [
-    [t("page.time"), (frame) => stamp(frame.time_ms, locale())],
+    [t("page.time"), (frame) => clock(frame.time_ms, true)],
     [t("page.station_title"), (frame) => frame.station ?? "", "right"],
     [t("page.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
     [t("page.meaning"), (frame) => `${localized(frame.text)} ${localized(frame.error?.text)}`],

@@ -8,13 +8,13 @@ import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded } from
 export function Configuration() {
   const [found, error, reload] = useLoaded(() => api.get("/configuration"), []);
   const [text, setText] = useState(null);
-  useEffect(() => { if (found && text === null) setText(found.text); }, [found]);
+  useEffect(() => { if (found) setText(found.text); }, [found]);
   if (!found || text === null) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   return html`<div class="stack"><section class="panel stack"><h2>${t("page.configuration")}</h2>
       <p>${t("page.configuration_how", { file: found.source ?? "plant.toml" })}</p>
       <${Check} text=${text} onChange=${setText} isChanged=${text !== found.text}
         onBack=${() => setText(found.text)} /></section>
-    <${Reload} onDone=${() => { setText(null); reload(); }} /></div>`;
+    <${Reload} onDone=${reload} /></div>`;
 }
 
 function Check({ text, onChange, isChanged, onBack }) {

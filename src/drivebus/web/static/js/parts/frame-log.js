@@ -1,6 +1,6 @@
 // Live log of a bus's decoded frames: newest last, with pause and filter.
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
-import { locale, localized, language, t } from "../i18n.js";
+import { localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE } from "../format.js";
 import { subscribe } from "../live.js";
@@ -8,7 +8,7 @@ import { topic } from "../store.js";
 import { Button, Choice, Field } from "../ui.js";
 import { saveText } from "./save.js";
 import { driveTitle } from "./titles.js";
-import { stamp } from "../trend/labels.js";
+import { clock } from "../trend/labels.js";
 
 const MAX_ROWS = 300;
 const INITIAL_ROWS = 100;
@@ -101,7 +101,7 @@ function FrameRow({ frame, before }) {
 /** `gap` is the time since the row above, in ms. */
 function row(frame, gap) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
-    <time>${stamp(frame.time_ms, locale())}</time>
+    <time>${clock(frame.time_ms, true)}</time>
     <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
     <span class="sign" aria-hidden="true">${KIND_ICONS[frame.kind] ?? "·"}</span><span
       class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>

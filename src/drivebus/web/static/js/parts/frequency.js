@@ -12,15 +12,18 @@ export function frequencyError(text, { minimum_hz, maximum_hz }) {
   return null;
 }
 
-/** `value` is the text of the input; `limits` has minimum_hz and maximum_hz. */
-export function Frequency({ label, value, onChange, limits, disabled }) {
+/** `value` is the text of the input; `limits` has minimum_hz and maximum_hz; `onEnter` is called for a valid value. */
+export function Frequency({ label, value, onChange, onEnter, limits, disabled }) {
   const { minimum_hz, maximum_hz } = limits;
   const put = (event) => onChange(event.currentTarget.value);
   const wrong = String(value).trim() === "" ? null : frequencyError(value, limits);
+  const key = (event) => {
+    if (event.key === "Enter" && !event.repeat && frequencyError(value, limits) === null) onEnter?.();
+  };
   const help = t("page.hz_limits", { minimum_hz, maximum_hz });
   return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
       <input inputmode="decimal" autocomplete="off" maxlength="12" value=${value} disabled=${disabled} onInput=${put}
-        aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
+        onKeyDown=${key} aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
     <input type="range" aria-label=${label} step="0.1" min=${minimum_hz} max=${maximum_hz} disabled=${disabled}
       value=${numberOf(value) ?? minimum_hz} onInput=${put} /></div>`;
 }

@@ -67,12 +67,12 @@ function Controls({ id, views }) {
     <${ActionForAll} views=${views.filter((view) => view.start_inhibited && hasControl(view))} act=${release} text="page.release_all" />
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
-      limits=${limits}
+      limits=${limits} onEnter=${() => !off && !busy && set()}
         disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${ArmStart} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
-      <p>${t("page.group_ask", { n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
+      <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
         <//>
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}
     ${started?.outcomes && html`<${Outcomes} outcomes=${started.outcomes} />`}</div>`;

@@ -3,6 +3,7 @@ import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { Button, Choice, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
+import { driveTitle } from "./titles.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
 const MIN_REASON_LENGTH = 3;
@@ -17,7 +18,7 @@ export function ShelveDialog({ alarm, onClose }) {
       reason: reason.trim() }))) onClose();
   };
   return html`<${Dialog} title=${t("page.shelve_title")} onClose=${onClose}>
-    <p><strong>${localized(alarm.title)}</strong></p><p>${t("page.shelve_how")}</p>
+    <p><strong>${alarm.drive && driveTitle(alarm.drive) + t("page.colon")}${localized(alarm.title)}</strong></p><p>${t("page.shelve_how")}</p>
     <form class="stack" onSubmit=${send}>
       <${Choice} label=${t("page.shelve_for")} value=${minutes} onChange=${setMinutes}
         options=${MINUTES.map((one) => [one, t(`page.minutes_${one}`)])} />

@@ -26,7 +26,7 @@ export function StateMark({ known, direction, size = 22 }) {
   return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word">${word}</span>
     ${turning && html`<${Icon} name=${direction} size=${size - 4} />
       <span class="sr">${t(`drives.direction_${direction}`)}</span>`}
-    ${known.lost && html`<span class="was">${t("page.state_was")}</span>`}</span>`;
+    ${known.lost && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
 }
 
 const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", low: "low" };

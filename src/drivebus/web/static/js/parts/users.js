@@ -40,12 +40,17 @@ const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("
     ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select>
       <//>`;
 
+const OwnPassword = ({ value, onChange }) => html`<${Field} label=${t("page.own_password")}><input type="password"
+  autocomplete="current-password" value=${value} onInput=${(event) => onChange(event.target.value)} /><//>`;
+
 function NewUser({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
+  const [own, setOwn] = useState("");
+  const sensitive = given.role === "administrator";
   const [run, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post("/users", given))) onClose();
+    if (await run(() => api.post("/users", sensitive ? { ...given, own_password: own } : given))) onClose();
   };
   return html`<${Dialog} title=${t("page.add_user")} onClose=${onClose}><form class="stack" onSubmit=${send}>
     <${Field} label=${t("page.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
@@ -54,10 +59,11 @@ function NewUser({ onClose }) {
     <${Field} label=${t("page.first_password")} help=${html`${passwordHelp()}${" "}
       ${t("page.first_password_help")}`}><input type="password" autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} /><//>
+    ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <button class="button main" type="submit" disabled=${busy || !given.name
-        || !given.password}>${t("page.add_user")}</button></div></form><//>`;
+        || !given.password || (sensitive && !own)}>${t("page.add_user")}</button></div></form><//>`;
 }
 
 function ChangeUser({ user, onClose }) {
@@ -65,11 +71,17 @@ function ChangeUser({ user, onClose }) {
   const [password, setPassword] = useState("");
   const [sure, setSure] = useState(false);
   const [run, busy, error] = useRequest();
+  const [own, setOwn] = useState("");
   const me = user.name === session.value.user;
-  const change = async (body) => { if (await run(() => api.patch(pathOf(user), body))) onClose(); };
+  const sensitive = !me && role === "administrator";
+  const change = async (body) => {
+    const sent = own ? { ...body, own_password: own } : body;
+    if (await run(() => api.patch(pathOf(user), sent))) onClose();
+  };
   const remove = async () => { if (await run(() => api.remove(pathOf(user)))) onClose(); };
   return html`<${Dialog} title=${t("page.change_user", { name: user.name })} onClose=${onClose}><div class="stack">
     <${RoleChoice} value=${role} onChange=${setRole} disabled=${me} />
+    ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}
     ${me && html`<p class="help">${t("page.not_oneself")}</p>`}
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${role === user.role}
       onClick=${() => change({ role })}>${t("page.save_role")}<//>

@@ -1,6 +1,6 @@
 // Table below a chart: each line's value at the pointer and the cursors, and its summary of the window.
 import { html, useComputed } from "../lib.js";
-import { locale, t } from "../i18n.js";
+import { t } from "../i18n.js";
 import { NO_VALUE, number, reading } from "../format.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
@@ -31,12 +31,12 @@ export function CursorTable({ view, source, lines, onRemove }) {
 function Where({ view, isFixed }) {
   const at = view.pointed.value;
   if (at === null) return t(isFixed ? "page.values_within" : "page.values_now");
-  return t("page.values_at", { time: moment(at, locale(), true) });
+  return t("page.values_at", { time: moment(at, true) });
 }
 
 function cursorsText(a, b) {
   const apart = duration(b - a, (unit) => t(`page.unit_${unit}`));
-  return t("page.cursors_at", { a: moment(a, locale()), b: moment(b, locale()), apart });
+  return t("page.cursors_at", { a: moment(a), b: moment(b), apart });
 }
 
 function Row({ line, view, source, onRemove }) {

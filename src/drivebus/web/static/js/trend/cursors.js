@@ -5,7 +5,7 @@ import { moment } from "./labels.js";
 const NAMES = ["a", "b"];
 
 /** Put two cursors above a plot. `place()` positions them; `moved({a, b})` reports a drag. */
-export function cursors(over, { window, cursors: found, moved, locale }) {
+export function cursors(over, { window, cursors: found, moved }) {
   const lines = Object.fromEntries(NAMES.map((name) => [name, made(name)]));
   const at = (x) => {
     const { from, to } = window();
@@ -45,7 +45,7 @@ export function cursors(over, { window, cursors: found, moved, locale }) {
       line.setAttribute("aria-valuemin", Math.round(from));
       line.setAttribute("aria-valuemax", Math.round(to));
       line.setAttribute("aria-valuenow", Math.round(now[name]));
-      line.setAttribute("aria-valuetext", moment(now[name], locale));
+      line.setAttribute("aria-valuetext", moment(now[name]));
     }
   };
   return { place, remove: () => Object.values(lines).forEach((line) => line.remove()) };

@@ -1,6 +1,6 @@
 // Events in the window of a trend: the chart's markers as an accessible list.
 import { html, useState } from "../lib.js";
-import { locale, localized, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { driveTitle } from "../parts/titles.js";
 import { moment } from "./labels.js";
 
@@ -27,8 +27,8 @@ function EventRow({ event, view }) {
     { isStep: true });
   return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
     <span class="sign" aria-hidden="true">${EVENT_ICONS[event.kind]}</span>
-    <time>${moment(event.time_ms, locale())}</time>
+    <time>${moment(event.time_ms)}</time>
     <span class="sr">${t(`page.event_${event.kind}`)}</span>
     <span class="what">${event.drive ? driveTitle(event.drive) : ""}${" "}${localized(event.text)}</span>
-    ${event.actor && html`<span class="who">${event.actor}</span>`}</button>`;
+    ${event.actor && html`<span class="actor">${event.actor}</span>`}</button>`;
 }

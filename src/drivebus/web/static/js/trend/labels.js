@@ -10,6 +10,7 @@ function formatter(locale, shape) {
 
 const CLOCK = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
 const SECONDS = { ...CLOCK, second: "2-digit" };
+const digits = (n, count = 2) => String(n).padStart(count, "0");
 const DAY = { month: "short", day: "numeric" };
 const MONTH = { year: "numeric", month: "short" };
 const HOUR_MS = 3_600_000;
@@ -29,14 +30,19 @@ export function dayLine(at, span, locale) {
   return formatter(locale, DAY).format(at);
 }
 
-/** A moment in full, with milliseconds where `isFine`. */
-export function moment(at, locale, isFine = false) {
-  const shape = { year: "numeric", month: "2-digit", day: "2-digit", ...SECONDS };
-  return formatter(locale, isFine ? { ...shape, fractionalSecondDigits: 3 } : shape).format(at);
+/** A local time of day, "14:03:22", with milliseconds where `isFine`. */
+export function clock(at, isFine = false) {
+  const date = new Date(at);
+  const time = [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => digits(n)).join(":");
+  return isFine ? `${time}.${digits(date.getMilliseconds(), 3)}` : time;
 }
 
-/** A time of day with milliseconds, for lines that follow each other closely. */
-export const stamp = (at, locale) => formatter(locale, { ...SECONDS, fractionalSecondDigits: 3 }).format(at);
+/** "2026-11-05 14:03:22": local time in the order of ISO 8601, in which day and month can't be confused. */
+export function moment(at, isFine = false) {
+  const date = new Date(at);
+  const day = [date.getFullYear(), date.getMonth() + 1, date.getDate()].map((n) => digits(n)).join("-");
+  return `${day} ${clock(at, isFine)}`;
+}
 
 /** A moment as an input of type datetime-local takes it, in local time. */
 export function forInput(at) {

@@ -1,6 +1,6 @@
 // Toolbar of a trend: span, navigation through time, cursors, and the resolution of its points.
 import { html } from "../lib.js";
-import { locale, t } from "../i18n.js";
+import { t } from "../i18n.js";
 import { Button, Choice } from "../ui.js";
 import { duration, moment } from "./labels.js";
 import { SPANS_S, panned } from "./window.js";
@@ -39,7 +39,7 @@ function Shown({ view, source }) {
   const { from, to } = view.window.value;
   const resolution = source.resolution.value;
   const length = duration(to - from, (unit) => t(`page.unit_${unit}`));
-  return html`<span class="trend-window">${moment(from, locale())} – ${moment(to, locale())} · ${length}</span>
+  return html`<span class="trend-window">${moment(from)} – ${moment(to)} · ${length}</span>
     ${resolution && html` <span>${t(`page.points_${resolution}`)}</span>`}
     ${" "}<span class="trend-state" role="status">${source.state.value === "loading" && source.fetched === null
       ? t("page.loading") : ""}${source.error.value ? t("page.trend_failed",

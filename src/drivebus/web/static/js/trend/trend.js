@@ -87,7 +87,7 @@ class Scene {
     });
     const plot = this.chart.build(lines, { height, locale: tag });
     this.cursors = cursors(plot.over, {
-      window: () => view.window.peek(), cursors: () => view.cursors.peek(), locale: tag,
+      window: () => view.window.peek(), cursors: () => view.cursors.peek(),
       moved: (next) => { view.cursors.value = next; },
     });
     const detachGestures = attachGestures(plot.over, host, {

@@ -1,0 +1,52 @@
+"""Result of a stop of many drives: drives by the status of their stop, one sentence, exit code."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+
+from drivebus.cli import output
+from drivebus.cli.errors import ExitCode
+from drivebus.types import Json
+
+STATUSES = ("confirmed", "acknowledged", "unknown")  # in the order of the sentence
+
+
+def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
+    """Return drive names by the status of their stop; an error in place of an outcome is an unknown one."""
+    drives: dict[str, list[str]] = {status: [] for status in STATUSES}
+    for name, outcome in outcomes.items():
+        status = outcome.get("status")
+        drives[status if status in drives else "unknown"].append(name)
+    return drives
+
+
+def result_text(drives: dict[str, list[str]], notes: Iterable[str] = ()) -> str:
+    """Format the drives by the status of their stop, and further sentences."""
+    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
+    return output.join_sentences([*(parts or [output.text("bus_stop.no_drives")]), *notes])
+
+
+def exit_code(drives: dict[str, list[str]]) -> ExitCode:
+    """Return 0 where every stop is confirmed or acknowledged, 4 where one is not or where there is no drive."""
+    return ExitCode.UNKNOWN if drives["unknown"] or not any(drives.values()) else ExitCode.DONE
+
+
+def print_service_result(result: Json) -> ExitCode:
+    """Print the answer of a service to a stop of all its drives; return the exit code."""
+    drives = drives_by_status(result["outcomes"])
+    durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
+    text = result_text(drives, [output.text("bus_stop.inhibited")] if result["outcomes"] else [])
+    output.print_json(
+        {
+            "confirmed": drives["confirmed"],
+            "acknowledged": drives["acknowledged"],
+            "unconfirmed": drives["unknown"],
+            "text": text,
+            "seconds": max(durations_s, default=None),
+            "buses": result["buses"],
+            "drives": result["outcomes"],
+        }
+    )
+    output.print_text(output.wrap_for(text, sys.stdout))
+    return exit_code(drives)

@@ -1,0 +1,59 @@
+"""Step of the setpoint where the bus cannot show it: models with the same frames that count in different steps of Hz.
+
+Such a profile has the option ``setpoint_step``. The set and the reported frequency share the step, so a read-back
+confirms a wrong model too; until the step is determined, a cap holds under every possible one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivebus.errors import LimitError
+from drivebus.profiles.model import DriveProfile
+
+SETPOINT_STEP = "setpoint_step"
+"""Option: the step in Hz as text, or UNDETERMINED."""
+UNDETERMINED = "unknown"
+UNCALIBRATED_CAP_HZ = 5.0
+"""Until the scale of the setpoint is determined, no raw word may mean more than this under any possible scale."""
+
+
+def possible_steps_hz(profile: DriveProfile, options: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return the steps that are not excluded; one where it is determined or the profile leaves none open."""
+    step = options.get(SETPOINT_STEP)
+    if step is None:
+        return (profile.setpoint_scale.factor,)
+    if step != UNDETERMINED:
+        return (float(step),)
+    return tuple(
+        float(choice)
+        for question in profile.open_questions
+        if question.name == SETPOINT_STEP
+        for choice in question.choices
+        if choice != UNDETERMINED
+    )
+
+
+def highest_safe_word(steps_hz: tuple[float, ...]) -> int:
+    """Return the largest raw word that means at most 5 Hz under each of these steps."""
+    return int(UNCALIBRATED_CAP_HZ / max(steps_hz) + 1e-9)
+
+
+def check_setpoint_step(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:
+    """Raise LimitError where the drive counts in another step than its profile, or may do so and exceed the cap."""
+    own_hz, steps_hz = profile.setpoint_scale.factor, possible_steps_hz(profile, options)
+    if steps_hz == (own_hz,):
+        return
+    if len(steps_hz) == 1:
+        raise LimitError("drives.step_differs", model=profile.model, step_hz=own_hz, found_hz=steps_hz[0])
+    cap = highest_safe_word(steps_hz)
+    if word > cap:
+        raise LimitError(
+            "drives.step_cap",
+            model=profile.model,
+            frequency_hz=frequency_hz,
+            steps_hz=", ".join(f"{step:g}" for step in steps_hz),
+            limit_hz=UNCALIBRATED_CAP_HZ,
+            cap_hz=profile.setpoint_scale.value(cap),
+        )

@@ -1,0 +1,60 @@
+"""Run of a calibration step: forward at a raw word that is within the cap, then a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.start import confirm_start, send_frames
+from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.stop import stop
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.permissives import CommandKind
+from drivebus.drives.state import Direction
+from drivebus.errors import LimitError, TargetNotReached
+
+T = TypeVar("T")
+
+CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
+
+
+def run_at_word(
+    op: OperationContext, word: int, direction: Direction | None, measure: Callable[[], DriveOperation[T | None]]
+) -> DriveOperation[T]:
+    """Run once at a raw word, measure, and stop. The word means at most 5 Hz under every scale that is left.
+
+    Raises TargetNotReached where nothing was measured or the stop is not confirmed, and every error of ``run``.
+    """
+    op.drive.require_capability("run")
+    op.drive.check_direction(direction)
+    if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
+        raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=op.drive.maximum_hz)
+    op.limits_checked = True
+    yield from ensure_preflight(op)
+    error = yield from op.read_verified_state()
+    if error is not None:
+        raise error
+    conditions = yield from get_bus_conditions()
+    command = op.create_command(CommandKind.START, conditions)
+    frames = op.dialect.start(direction, word)
+    answer = yield from send_frames(op, command, frames)
+    if not answer.sent and answer.error is not None:
+        raise answer.error
+    begun = yield from confirm_start(op, command, frames, direction, answer.error is None)
+    seen: T | None = None
+    if begun.status is OutcomeStatus.CONFIRMED:
+        yield from wait(CALIBRATION_RUN_S)
+        yield from op.check_not_superseded(command)
+        seen = yield from measure()
+    stopped = yield from stop(op, StopMode.STOP)
+    if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
+        failure = TargetNotReached(
+            "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
+        )
+        failure.outcome = stopped
+        raise failure
+    return seen

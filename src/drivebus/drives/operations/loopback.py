@@ -1,0 +1,42 @@
+"""Loop-back test: requests that the drive returns unchanged, which shows the quality of the line. Changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.steps import DriveOperation
+from drivebus.errors import CapabilityError, DrivebusError
+
+
+@dataclass(frozen=True, slots=True)
+class LoopbackReport:
+    """Result of a loop-back test: requests, the round trip of each returned one in seconds, repetitions, last error."""
+
+    requests: int
+    round_trips_s: tuple[float, ...]
+    repetitions: int
+    error: DrivebusError | None = None
+
+
+def loopback_test(op: OperationContext, count: int) -> DriveOperation[LoopbackReport]:
+    """Send ``count`` loop-back requests, each with another number.
+
+    Raises CapabilityError where the model has no loop-back, and the error of the bus where the drive does not answer.
+    """
+    modbus = op.dialect.profile.modbus
+    if modbus is None or not modbus.loopback:
+        raise CapabilityError("drives.cannot", model=op.dialect.profile.model, what="loopback")
+    error = yield from op.sync()  # also shows whether the port returns an echo, which would look like the reply
+    if error is not None:
+        raise error
+    round_trips: list[float] = []
+    repetitions = 0
+    for _ in range(count):
+        result = yield from op.transact(op.dialect.sync_request())
+        repetitions += max(0, result.attempts - 1)
+        if isinstance(result.error, DrivebusError):
+            error = result.error
+        elif result.sent_at is not None and result.received_at is not None:
+            round_trips.append(result.received_at - result.sent_at)
+    return LoopbackReport(count, tuple(round_trips), repetitions, error)

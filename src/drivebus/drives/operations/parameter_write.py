@@ -1,0 +1,125 @@
+"""Check of a parameter write before anything is sent: parameter, value, raw word, and whether it needs confirmation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivebus.drives.dialects.base import Dialect
+from drivebus.errors import CapabilityError, ConfirmationRequired, LimitError
+from drivebus.profiles.model import DriveProfile, Parameter, Signal
+from drivebus.profiles.notation import find_entry, parse_number
+from drivebus.protocols.codec import Effect
+from drivebus.values import parse_hex_word
+
+SERIAL_ROLES = frozenset({"baud", "format", "protocol"})
+"""Roles of the parameters that decide with which serial settings a drive answers."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterWrite:
+    """Write of a parameter, checked before anything is sent."""
+
+    parameter: Parameter
+    value: float | str
+    """In the unit of the parameter; the word in hexadecimal where the user gave it so."""
+    raw: int
+
+
+def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWrite:
+    """Return a checked write of a number or a raw word (``0010H``).
+
+    Raises ProfileError, CapabilityError or LimitError where the parameter can't be written or not with this value.
+    """
+    model = dialect.profile.model
+    parameter = find_entry(dialect.profile, name)
+    if isinstance(parameter, Signal):
+        raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)
+    if not parameter.writable or not parameter.listed:
+        key = "drives.not_described" if parameter.writable else "drives.register_not_listed"
+        key = "drives.not_writable" if parameter.listed else key
+        raise CapabilityError(key, model=model, notation=parameter.notation)
+    word = parse_hex_word(value) if isinstance(value, str) else None
+    if word is not None:
+        number = number_of(dialect, parameter, word)
+    else:
+        number = parse_number(parameter, value) if isinstance(value, str) else value
+    low, high = parameter.minimum, parameter.maximum
+    shown = value if number is None else display_value(parameter, value, number)
+    if number is not None and ((low is not None and number < low) or (high is not None and number > high)):
+        bounds = {
+            name: bound if bound is None else display_value(parameter, bound, bound)
+            for name, bound in (("minimum", low), ("maximum", high))
+        }
+        raise LimitError("drives.parameter_range", notation=parameter.notation, value=shown, **bounds)
+    try:
+        raw = dialect.parameter_word(parameter, number) if word is None and number is not None else word
+    except ValueError:
+        raw = None
+    if raw is None or number is None:
+        raise LimitError("drives.parameter_word", notation=parameter.notation, value=shown)
+    if parameter.choices_complete and not _is_described(parameter, raw):
+        known = ", ".join(str(choice) for choice in parameter.choices)
+        raise LimitError("drives.parameter_choice", notation=parameter.notation, value=shown, choices=known)
+    return _check_address(dialect.profile, ParameterWrite(parameter, shown, raw))
+
+
+def _is_described(parameter: Parameter, raw: int) -> bool:
+    """Return whether the profile describes a word: as one of its choices, or within its range."""
+    return not parameter.choices or raw in parameter.choices or parameter.maximum is not None
+
+
+def undescribed_note(wanted: ParameterWrite) -> str | None:
+    """Return the message key of a caution where the manual does not describe a value that it does not exclude."""
+    factory = wanted.parameter.factory
+    is_factory = factory is not None and wanted.value == factory
+    return None if is_factory or _is_described(wanted.parameter, wanted.raw) else "drives.parameter_undescribed"
+
+
+def number_of(dialect: Dialect, parameter: Parameter, raw: int) -> float | None:
+    """Return the number of a raw word; None where the coding of the parameter has none for it."""
+    found = dialect.parameter_reading(parameter, raw, None).value
+    return None if found is None else float(found)
+
+
+def display_value(parameter: Parameter, value: float | str, number: float) -> float | str:
+    """Return a value as the drive's own display shows it: whole numbers, or the digits of a digit code."""
+    if isinstance(value, str) and parse_hex_word(value) is not None:
+        return value
+    if parameter.scale.decimals or not float(number).is_integer():
+        return number
+    return f"{int(number):04d}" if parameter.scale.coding == "bcd" else int(number)
+
+
+def confirmation_needed(dialect: Dialect, wanted: ParameterWrite) -> ConfirmationRequired | None:
+    """Return why the user must confirm a write: it may move the motor, or the drive may not be reached after it."""
+    params = {"notation": wanted.parameter.notation, "value": wanted.value}
+    if not may_become_unreachable(dialect, wanted):
+        return ConfirmationRequired("drives.confirm_inputs", **params) if may_move(dialect, wanted) else None
+    if _role(dialect.profile, wanted.parameter) == "address":
+        return ConfirmationRequired("drives.confirm_address", **params, address=wanted.raw, present=dialect.address)
+    return ConfirmationRequired("drives.confirm_serial", **params)
+
+
+def may_become_unreachable(dialect: Dialect, wanted: ParameterWrite) -> bool:
+    """Return whether the drive may reply at another address or with other serial settings after a write."""
+    role = _role(dialect.profile, wanted.parameter)
+    return role in SERIAL_ROLES or (role == "address" and wanted.raw != dialect.address)
+
+
+def may_move(dialect: Dialect, wanted: ParameterWrite) -> bool:
+    """Return whether a write may start the motor, as one to an input terminal that is wired to "run"."""
+    frame = dialect.codec.encode_request(dialect.write_parameter(wanted.parameter, wanted.raw, False).request)
+    return dialect.station_config.effect_of(frame) is Effect.MOTION
+
+
+def _role(profile: DriveProfile, parameter: Parameter) -> str | None:
+    return next((role for role, notation in profile.roles.items() if notation == parameter.notation), None)
+
+
+def _check_address(profile: DriveProfile, wanted: ParameterWrite) -> ParameterWrite:
+    """Return a write unless it gives the drive an address at which no master reaches it. Raises LimitError."""
+    low, high = profile.addresses
+    if _role(profile, wanted.parameter) == "address" and not low <= wanted.raw <= high:
+        key = "drives.write_broadcast" if wanted.raw in (0, profile.broadcast) else "drives.write_address"
+        raise LimitError(key, notation=wanted.parameter.notation, value=wanted.value, expected=f"{low}-{high}")
+    return wanted

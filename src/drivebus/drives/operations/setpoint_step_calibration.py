@@ -1,0 +1,63 @@
+"""Calibration of the setpoint step: one run within the cap, while a person reads the frequency on the keypad."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.setpoint_step import (
+    SETPOINT_STEP,
+    UNCALIBRATED_CAP_HZ,
+    UNDETERMINED,
+    highest_safe_word,
+    possible_steps_hz,
+)
+from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep, PlannedRequests
+from drivebus.drives.operations.calibration_run import CALIBRATION_RUN_S, run_at_word
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.steps import DriveOperation
+from drivebus.drives.state import Direction
+
+
+def run_at_safe_word(op: OperationContext, direction: Direction | None = None) -> DriveOperation[CalibrationResult]:
+    """Run for 3 s at the largest word that is at most 5 Hz under every step. Always stops."""
+    word = _safe_word(op.dialect)
+    yield from run_at_word(op, word, direction, lambda: _observed_by_a_person(op))
+    return CalibrationResult(words=(word,))
+
+
+def _observed_by_a_person(op: OperationContext) -> DriveOperation[bool | None]:
+    """Return whether the drive still runs; the frequency is read on its keypad, not on the bus."""
+    error = yield from op.read_verified_state()
+    return True if error is None and op.derived.state.driven else None
+
+
+def _safe_word(dialect: Dialect) -> int:
+    """Return the word for every step of the open question: a step that is already stated may be wrong."""
+    return highest_safe_word(possible_steps_hz(dialect.profile, {SETPOINT_STEP: UNDETERMINED}))
+
+
+def _options_observed(step: str) -> Mapping[str, str]:
+    return {SETPOINT_STEP: step}
+
+
+def _plan(dialect: Dialect) -> PlannedRequests:
+    start = dialect.start(None, _safe_word(dialect))
+    return (("state", dialect.state_reads()), ("start", tuple(frame.request for frame in start)))
+
+
+STEPS = (
+    CalibrationStep(
+        name=SETPOINT_STEP,
+        option=SETPOINT_STEP,
+        undetermined=UNDETERMINED,
+        moves=True,
+        operation=run_at_safe_word,
+        plan=_plan,
+        question="calibrate.ask_step",
+        question_params={"cap_hz": UNCALIBRATED_CAP_HZ, "seconds": CALIBRATION_RUN_S},
+        observation_question="calibrate.ask_keypad_hz",
+        observations={"1": "0.01", "2": "0.1"},  # word 50, by the steps of the sunfar models: 0.5 Hz or 5 Hz
+        options_observed=_options_observed,
+    ),
+)

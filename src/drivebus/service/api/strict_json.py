@@ -1,0 +1,56 @@
+"""``parse_json``: the one parser of requests, from HTTP, from a WebSocket and from the socket of the service."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from drivebus.types import Json
+
+_MAX_EXACT_INTEGER = 2**53  # a double holds every whole number below it
+
+
+class MalformedJson(ValueError):
+    """Text that is not one JSON document, or one that two parsers could read differently."""
+
+    def __init__(self, problem: str, duplicates: tuple[str, ...] = ()) -> None:
+        """``duplicates``: the names of an object in which one occurs twice."""
+        super().__init__(problem)
+        self.problem, self.duplicates = problem, duplicates
+
+
+def parse_json(text: bytes | str) -> Any:
+    """Parse one JSON document in UTF-8 (RFC 8259): no name twice in an object, no NaN, no float beyond a double.
+
+    JSON has one kind of number, so 60.0 is the integer 60. Raises MalformedJson.
+    """
+    try:
+        return json.loads(
+            text.decode("utf-8") if isinstance(text, bytes) else text,
+            object_pairs_hook=_object,
+            parse_constant=_reject_number,
+            parse_float=_parse_float,
+        )
+    except MalformedJson:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise MalformedJson(type(error).__name__) from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> Json:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise MalformedJson("duplicate name", tuple(sorted(name for name, _ in pairs)))
+    return found
+
+
+def _reject_number(text: str) -> float:
+    raise MalformedJson(text[:40])
+
+
+def _parse_float(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        return _reject_number(text)
+    return int(value) if value.is_integer() and abs(value) < _MAX_EXACT_INTEGER else value

@@ -1,0 +1,43 @@
+"""Names of users: which are permitted, and which look alike. Pure."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+from drivebus.service.auth.actor import SERVICE_NAME
+from drivebus.service.auth.errors import InvalidInput
+
+_USER_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
+_EAST_ASIAN = frozenset(
+    {"LATIN", "CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO", "IDEOGRAPHIC", "KATAKANA-HIRAGANA"}
+)
+"""Scripts that one name may mix: East Asian names with Latin letters. No letter of one looks like one of another."""
+_LOOK_ALIKES = str.maketrans("аеорсухіјѕһԁԛԝӏκοναιρυ", "aeopcyxijshdqwlkovaipu")
+"""Cyrillic and Greek small letters that look like Latin ones."""
+
+
+def normalized_name(name: str) -> str:
+    """Return the common spelling of names that are meant to be the same (NFKC, case folded)."""
+    return unicodedata.normalize("NFKC", name).casefold()
+
+
+def appearance(name: str) -> str:
+    """Return a text that is the same for names that look the same although their letters are of other scripts."""
+    return normalized_name(name).translate(_LOOK_ALIKES)
+
+
+def check_user_name(name: str) -> None:
+    """Raises InvalidInput for a name that no user may have."""
+    if not _USER_NAME.fullmatch(name) or name != normalized_name(name):
+        raise InvalidInput("auth.bad_name", name=name)
+    scripts = {_script(letter) for letter in name if letter.isalpha()}
+    if len(scripts) > 1 and not scripts <= _EAST_ASIAN:
+        raise InvalidInput("auth.mixed_scripts", name=name)
+    if appearance(name) == SERVICE_NAME:
+        raise InvalidInput("auth.reserved_name", name=name)
+
+
+def _script(letter: str) -> str:
+    """Return the script of a letter: the first word of its name in Unicode."""
+    return unicodedata.name(letter, "?").partition(" ")[0]

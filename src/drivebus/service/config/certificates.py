@@ -1,0 +1,91 @@
+"""TLS certificates that a gateway serves: their last day, and who can read their key. Reads files, opens no port."""
+
+from __future__ import annotations
+
+import re
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from drivebus.service.config.model import CertificateFiles, PlantConfig
+
+EXPIRY_WARNING = timedelta(days=21)
+"""A certificate that ends sooner is announced."""
+_PEM_CERTIFICATE = re.compile(r"-----BEGIN CERTIFICATE-----.+?-----END CERTIFICATE-----", re.DOTALL)
+_MODE_OTHERS = 0o027  # a group may read it, as the service's own does
+_CONTEXT_VERSION, _UTC_TIME, _GENERALIZED_TIME = 0xA0, 0x17, 0x18
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateState:
+    """State of the certificate of one gateway."""
+
+    gateway: str
+    certificate: Path
+    valid_until: datetime
+    key: Path
+    key_mode: int
+
+    def is_expired(self, now: datetime) -> bool:
+        return now > self.valid_until
+
+    def ends_soon(self, now: datetime) -> bool:
+        return now > self.valid_until - EXPIRY_WARNING
+
+    @property
+    def is_key_exposed(self) -> bool:
+        """Whether users other than the owner and the group can read the key, or others than the owner write it."""
+        return bool(self.key_mode & _MODE_OTHERS)
+
+
+def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:
+    """Yield the certificates of the enabled gateways. Files that cannot be read are left out: ``check`` and the
+    gateway itself report them.
+    """
+    for gateway in config.gateways:
+        for files in gateway.certificates if gateway.enabled else ():
+            try:
+                until, mode = valid_until(files), files.key.stat().st_mode & 0o777
+            except (OSError, ValueError):
+                continue
+            yield CertificateState(gateway.id, files.certificate, until, files.key, mode)
+
+
+def valid_until(files: CertificateFiles) -> datetime:
+    """Return the end of the first certificate of a PEM file. Raises OSError, ValueError for anything else."""
+    found = _PEM_CERTIFICATE.search(files.certificate.read_text(encoding="ascii", errors="replace"))
+    if found is None:
+        raise ValueError("no certificate")
+    return _not_after(ssl.PEM_cert_to_DER_cert(found[0]))
+
+
+def _not_after(der: bytes) -> datetime:
+    """Return ``notAfter`` of a certificate (RFC 5280, 4.1). Raises ValueError."""
+    (_, certificate), *_ = _elements(der)
+    (_, to_be_signed), *_ = _elements(certificate)
+    fields = [one for one in _elements(to_be_signed) if one[0] != _CONTEXT_VERSION]
+    if len(fields) < 4:  # serialNumber, signature, issuer, validity
+        raise ValueError("not a certificate")
+    _, (kind, text) = [*_elements(fields[3][1])][:2]
+    digits = text.decode("ascii")
+    if kind == _UTC_TIME:
+        digits = ("19" if int(digits[:2]) >= 50 else "20") + digits
+    elif kind != _GENERALIZED_TIME:
+        raise ValueError("not a time")
+    return datetime.strptime(digits, "%Y%m%d%H%M%SZ").replace(tzinfo=UTC)
+
+
+def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield tag and content of each DER element. Raises ValueError for data that ends too early."""
+    at = 0
+    while at < len(data):
+        tag, length, at = data[at], int.from_bytes(data[at + 1 : at + 2]), at + 2
+        if length & 0x80:
+            size = length & 0x7F
+            length, at = int.from_bytes(data[at : at + size]), at + size
+        if at + length > len(data):
+            raise ValueError("not a certificate")
+        yield tag, data[at : at + length]
+        at += length

@@ -1,0 +1,63 @@
+"""Owner and mode of the files that decide who may do what: checked before they are used, as sshd and PostgreSQL do."""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+import shlex
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from drivebus.errors import ConfigurationError
+from drivebus.service.audit.chain import AuditPaths
+from drivebus.service.config.model import PlantConfig
+
+ROOT = 0
+
+
+def check_plant_files(config: PlantConfig) -> None:
+    """Check plant file, user file and audit key where they exist. Raises ConfigurationError."""
+    audit = AuditPaths.of(config.directory, config.audit.checkpoints, config.audit.key, config.audit.head)
+    for path in (Path(config.source), config.users or config.directory / "users.json"):
+        if path.is_file():
+            check_trusted(path)
+    if audit.key.is_file():
+        check_trusted(audit.key, secret=True)
+
+
+def check_trusted(path: Path, *, secret: bool = False) -> None:
+    """Check that only this user and root can write a file or directory, and read it if it is a ``secret``.
+
+    Raises ConfigurationError with the command that mends it, OSError.
+    """
+    found, user = path.stat(), os.geteuid()
+    owners = {user} if path.is_dir() else {user, ROOT}
+    if found.st_uid not in owners:
+        names = {"owner": _user_name(found.st_uid), "user": _user_name(user)}
+        raise ConfigurationError("plant.foreign_owner", path=str(path), quoted=shlex.quote(str(path)), **names)
+    others = stat.S_IMODE(found.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
+    forbidden = others & (stat.S_IWGRP | stat.S_IWOTH)
+    if forbidden == stat.S_IWGRP and _is_private_group(found.st_gid, found.st_uid):
+        forbidden = 0
+    if secret:
+        forbidden |= others & (stat.S_IROTH | stat.S_IWOTH)
+    if forbidden:
+        key = "plant.secret_readable" if secret else "plant.writable_by_others"
+        mode = f"{stat.S_IMODE(found.st_mode):o}"
+        raise ConfigurationError(key, path=str(path), quoted=shlex.quote(str(path)), mode=mode)
+
+
+def _is_private_group(gid: int, uid: int) -> bool:
+    """Return whether a group is its user's own, as distributions with umask 002 create it."""
+    with suppress(KeyError):
+        group, user = grp.getgrgid(gid), pwd.getpwuid(uid)
+        return user.pw_gid == gid and group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+    return False
+
+
+def _user_name(uid: int) -> str:
+    with suppress(KeyError):
+        return pwd.getpwuid(uid).pw_name
+    return str(uid)

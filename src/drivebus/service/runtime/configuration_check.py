@@ -1,0 +1,133 @@
+"""Check of a configuration text in a process of its own, so that a large one delays no bus.
+
+``python -m drivebus.service.runtime.configuration_check`` reads the pickled text and running configuration from its
+parent on its standard input and prints the result as JSON.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import pickle
+import re
+import sys
+from asyncio.subprocess import PIPE
+from collections.abc import Iterable
+from pathlib import Path
+
+from drivebus.errors import ConfigurationError, ServiceError, ServiceUnavailable
+from drivebus.profiles.diagnostics import Diagnostic
+from drivebus.service.api.errors import localized, to_plain
+from drivebus.service.config.diff import ConfigDiff, config_diff
+from drivebus.service.config.load import loads
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.process.tuning import NICE_BATCH, limit_memory, set_nice
+from drivebus.types import Json
+
+CHECK_TIMEOUT_S = 20.0  # a plant of 300 drives takes 1.5 s
+MAX_CHECKED_DRIVES = 1000
+MAX_CHECK_BYTES = 1 << 30  # of the address space of the process
+RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
+_DRIVE_TABLE = re.compile(r"^[ \t]*\[[ \t]*drive[ \t]*\.", re.MULTILINE)
+
+
+class ConfigurationCheck:
+    """Checks of configuration texts, one at a time."""
+
+    def __init__(self) -> None:
+        self._process: asyncio.subprocess.Process | None = None
+        self._busy = False
+
+    async def check(self, text: str, running: PlantConfig) -> Json:
+        """Return every fault of a text, or what it would change in the running configuration.
+
+        Raises ConfigurationError for too many drives, ServiceUnavailable while another check is under way or when the
+        service ends, ServiceError for a check that takes too long or fails. Cancelled, it ends the process.
+        """
+        drives = len(_DRIVE_TABLE.findall(text))
+        if drives > MAX_CHECKED_DRIVES:
+            raise ConfigurationError("plant.check_too_many", found=drives, most=MAX_CHECKED_DRIVES)
+        if self._busy:
+            raise ServiceUnavailable("plant.check_busy")
+        self._busy = True
+        try:
+            return await self._run(pickle.dumps((text, running)))
+        finally:
+            self._busy = False
+
+    async def _run(self, content: bytes) -> Json:
+        command = (sys.executable, "-m", __name__)
+        process = self._process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=PIPE)
+        try:
+            async with asyncio.timeout(CHECK_TIMEOUT_S):
+                output, errors = await process.communicate(content)
+        except TimeoutError:
+            raise ServiceError("plant.check_too_long", limit_s=CHECK_TIMEOUT_S) from None
+        finally:
+            self._process = None
+            _kill(process)
+            await process.wait()
+        if process.returncode != 0:
+            reason = errors.decode("utf-8", "replace").strip().rpartition("\n")[2]
+            raise ServiceUnavailable("plant.check_ended", reason=reason or process.returncode)
+        found: Json = json.loads(output)
+        return found
+
+    def close(self) -> None:
+        """End the check that is under way. Idempotent."""
+        if self._process is not None:
+            _kill(self._process)
+
+
+def _kill(process: asyncio.subprocess.Process) -> None:
+    if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+
+
+def check_text(text: str, running: PlantConfig) -> Json:
+    """Return ``{"complaints", "difference"}`` of a text.
+
+    Profile files are read below the folder of the plant file, and where the running configuration has them: else a
+    client could try which files exist on this machine, and what they hold. The password of the database in use is never
+    put into the text, whose parts the faults repeat.
+    """
+    folder, known = Path(running.source).resolve().parent, {drive.model for drive in running.drives}
+
+    def may_read(path: Path) -> bool:
+        return path.is_relative_to(folder) or str(path) in known
+
+    try:
+        new = loads(text, running.source, folder, may_read_model=may_read, history_url=running.history.url)
+    except ConfigurationError as error:
+        return {"complaints": _complaints_json(error), "difference": {}}
+    return {"complaints": [], "difference": difference_json(config_diff(running, new))}
+
+
+def difference_json(change: ConfigDiff) -> Json:
+    """Return the names of what was added, changed and removed."""
+    parts = [getattr(change, name) for name in RELOADABLE_TABLES]
+    changed = [id for part in parts for id in part.changed]
+    return {
+        "added": _unique(id for part in parts for id in part.added),
+        "changed": _unique((*changed, *change.others)),
+        "removed": _unique(id for part in parts for id in part.removed),
+    }
+
+
+def _unique(found: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(found))
+
+
+def _complaints_json(error: ConfigurationError) -> list[Json]:
+    found: Iterable[Diagnostic] = error.params.get("complaints", ())
+    return [{"line": one.line, "key": one.key, "found": one.found, "text": to_plain(one)} for one in found] or [
+        {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
+    ]
+
+
+if __name__ == "__main__":
+    set_nice(NICE_BATCH)
+    limit_memory(MAX_CHECK_BYTES)
+    json.dump(check_text(*pickle.load(sys.stdin.buffer)), sys.stdout)

@@ -1,0 +1,86 @@
+"""Waivers and limits of drives, which outlive the service: reading them back, also from a file that is damaged.
+
+A file that can't be read is put aside, and the new one names the drives whose limits are lost with it: a start without
+them might be too fast for the machine.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from drivebus.drives.context import DriveLimits
+from drivebus.drives.store import FileStore, Store
+from drivebus.errors import ConfigurationError
+from drivebus.service.control.waivers import CommLossWaiver
+
+SETTINGS_FILE = "plant.json"
+LOST_LIMITS_KEY = "lost-limits"
+"""Key of the drives, as a JSON list, whose limits were lost with a file that was put aside."""
+LOG = logging.getLogger("drivebus.service")
+
+
+@dataclass(frozen=True, slots=True)
+class StoredSettings:
+    """Stored waiver and limits of one drive."""
+
+    waiver: CommLossWaiver | None
+    limits: DriveLimits | None
+    limits_lost: bool
+    """Its limits can't be read, or were lost with a file that was put aside, and were not set again since."""
+
+    @classmethod
+    def of(cls, store: Store, drive: str) -> StoredSettings:
+        """Read the settings of a drive. Never raises: what can't be read permits nothing."""
+        try:
+            limits = store.get(f"limits/{drive}")
+            found = None if limits is None else _limits_from_json(limits)
+            lost = limits is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
+        except (ConfigurationError, ValueError, TypeError, OverflowError, RecursionError):
+            found, lost = None, True
+        return cls(_stored_waiver(store, drive), found, lost)
+
+
+def _limits_from_json(text: str) -> DriveLimits:
+    """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else."""
+    found = DriveLimits(**json.loads(text))
+    frequencies_hz = [found.minimum_hz, *([] if found.maximum_hz is None else [found.maximum_hz])]
+    if not all(type(one) in (int, float) and math.isfinite(one) for one in frequencies_hz):
+        raise TypeError("a frequency is not a finite number")
+    if type(found.forward) is not bool or type(found.reverse) is not bool:
+        raise TypeError("a direction is neither true nor false")
+    return found
+
+
+def _names_from_json(text: str) -> list[str]:
+    """Return a stored list of names. Raises ValueError, TypeError."""
+    found = json.loads(text)
+    if not isinstance(found, list):
+        raise TypeError("a list was expected")
+    return found
+
+
+def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
+    try:
+        found = CommLossWaiver.from_json(store.get(f"waiver/{drive}"))
+    except (ConfigurationError, ValueError, TypeError, RecursionError):
+        return None
+    return (
+        found if found is not None and all(type(one) is str for one in (found.text, found.model, found.link)) else None
+    )
+
+
+def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> None:
+    """Put a settings file that can't be read aside. Never raises: where that fails, it stays and is read as lost."""
+    try:
+        store.get(LOST_LIMITS_KEY)
+    except ConfigurationError as error:
+        try:
+            aside = store.put_aside({LOST_LIMITS_KEY: json.dumps(sorted(drives))}, f".damaged-{now_ms}")
+        except ConfigurationError as failure:
+            LOG.error("%s; %s", error, failure)
+        else:
+            LOG.error("%s; it was put aside as %s", error, aside)

@@ -1,0 +1,67 @@
+"""Output of an attached run about its drive."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.cli import output
+from drivebus.cli.commands.run import _progress_printer, _watch
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.run_watch import RunWatch
+from drivebus.cli.signals import ShutdownSignal
+from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
+from drivebus.values import Text
+
+
+class FakeBus:
+    @staticmethod
+    def now() -> float:
+        return 0.0
+
+
+class FakeDrive:
+    """Drive that reports these statuses one after the other."""
+
+    profile = profiles.load("c320")
+
+    def __init__(self, *statuses: DriveStatus) -> None:
+        self._statuses = iter(statuses)
+
+    async def status(self) -> DriveStatus:
+        return next(self._statuses)
+
+
+def watch(*statuses: DriveStatus) -> ExitCode:
+    output.parse_global_options(["--lang", "en"])
+    bus: Any = FakeBus()
+    drive: Any = FakeDrive(*statuses)
+    return asyncio.run(_watch(bus, drive, ShutdownSignal(), RunWatch(10.0, Direction.FORWARD)))
+
+
+def test_a_trip_is_printed_with_its_code_and_text(capsys: pytest.CaptureFixture[str]) -> None:
+    fault = Fault(9, "E009", Text("over-current", "过电流"))
+    assert watch(DriveStatus(state=DriveState.FAULT, fault=fault)) is ExitCode.FAILED
+    assert "The drive tripped: E009 over-current." in capsys.readouterr().out
+
+
+def test_a_drive_that_turns_round_is_remarked_on(capsys: pytest.CaptureFixture[str]) -> None:
+    reverse = DriveStatus(state=DriveState.RUNNING, direction=Direction.REVERSE)
+    off = DriveStatus(state=DriveState.STOPPED)
+    assert watch(reverse, off, off) is ExitCode.FAILED
+    assert "commanded forward, the drive reports reverse" in capsys.readouterr().out
+
+
+def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.CaptureFixture[str]) -> None:
+    output.parse_global_options(["--lang", "en"])
+    times = iter([100.0, 100.0, 100.2, 100.4, 100.6, 100.6, 100.7])
+    bus: Any = SimpleNamespace(now=lambda: next(times, 100.7))
+    drive: Any = FakeDrive()
+    show = _progress_printer(bus, drive)
+    for _ in range(4):
+        show(DriveStatus(state=DriveState.ACCELERATING, direction=Direction.FORWARD))
+    assert capsys.readouterr().out.count("accelerating, forward") == 2

@@ -1,0 +1,163 @@
+"""Drives that answer in a way that is not accepted: the error names what was received, never that nothing was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.cli.errors import error_hint
+from drivebus.drives import DriveStatus
+from drivebus.drives.state import DriveState
+from drivebus.errors import DrivebusError, PreflightError
+from drivebus.protocols.checksum import sum16
+from drivebus.simulator.port import simulated_bus_of
+from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
+
+Replies = tuple[tuple[float, bytes], ...]
+"""Frames in place of one reply, each with its delay after the end of the frame before, in seconds."""
+
+
+def stray_before(reply: bytes) -> Replies:
+    return ((0.0, b"\x00" + reply),)
+
+
+def stray_after(reply: bytes) -> Replies:
+    return ((0.0, reply + b"\x00"),)
+
+
+def doubled(reply: bytes) -> Replies:
+    return ((0.0, reply + reply),)
+
+
+def doubled_later(reply: bytes) -> Replies:
+    """The second reply comes while the next transaction waits."""
+    return (0.0, reply), (0.03, reply)
+
+
+def in_reserved_state(reply: bytes) -> Replies:
+    """Set the state of a C320 reply to 06H, which the manual reserves, with a valid checksum."""
+    fields = reply[1:4] + b"06" + reply[6:13]
+    return ((0.0, reply[:1] + fields + b"%04X" % sum16(fields) + reply[17:]),)
+
+
+def replace_replies(bench: SimulatedDrives, replies: Callable[[bytes], Replies]) -> None:
+    wire = simulated_bus_of(bench.port).wire
+    transmit = wire.transmit_reply
+
+    def transmit_replaced(source: object, data: bytes, now: float, at: float) -> Any:
+        for delay_s, frame in replies(data):
+            sent = transmit(source, frame, now, at + delay_s)
+            at = sent.end
+        return sent
+
+    wire.transmit_reply = transmit_replaced  # type: ignore[method-assign]
+
+
+def errors_of(
+    model: str, misbehave: Callable[[SimulatedDrives], None], *, foreign_master: bool = False
+) -> list[DrivebusError]:
+    """Return the errors of the first status, of a start, and of a status of a drive that answered before."""
+
+    async def scenario() -> list[DrivebusError]:
+        errors: list[DrivebusError] = []
+        for seen_before in (False, True):
+            async with SimulatedDrives(model) as bench:
+                drive = bench.drive()
+                if seen_before:
+                    await drive.status()
+                misbehave(bench)
+                for operation in (drive.status, lambda drive=drive: drive.run(SAFE_HZ[model])):
+                    with pytest.raises(DrivebusError) as caught:
+                        await operation()
+                    errors.append(caught.value)
+                assert bench.bus.foreign_master == foreign_master
+                assert not bench.station().motor.energised
+        return errors
+
+    return run_virtual(scenario())
+
+
+def assert_named(errors: list[DrivebusError], key: str) -> None:
+    for error in errors:
+        cause = error.__cause__ if isinstance(error, PreflightError) else error
+        assert isinstance(cause, DrivebusError) and cause.key == key, f"{error.key}: {error}"
+        assert error_hint(error) == i18n.text(f"hint.{key}"), "with the remedy of this cause"
+        assert all(cause.text(language) and cause.text(language) != key for language in ("en", "zh"))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("replies", "key"),
+    [(stray_before, "bus.stray_before"), (stray_after, "bus.trailing"), (doubled, "bus.second_reply")],
+)
+def test_a_reply_that_is_not_accepted_is_named_and_not_called_silence(
+    model: str, replies: Callable[[bytes], Replies], key: str
+) -> None:
+    assert_named(errors_of(model, lambda bench: replace_replies(bench, replies)), key)
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
+def test_a_second_reply_during_the_next_request_is_named_and_no_foreign_master(model: str) -> None:
+    assert_named(errors_of(model, lambda bench: replace_replies(bench, doubled_later)), "bus.second_reply")
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_reply_from_another_address_is_named_and_starts_stay_refused(model: str) -> None:
+    """Another master that asks that address is the other possible cause."""
+
+    def misaddress(bench: SimulatedDrives) -> None:
+        bench.station().faults.wrong_address = 2
+
+    errors = errors_of(model, misaddress, foreign_master=True)
+    assert_named(errors, "bus.other_station_replied")
+    assert "address 2" in errors[0].text() and "station 1" in errors[0].text()
+
+
+def test_a_reserved_state_is_named() -> None:
+    errors = errors_of("c320", lambda bench: replace_replies(bench, in_reserved_state))
+    assert_named(errors, "protocols.sunfar.state")
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_a_late_reply_is_named_with_its_time(model: str) -> None:
+    def delay(bench: SimulatedDrives) -> None:
+        bench.station().faults.added_delay_s = 0.1
+
+    errors = errors_of(model, delay)
+    assert_named(errors, "bus.late_reply")
+    assert all(100 <= error.params["milliseconds"] <= 140 for error in errors)
+
+
+def test_a_drive_that_sends_nothing_any_more_is_offline_and_no_longer_called_late() -> None:
+    async def scenario() -> list[str]:
+        async with SimulatedDrives("c320") as bench:
+            drive, faults = bench.drive(), bench.station().faults
+            keys = []
+            faults.added_delay_s = 0.1
+            for _ in range(2):
+                with pytest.raises(DrivebusError) as caught:
+                    await drive.status()
+                keys.append(caught.value.key)
+                faults.silent = True
+            with pytest.raises(DrivebusError) as caught:
+                await drive.status()
+            return [*keys, caught.value.key]
+
+    assert run_virtual(scenario())[::2] == ["bus.late_reply", "bus.offline"]
+
+
+def test_a_drive_that_answers_properly_again_is_accepted() -> None:
+    async def scenario() -> DriveStatus:
+        async with SimulatedDrives("c320") as bench:
+            drive, wire = bench.drive(), simulated_bus_of(bench.port).wire
+            transmit = wire.transmit_reply
+            replace_replies(bench, stray_before)
+            with pytest.raises(DrivebusError):
+                await drive.status()
+            wire.transmit_reply = transmit  # type: ignore[method-assign]
+            return await drive.status()
+
+    assert run_virtual(scenario()).state is DriveState.STOPPED

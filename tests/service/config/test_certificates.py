@@ -1,0 +1,109 @@
+"""End of the certificates of a plant, and the mode of their keys: read, printed by ``check``, and announced."""
+
+from __future__ import annotations
+
+import json
+import ssl
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+import trustme
+from click.testing import CliRunner, Result
+
+from drivebus.cli.main import cli
+from drivebus.clock import wall_clock
+from drivebus.service.config.certificates import EXPIRY_WARNING, valid_until
+from drivebus.service.config.load import load
+from drivebus.service.config.model import CertificateFiles, GatewayConfig
+from fixtures.service import plant_config, running_service
+
+PLANT = """format = 1
+[plant]
+id = "p"
+[bus.a]
+link = "sim://c320@1"
+[drive.f]
+bus = "a"
+address = 1
+model = "c320"
+[gateway.web]
+certificate = "cert.pem"
+key = "key.pem"
+"""
+
+
+def certificate(folder: Path, until: datetime, mode: int = 0o640) -> CertificateFiles:
+    """Write a certificate that ends at a time, and its key."""
+    files = CertificateFiles(folder / "cert.pem", folder / "key.pem")
+    made = trustme.CA().issue_cert("127.0.0.1", not_before=until - timedelta(days=90), not_after=until)
+    made.cert_chain_pems[0].write_to_path(files.certificate)
+    made.private_key_pem.write_to_path(files.key)
+    files.key.chmod(mode)
+    return files
+
+
+def check(folder: Path, *options: str) -> Result:
+    (folder / "plant.toml").write_text(PLANT)
+    return CliRunner().invoke(cli, ["check", str(folder / "plant.toml"), "--lang", "en", *options])
+
+
+@pytest.mark.parametrize(
+    "until", [datetime(2027, 2, 28, 23, 59, 59, tzinfo=UTC), datetime(2051, 1, 1, 12, 0, tzinfo=UTC)]
+)
+def test_the_end_of_a_certificate_is_read_in_both_forms_of_a_date(tmp_path: Path, until: datetime) -> None:
+    """Years from 2050 on have four digits."""
+    assert valid_until(certificate(tmp_path, until)) == until
+
+
+def test_what_is_no_certificate_is_an_error_and_no_end(tmp_path: Path) -> None:
+    files = certificate(tmp_path, wall_clock())
+    der = ssl.PEM_cert_to_DER_cert(files.certificate.read_text())
+    for content in (b"", b"\x30\x03\x02\x01\x01", b"\x30\x02\x30\x00", der[:60], der[:-1]):
+        files.certificate.write_text(ssl.DER_cert_to_PEM_cert(content))
+        with pytest.raises(ValueError):
+            valid_until(files)
+    files.certificate.write_text("nothing")
+    with pytest.raises(ValueError):
+        valid_until(files)
+
+
+@pytest.mark.parametrize(
+    ("days", "text"), [(300, "valid until"), (5, "renew it"), (-5, "browsers and programs refuse it")]
+)
+def test_check_prints_the_end_of_a_certificate(tmp_path: Path, days: int, text: str) -> None:
+    until = wall_clock().replace(microsecond=0) + timedelta(days=days)
+    certificate(tmp_path, until)
+    found = check(tmp_path)
+    assert found.exit_code == 0 and text in found.output and f"{until:%Y-%m-%d}" in found.output
+    assert json.loads(check(tmp_path, "--json").stdout)["certificates"][0]["valid_until"] == until.isoformat()
+
+
+@pytest.mark.parametrize(("mode", "named"), [(0o600, False), (0o640, False), (0o644, True), (0o660, True)])
+def test_check_names_a_key_that_others_can_read(tmp_path: Path, mode: int, named: bool) -> None:
+    certificate(tmp_path, wall_clock() + timedelta(days=300), mode)
+    assert ("chmod 640" in check(tmp_path).output) is named
+
+
+async def test_a_certificate_that_ends_is_an_alarm_until_it_is_renewed(tmp_path: Path) -> None:
+    files = certificate(tmp_path, wall_clock() + EXPIRY_WARNING - timedelta(hours=1))
+    gateway = GatewayConfig(id="web", module="x", settings=None, certificates=(files,))
+    async with running_service(plant_config(gateways=(gateway,))) as kit:
+
+        def alarms() -> list[str]:
+            found = kit.service.plant.alarms.active()
+            return [alarm.text.en for alarm in found if alarm.kind == "certificate_expiry" and not alarm.cleared_ms]
+
+        supervision = kit.service.supervision
+        await supervision._check_disk()
+        assert len(alarms()) == 1 and "cert.pem is valid until" in alarms()[0]
+        certificate(tmp_path, wall_clock() + EXPIRY_WARNING + timedelta(hours=1))
+        await supervision._check_disk()
+        assert alarms() == []
+
+
+def test_the_certificate_of_the_page_is_known_from_its_table(tmp_path: Path) -> None:
+    certificate(tmp_path, wall_clock())
+    (tmp_path / "plant.toml").write_text(PLANT)
+    files = load(tmp_path / "plant.toml").gateway("web").certificates
+    assert files == (CertificateFiles(tmp_path / "cert.pem", tmp_path / "key.pem"),)

@@ -1,0 +1,196 @@
+"""Checks of a configuration: beside the buses, one at a time, bounded, and ended with client and service."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.errors import ConfigurationError, ServiceError, ServiceUnavailable
+from drivebus.service.config.load import load
+from drivebus.service.ipc.client import SocketClient
+from drivebus.service.ipc.server import SocketServer
+from drivebus.service.runtime import configuration_check
+from fixtures.service import LOCAL, SHOP_FILE, ServiceKit, running_service
+
+FAN_2 = SHOP_FILE.partition("[drive.fan-1]")[2].replace("address = 1", "address = 2")
+LONG_TEXT = SHOP_FILE + "".join(
+    f'[bus.b{n}]\nlink = "sim://c320@1-30"\n'
+    + "".join(f'[drive.d{n}-{m}]\nbus = "b{n}"\naddress = {m}\nmodel = "c320"\n' for m in range(1, 31))
+    for n in range(30)
+)
+"""Its check takes seconds."""
+HISTORY = '[history]\nurl = "postgresql://drivebus:{password}@127.0.0.1/plant"\n'
+SHOWN_URL = "postgresql://drivebus:…@127.0.0.1/plant"
+
+
+@asynccontextmanager
+async def shop(folder: Path) -> AsyncIterator[tuple[ServiceKit, SocketClient]]:
+    file = folder / "plant.toml"
+    file.write_text(SHOP_FILE)
+    async with running_service(load(file)) as kit:
+        server = SocketServer(kit.service, folder / "plant.sock")
+        await server.open()
+        client = SocketClient(server.path)
+        yield kit, client
+        await client.close()
+        await server.close()
+
+
+async def child_of(kit: ServiceKit) -> asyncio.subprocess.Process:
+    """Return the process of the check that is under way."""
+    check: Any = kit.service.reload._check
+    for _ in range(1000):
+        if check._process is not None:
+            process: asyncio.subprocess.Process = check._process
+            return process
+        await asyncio.sleep(0.01)
+    raise AssertionError("no check was started")
+
+
+async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_checked(tmp_path: Path) -> None:
+    history = HISTORY.format(password="hunter2")
+    file = tmp_path / "plant.toml"
+    file.write_text(SHOP_FILE + history)
+    async with running_service(load(file)) as kit:
+        shown = (await kit.call("configuration.get"))["text"]
+        assert shown == SHOP_FILE + history.replace("hunter2", "…")
+        same = await kit.call("configuration.check", text=shown)
+        assert same == {"complaints": [], "difference": {"added": [], "changed": [], "removed": []}}
+        copied = shown.replace('"shop"', f'"{SHOWN_URL}"').replace('"c320"', f'"{SHOWN_URL}"')
+        copied += f'[group.g]\nmembers = ["{SHOWN_URL}"]\n["{SHOWN_URL}"]\n'
+        wrong = await kit.call("configuration.check", text=copied)
+        assert json.dumps(wrong, ensure_ascii=False).count(SHOWN_URL) > 4 and "hunter2" not in json.dumps(wrong)
+    file.write_text(shown)
+    with pytest.raises(ConfigurationError) as rejected:
+        load(file)
+    assert [one.kind for one in rejected.value.params["complaints"]] == ["history_url"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('id = "shop"', f'id = "{SHOWN_URL}"'),
+        ('id = "shop"', f'id = "shop"\ntitle = 5 # {SHOWN_URL}\nx = "{SHOWN_URL}"'),
+        ('"state"', f'"state"\nusers = "{SHOWN_URL}"'),
+        ("[plant]", f'["{SHOWN_URL}"]\n[plant]'),
+        ('link = "sim://c320@1"', f'link = "{SHOWN_URL}"'),
+        ('link = "sim://c320@1"', f'link = "sim://c320@1"\nformat = "{SHOWN_URL}"'),
+        ('model = "c320"', f'model = "{SHOWN_URL}"'),
+        ('model = "c320"', 'model = "plant.toml"'),
+        ('model = "c320"', f'model = "c320"\nencoding = "{SHOWN_URL}"'),
+        ('model = "c320"', f'model = "c320"\nsignals = {{ "{SHOWN_URL}" = 1 }}'),
+        ('bus = "a"', f'bus = "{SHOWN_URL}"'),
+        ("[bus.a]", f'[bus."{SHOWN_URL}"]\nlink = "sim://c320@2"\n[bus.a]'),
+        ("[drive.fan-1]", f'[drive."{SHOWN_URL}"]'),
+        ("[bus.a]", f'[group.g]\nmembers = ["{SHOWN_URL}"]\n[bus.a]'),
+        ("[bus.a]", f'[interlock.i]\nrequire = "{SHOWN_URL}"\nblocks = ["{SHOWN_URL}"]\n[bus.a]'),
+        ("[bus.a]", f'[alarm.i]\ndrive = "{SHOWN_URL}"\n[bus.a]'),
+        ("[bus.a]", f'[gateway."{SHOWN_URL}"]\nx = 1\n[bus.a]'),
+        ("[bus.a]", f'[audit]\nkey = "{SHOWN_URL}/x"\n[bus.a]'),
+        ("[history]", "[history]\nmax_size_mb = 1"),
+        ("[history]", "[history]\nretention = { raw_days = 9, rollup_1s_days = 1 }"),
+        ("/plant", "/"),
+        (SHOWN_URL, f"x{SHOWN_URL}"),
+        ("format = 1", f'format = "{SHOWN_URL}"'),
+        ("format = 1", f"format = {SHOWN_URL}"),
+    ],
+)
+def test_no_fault_shows_the_password_of_the_database_wherever_its_hidden_form_is_copied_to(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    file = tmp_path / "plant.toml"
+    file.write_text(SHOP_FILE + HISTORY.format(password="hunter2"))
+    text = SHOP_FILE + HISTORY.format(password="…")
+    assert old in text
+    found = configuration_check.check_text(text.replace(old, new), load(file))
+    assert found["complaints"] and "hunter2" not in json.dumps(found)
+
+
+def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> None:
+    file = tmp_path / "plant.toml"
+    file.write_text(SHOP_FILE + HISTORY.format(password="hunter2"))
+    running = load(file)
+    found = configuration_check.check_text(
+        SHOP_FILE.replace("[bus.a]", f'title = "{SHOWN_URL}"\n[bus.a]') + HISTORY.format(password="…"), running
+    )
+    assert found == {"complaints": [], "difference": {"added": [], "changed": ["title"], "removed": []}}
+    found = configuration_check.check_text(SHOP_FILE + HISTORY.format(password="hunter3"), running)
+    assert found["difference"]["changed"] == ["history"]
+
+
+async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> None:
+    async with shop(tmp_path) as (kit, client):
+        good = await client.call("configuration.check", {"text": f"{SHOP_FILE}[drive.fan-2]{FAN_2}"}, LOCAL)
+        assert good == {"complaints": [], "difference": {"added": ["fan-2"], "changed": [], "removed": []}}
+        same = await client.call("configuration.check", {"text": SHOP_FILE}, LOCAL)
+        assert same == {"complaints": [], "difference": {"added": [], "changed": [], "removed": []}}
+        wrong = await client.call("configuration.check", {"text": SHOP_FILE.replace('"c320"', '"nonsense"')}, LOCAL)
+        assert [one["line"] for one in wrong["complaints"]] == [14] and wrong["difference"] == {}
+        assert kit.service.plant.config.source == str(tmp_path / "plant.toml")
+
+
+async def test_one_check_runs_at_a_time_and_ends_with_its_client(tmp_path: Path) -> None:
+    async with shop(tmp_path) as (kit, client):
+        first = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
+        process = await child_of(kit)
+        with pytest.raises(ServiceUnavailable, match="another configuration"):
+            await kit.call("configuration.check", text=SHOP_FILE)
+        first.cancel()
+        assert await asyncio.wait_for(process.wait(), 5.0) == -9
+        second = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
+        process = await child_of(kit)
+        await client.close()
+        assert await asyncio.wait_for(process.wait(), 5.0) == -9
+        with pytest.raises(ServiceUnavailable):
+            await second
+
+
+async def test_the_end_of_the_service_ends_a_check(tmp_path: Path) -> None:
+    async with shop(tmp_path) as (kit, client):
+        check = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
+        await child_of(kit)
+        started = time.monotonic()
+        await kit.service.stop()
+        with pytest.raises(ServiceUnavailable, match="ended"):
+            await check
+        assert time.monotonic() - started < 3.0
+
+
+async def test_a_check_is_bounded_in_time_and_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with shop(tmp_path) as (kit, _):
+        monkeypatch.setattr(configuration_check, "CHECK_TIMEOUT_S", 0.05)
+        with pytest.raises(ServiceError, match=r"longer than 0\.05 s"):
+            await kit.call("configuration.check", text=LONG_TEXT)
+        monkeypatch.setattr(configuration_check, "MAX_CHECKED_DRIVES", 900)
+        with pytest.raises(ConfigurationError, match="901 drives"):
+            await kit.call("configuration.check", text=LONG_TEXT)
+
+
+def test_a_check_tells_nothing_about_files_outside_the_folder_of_the_plant(tmp_path: Path) -> None:
+    """Neither that one exists nor where its first error stands."""
+    folder, outside = tmp_path / "plant", tmp_path / "outside.toml"
+    folder.mkdir()
+    (folder / "own.toml").write_text("not = [a profile")
+    outside.write_text("first = 1\nnot = [a profile")
+    (folder / "link.toml").symlink_to(outside)
+    (folder / "plant.toml").write_text(SHOP_FILE)
+    running = load(folder / "plant.toml")
+
+    def complaints(model: str) -> list[Any]:
+        text = SHOP_FILE + f'[drive.x]\nbus = "a"\naddress = 9\nmodel = "{model}"\n'
+        found = configuration_check.check_text(text, running)["complaints"]
+        return [(one["key"], "that is not read here" in one["text"]["en"]) for one in found]
+
+    for model in (str(outside), "/etc/passwd", "/no/such/file.toml", "../outside.toml", "link.toml", "/var/"):
+        assert complaints(model) == [("drive.x.model", True)], model
+    assert len(complaints("own.toml")) == 2, "its own errors are listed"
+    running = replace(running, drives=(replace(running.drives[0], model=str(outside)),))
+    assert len(complaints(str(outside))) == 2, "a file that is in use"

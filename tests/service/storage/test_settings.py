@@ -1,0 +1,198 @@
+"""A damaged file of waivers and limits: the service starts, and only what needs them is refused."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus.drives import Drive, FileStore, MemoryStore, store
+from drivebus.errors import ConfigurationError, ServiceError
+from drivebus.service.app import Service, build_service
+from drivebus.service.storage.settings import StoredSettings, recover_settings
+from drivebus.service.storage.storage import Storage
+from drivebus.simulator.port import clear_simulated_buses
+from drivebus.types import Json
+from fixtures.drives import SimulatedDrives
+from fixtures.service import LOCAL, plant_config
+
+DAMAGED = {
+    "random bytes": b"\x80\x9f\x00\xff\xfe",
+    "empty": b"",
+    "a list": b"[]",
+    "nested too deep": b"[" * 100_000,
+    "wrong types": b'{"format": 1, "values": {"limits/fan-1": 5}}',
+}
+
+
+@asynccontextmanager
+async def service_in(folder: Path) -> AsyncIterator[Service]:
+    config = plant_config(directory=folder)
+    try:
+        async with build_service(config, replace(Storage.of(config), drives=MemoryStore())) as service, service:
+            yield service
+    finally:
+        clear_simulated_buses()
+
+
+async def blockers(service: Service, drive: str) -> list[str]:
+    found: Json = await service.call("drives.get", {"drive": drive}, LOCAL)
+    return [blocker["key"] for blocker in found["start_blockers"]]
+
+
+def lost_alarms(service: Service) -> list[Any]:
+    return [one for one in service.plant.alarms.active() if one.kind == "settings_lost" and one.cleared_ms is None]
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_file_is_put_aside_and_its_limits_count_as_lost(tmp_path: Path, content: bytes) -> None:
+    store = FileStore(tmp_path / "plant.json")
+    store.path.write_bytes(content)
+    assert StoredSettings.of(store, "fan-1") == StoredSettings(None, None, True)
+    recover_settings(store, ["fan-1"], 17)
+    recover_settings(store, ["fan-1"], 18)
+    assert (tmp_path / "plant.json.damaged-17").read_bytes() == content
+    assert not (tmp_path / "plant.json.damaged-18").exists()
+    assert StoredSettings.of(store, "fan-1") == StoredSettings(None, None, True)
+    assert StoredSettings.of(store, "new") == StoredSettings(None, None, False)
+
+
+async def test_the_service_starts_and_stops_with_damaged_settings_and_refuses_only_motion(tmp_path: Path) -> None:
+    (tmp_path / "plant.json").write_bytes(DAMAGED["random bytes"])
+    async with service_in(tmp_path) as service:
+        assert "fan-1, fan-2, pump-1, pump-2" in lost_alarms(service)[0].text.en
+        assert "plant.limits_lost" in await blockers(service, "fan-1")
+        with pytest.raises(ServiceError, match="limits of fan-1 are lost"):
+            await service.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 5.0}, LOCAL)
+        assert (await service.call("plant.stop", {}, LOCAL))["outcomes"].keys() == service.plant.drives.keys()
+        await service.call("drive.limits", {"drive": "fan-1", "maximum_hz": 30.0}, LOCAL)
+        assert "plant.limits_lost" not in await blockers(service, "fan-1")
+    async with service_in(tmp_path) as service:
+        assert service.plant.drives["fan-1"].drive.range_hz[1] == 30.0
+        assert "plant.limits_lost" not in await blockers(service, "fan-1")
+        assert "plant.limits_lost" in await blockers(service, "fan-2")
+        for drive in ("fan-2", "pump-1", "pump-2"):
+            assert lost_alarms(service)
+            await service.call("drive.limits", {"drive": drive}, LOCAL)
+        assert not lost_alarms(service)
+
+
+@pytest.mark.parametrize("failing", ["link", "replace"])
+async def test_a_damaged_file_that_cannot_be_replaced_stays_and_its_limits_count_as_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    file = tmp_path / "plant.json"
+    file.write_bytes(DAMAGED["random bytes"])
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as full_disk:
+        full_disk.setattr(store, "_link_or_copy" if failing == "link" else "_replace", fail)
+        for _ in range(2):
+            async with service_in(tmp_path) as service:
+                assert "fan-1, fan-2, pump-1, pump-2" in lost_alarms(service)[0].text.en
+                assert "plant.limits_lost" in await blockers(service, "fan-1")
+                with pytest.raises(ServiceError, match="limits of fan-1 are lost"):
+                    await service.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 45.0}, LOCAL)
+            assert file.read_bytes() == DAMAGED["random bytes"]
+    recover_settings(FileStore(file), ["fan-1"], 17)
+    assert (tmp_path / "plant.json.damaged-17").read_bytes() == DAMAGED["random bytes"]
+    assert StoredSettings.of(FileStore(file), "fan-1").limits_lost
+
+
+def test_a_damaged_file_is_copied_where_no_hard_link_is_possible(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr("os.link", fail)
+    (tmp_path / "plant.json").write_bytes(b"[")
+    recover_settings(FileStore(tmp_path / "plant.json"), ["fan-1"], 17)
+    assert (tmp_path / "plant.json.damaged-17").read_bytes() == b"["
+    assert StoredSettings.of(FileStore(tmp_path / "plant.json"), "fan-1").limits_lost
+
+
+def test_a_damaged_file_exists_at_every_moment_until_it_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, replace_file = FileStore(tmp_path / "plant.json"), store._replace
+    found.path.write_bytes(b"[")
+
+    def power_cut(path: Path, text: str) -> None:
+        assert StoredSettings.of(found, "fan-1").limits_lost
+        replace_file(path, text)
+
+    monkeypatch.setattr(store, "_replace", power_cut)
+    recover_settings(found, ["fan-1"], 17)
+    assert StoredSettings.of(found, "fan-1").limits_lost
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        '{"maximum_hz": "abc"}',
+        '{"maximum_hz": NaN}',
+        '{"maximum_hz": 1e999}',
+        '{"maximum_hz": true}',
+        f'{{"maximum_hz": 1{"0" * 400}}}',
+        '{"minimum_hz": null}',
+        '{"minimum_hz": [5]}',
+        '{"forward": "no"}',
+        '{"reverse": 0}',
+        '{"eeprom_writes_per_day": "1"}',
+        "[15.0]",
+        "null",
+        "15.0",
+        "",
+    ],
+)
+def test_limits_of_a_wrong_type_count_as_lost(limits: str) -> None:
+    found = MemoryStore()
+    found.put("limits/fan-1", limits)
+    assert StoredSettings.of(found, "fan-1") == StoredSettings(None, None, True)
+
+
+@pytest.mark.parametrize("names", ["5", '"fan"', '{"pump-1": 1}', "["])
+def test_a_list_of_lost_limits_of_a_wrong_type_names_every_drive(names: str) -> None:
+    found = MemoryStore()
+    found.put("lost-limits", names)
+    assert StoredSettings.of(found, "fan-1").limits_lost
+
+
+@pytest.mark.parametrize("waiver", ['{"text": 5}', '{"text": "on site (Li)", "model": [1]}', "5", "[]"])
+async def test_a_service_starts_with_settings_of_a_wrong_type(tmp_path: Path, waiver: str) -> None:
+    found = FileStore(tmp_path / "plant.json")
+    found.put("limits/fan-1", '{"maximum_hz": "abc"}')
+    found.put("waiver/fan-2", waiver)
+    async with service_in(tmp_path) as service:
+        assert "plant.limits_lost" in await blockers(service, "fan-1")
+        assert any(one.startswith("plant.waiver") for one in await blockers(service, "fan-2"))
+        assert "fan-1" in lost_alarms(service)[0].text.en
+
+
+async def test_one_damaged_record_concerns_one_drive(tmp_path: Path) -> None:
+    store = FileStore(tmp_path / "plant.json")
+    store.put("limits/fan-1", '{"highest": 3}')
+    store.put("waiver/fan-2", '{"x": 1}')
+    async with service_in(tmp_path) as service:
+        assert "plant.limits_lost" in await blockers(service, "fan-1")
+        assert "plant.limits_lost" not in await blockers(service, "fan-2")
+        assert "plant.waiver_needed" in await blockers(service, "fan-2")
+
+
+async def test_a_damaged_store_of_eeprom_counts_prevents_no_stop(tmp_path: Path) -> None:
+    file = tmp_path / "store.json"
+    file.write_bytes(b"\x80")
+    async with SimulatedDrives("c320") as bench:
+        drive = Drive(bench.bus, "c320", 1, store=FileStore(file))
+        assert (await drive.stop()).status == "confirmed"
+        with pytest.raises(ConfigurationError, match=r"store\.json"):
+            await drive.write({"F1.10": 16}, save=True)
+    assert file.read_bytes() == b"\x80"
