@@ -10,8 +10,8 @@ from drivebus.values import Quality
 if TYPE_CHECKING:
     from drivebus.drives.state import Direction, DriveStatus
 
-SPEED_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
-MIN_SPEED_TOLERANCE_HZ = 0.5  # and never less than this
+SPEED_REMARK_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
+MIN_SPEED_REMARK_HZ = 0.5  # and never less than this
 SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no progress (3,600 s ramp: 0.07 Hz in 5 s)
 SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is remarked on
 
@@ -52,7 +52,7 @@ class RunWatch:
             self._nearest_hz = None
             return None
         difference_hz = abs(float(reading.value or 0.0) - self._frequency_hz)
-        if difference_hz <= max(MIN_SPEED_TOLERANCE_HZ, SPEED_TOLERANCE * self._frequency_hz):
+        if difference_hz <= max(MIN_SPEED_REMARK_HZ, SPEED_REMARK_TOLERANCE * self._frequency_hz):
             self._nearest_hz, self._speed_remarked = None, False
             return None
         if self._nearest_hz is None or difference_hz < self._nearest_hz - SPEED_PROGRESS_HZ:

@@ -18,8 +18,9 @@ from drivebus.errors import ProfileError
 from drivebus.values import Text
 
 KeyPath = tuple[str | int, ...]
-CONTROL_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-"""Control characters, line separators and bidirectional overrides."""
+CONTROL_RANGES = r"\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069"
+"""Control characters, line separators and bidirectional overrides, as the inside of a character class."""
+CONTROL_CHARACTERS = re.compile(f"[{CONTROL_RANGES}]")
 DEFAULT_CATALOGUE = "profiles"
 """Catalogue of the texts that every file type may use."""
 

@@ -17,7 +17,7 @@ from drivebus.service.auth.throttle import (
     THROTTLE_WINDOW_S,
     AttemptKeys,
     LoginThrottle,
-    stranger_keys,
+    unknown_browser_keys,
 )
 from drivebus.testing.virtual_time import run
 from fixtures.auth import auth_service, login
@@ -81,13 +81,13 @@ def test_each_further_failure_doubles_the_wait_up_to_two_minutes() -> None:
 def test_one_user_is_guessed_at_most_a_hundred_times_an_hour(step_s: float) -> None:
     """From ten thousand addresses: only the count of the user limits them."""
     throttle = LoginThrottle()
-    tried = [stranger_keys("li", f"10.0.{n // 100}.{n % 100}") for n in range(10_000)]
+    tried = [unknown_browser_keys("li", f"10.0.{n // 100}.{n % 100}") for n in range(10_000)]
     assert FREE_ATTEMPTS < guesses(throttle, tried, 1, step_s) <= 100
     assert guesses(LoginThrottle(), tried, 6, 3.0) <= 600
 
 
 def test_one_address_guesses_at_most_a_hundred_times_an_hour() -> None:
-    tried = [stranger_keys(f"user{n}", "10.0.0.9") for n in range(10_000)]
+    tried = [unknown_browser_keys(f"user{n}", "10.0.0.9") for n in range(10_000)]
     assert FREE_ATTEMPTS < guesses(LoginThrottle(), tried, 1, 0.36) <= 100
 
 
@@ -138,7 +138,8 @@ def test_keys_whose_attempts_have_expired_are_dropped_before_any_other() -> None
 
 def test_of_two_addresses_the_one_that_asks_less_often_gets_the_next_turn() -> None:
     """Otherwise an endless series of attempts at one name would keep its user out for good."""
-    throttle, intruder, person = LoginThrottle(), stranger_keys("li", "10.0.0.9"), stranger_keys("li", "10.0.0.7")
+    throttle = LoginThrottle()
+    intruder, person = unknown_browser_keys("li", "10.0.0.9"), unknown_browser_keys("li", "10.0.0.7")
     now, turns = 0.0, 0
     while turns < FREE_ATTEMPTS + 7:
         now += 0.05

@@ -295,26 +295,15 @@ def parse_full_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     fields = fmt.read(WRITE_LAYOUT, frame)
     address, response, state, group, item, data = fields.values
     known = _parse_state(state)
-    if known is SunfarState.FAULT:
-        return SunfarReply(
-            address=address,
-            response=RESPONSE_BY_CODE[response],
-            state=known,
-            group=group,
-            item=None,
-            data=data,
-            fault_code=item,
-            info=None,
-            nibble_data=fields.nibble_data,
-        )
+    in_fault = known is SunfarState.FAULT  # a drive in fault sends its fault code in the place of the item
     return SunfarReply(
         address=address,
         response=RESPONSE_BY_CODE[response],
         state=known,
         group=group,
-        item=item,
+        item=None if in_fault else item,
         data=data,
-        fault_code=None,
+        fault_code=item if in_fault else None,
         info=None,
         nibble_data=fields.nibble_data,
     )

@@ -102,8 +102,8 @@ _MAX_WAITING_HASHES = 8
 
 class PasswordHashing:
     """Hashing and verification on two threads, one for passwords from browsers and sessions that are known, so that a
-    flood of strangers never makes these wait. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second recommended
-    option), about 0.1 s.
+    flood from unknown browsers never makes these wait. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second
+    recommended option), about 0.1 s.
     """
 
     def __init__(self, hasher: PasswordHasher | None = None) -> None:
@@ -117,7 +117,7 @@ class PasswordHashing:
         return await self._in_thread(True, self._hasher.hash, _normalized(password))
 
     def check_capacity(self, is_known: bool) -> None:
-        """Raises AuthUnavailable if too many hashes are waiting on the thread of known browsers, or of strangers."""
+        """Raises AuthUnavailable if too many hashes are waiting on the thread of known or of unknown browsers."""
         if self._waiting[is_known] >= _MAX_WAITING_HASHES:
             raise AuthUnavailable("auth.busy")
 

@@ -19,7 +19,7 @@ from drivebus.service.auth.names import normalized_name
 from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
-from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, stranger_keys
+from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, unknown_browser_keys
 from drivebus.service.auth.users import (
     USER_FILE,
     OneTimeCode,
@@ -152,7 +152,7 @@ class AuthService:
         """
         user = self.database.find(name)
         device = self.devices.device(name, device_cookie)
-        keys = AttemptKeys((f"device:{device}",)) if device else stranger_keys(name, address)
+        keys = AttemptKeys((f"device:{device}",)) if device else unknown_browser_keys(name, address)
         await self._verify_password(user, password, keys, is_known=bool(device))
         current = self.database.find(name)
         if user is None or current is None or current.stamp != user.stamp:

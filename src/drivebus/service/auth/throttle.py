@@ -38,7 +38,7 @@ class AttemptKeys:
         return (*self.own, self.repeated) if self.repeated else self.own
 
 
-def stranger_keys(name: str, address: str) -> AttemptKeys:
+def unknown_browser_keys(name: str, address: str) -> AttemptKeys:
     """Return the keys of an attempt from a browser that is not known to have logged in as this user."""
     user, network = f"user:{secret_digest(normalized_name(name))}", address_key(address)
     return AttemptKeys((user, network), f"{user} {network}")

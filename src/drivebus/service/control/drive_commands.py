@@ -195,7 +195,7 @@ class DriveCommands:
         except StopUnconfirmed:
             self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             raise
-        runtime.started_by_service = runtime.adopted = False
+        runtime.end_motion()
         runtime.commanded_hz = None
         self.plant.stop_counters.count_outcome(outcome)
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)

@@ -61,7 +61,7 @@ class StopPolicies:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             # stopped at its keypad, or tripped: a later start is not by the service
-            runtime.started_by_service = runtime.adopted = False
+            runtime.end_motion()
         if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
@@ -121,4 +121,4 @@ def _state_lost(runtime: DriveRuntime) -> bool:
 
 def may_be_running(runtime: DriveRuntime) -> bool:
     """Return whether the motor turns, or was started or adopted and has not reported standstill since."""
-    return runtime.started_by_service or runtime.adopted or runtime.status().state.turning
+    return runtime.runs_for_service or runtime.status().state.turning

@@ -72,7 +72,7 @@ class StopCommands:
             outcomes[runtime.id] = outcome_json(outcome, self.plant.command_id("stop"))
             self.plant.stop_counters.count_outcome(outcome)
             if outcome.succeeded:
-                runtime.started_by_service = runtime.adopted = False
+                runtime.end_motion()
                 runtime.commanded_hz = None
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             else:
@@ -114,7 +114,7 @@ class StopCommands:
         known within the timeout.
         """
         everything = self.plant.drives.values()
-        own = [runtime for runtime in everything if runtime.started_by_service or runtime.adopted]
+        own = [runtime for runtime in everything if runtime.runs_for_service]
         runtimes = [runtime for runtime in own if runtime.config.on_service_stop is OnServiceStop.STOP]
         left = {runtime: key for runtime in everything if runtime not in runtimes and (key := _left_running(runtime))}
         self.plant.note_stop(*runtimes)
@@ -132,7 +132,7 @@ class StopCommands:
 
 def _left_running(runtime: DriveRuntime) -> str | None:
     """Return the key of the sentence about a drive that may be running and is not stopped; None for one at rest."""
-    if runtime.started_by_service or runtime.adopted:
+    if runtime.runs_for_service:
         return "plant.held"
     state = runtime.status().state
     if state is DriveState.UNKNOWN:

@@ -79,6 +79,15 @@ class DriveRuntime:
         self._last_sampled: dict[str, float | None] = {}
 
     @property
+    def runs_for_service(self) -> bool:
+        """Started or adopted by this service, and not reported at standstill since."""
+        return self.started_by_service or self.adopted
+
+    def end_motion(self) -> None:
+        """Note that it stands still: what runs later is not this service's motion."""
+        self.started_by_service = self.adopted = False
+
+    @property
     def comm_loss(self) -> CommLossView:
         """Behaviour of the drive at communication loss, with its waiver."""
         found = CommLossView("unknown", None, COMM_LOSS_NOT_READ) if self.comm_loss_stale else self.comm_loss_read

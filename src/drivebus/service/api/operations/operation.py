@@ -15,7 +15,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES
 from drivebus.service.api.errors import params_error, pydantic_faults
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.types import Json
@@ -34,14 +34,13 @@ def _require_printable(text: str) -> str:
     return text
 
 
-PRINTABLE_PATTERN = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]*$"  # as CONTROL_CHARACTERS
 Reason = Annotated[
     str,
     Field(
         min_length=3,
         max_length=500,
         examples=["bearing is being changed"],
-        json_schema_extra={"pattern": PRINTABLE_PATTERN},
+        json_schema_extra={"pattern": f"^[^{CONTROL_RANGES}]*$"},
     ),
     AfterValidator(_require_printable),
 ]

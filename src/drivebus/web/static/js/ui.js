@@ -95,8 +95,9 @@ export function Dialog({ title, onClose, children, class: more = "" }) {
     (box.current.querySelector("[data-first]") ?? box.current).focus();
     return () => before?.focus?.();
   }, []);
-  // On the document: a button that has been disabled under the finger has lost the focus.
-  useEffect(() => {
+  // On the document: a button that has been disabled under the finger has lost the focus. Before the paint: a key that
+  // follows the first sight of the window closes it.
+  useLayoutEffect(() => {
     const key = (event) => { if (event.key === "Escape") onClose(); };
     document.addEventListener("keydown", key);
     return () => document.removeEventListener("keydown", key);
