@@ -1,5 +1,5 @@
 // Entry point: load language and session, connect, render the page of the address.
-import { effect, html, render, signal, useEffect, useState } from "./lib.js";
+import { computed, effect, html, render, signal, useEffect, useState } from "./lib.js";
 import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
@@ -7,7 +7,7 @@ import { openAlarms } from "./alarm-list.js";
 import { startAlarmSound } from "./alarm-sound.js";
 import { api } from "./api.js";
 import { addSignalNames } from "./format.js";
-import { connection, start } from "./live.js";
+import { connection, isLive, start } from "./live.js";
 import { startLeaseRenewal } from "./control-leases.js";
 import { go, route } from "./router.js";
 import { topic } from "./store.js";
@@ -21,14 +21,16 @@ const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", 
 const loaded = new Map();
 const loadProblem = signal(null);
 
+const loadPage = (page) => import(`./pages/${page}.js`).then((found) => { loaded.set(page, found.Page); });
+
 function CurrentPage() {
   const { page, id, query } = route.value;
   const [, redraw] = useState(0);
   const exists = PAGES.has(page);
   useEffect(() => {
     if (!exists || loaded.has(page)) return;
-    import(`./pages/${page}.js`).then(
-      (found) => { loaded.set(page, found.Page); redraw((n) => n + 1); },
+    loadPage(page).then(
+      () => redraw((n) => n + 1),
       () => { loadProblem.value = { wasLost: connection.peek() !== "live" }; },
     );
   }, [page]);
@@ -74,9 +76,10 @@ async function connectToServer() {
   }
 }
 
-/** Load the names of the signals after each login. */
+/** Load the names of the signals after each login, once the drives are shown. */
 function loadSignalNames() {
-  loggedIn.subscribe((isIn) => {
+  const isReady = computed(() => loggedIn.value && isLive.value);
+  isReady.subscribe((isIn) => {
     if (isIn) api.get("/history/tags").then(({ tags }) => addSignalNames(tags), () => null);
   });
 }
@@ -92,9 +95,12 @@ effect(() => {
   document.title = count + (language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name);
 });
 
+// The first page, the texts and the session are requested at the same time.
+if (PAGES.has(route.peek().page)) loadPage(route.peek().page).catch(() => null);
+const connected = connectToServer();
 await loadLanguage(language.peek());
 render(html`<${App} />`, document.getElementById("page"));
-await connectToServer();
+await connected;
 await tryLoginWithCode();
 addEventListener("hashchange", tryLoginWithCode); // an address with a code may be pasted into the open page
 start();
