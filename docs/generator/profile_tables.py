@@ -151,13 +151,24 @@ def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list
 
 
 def faults(profile: DriveProfile, language: str) -> str:
-    rows = [(f.code, f.label or "–", localized(f.text, language)) for f in profile.faults.values()]
-    other = profile.fault_text
-    if other is not None:
-        rows.append(
-            ("n", profile.fault_label.replace("{code}", "n") or "–", localized(other, language).replace("{code}", "n"))
-        )  # type: ignore[arg-type]
-    return table([term(head, language) for head in ("code", "label", "meaning")], rows)
+    """Return the faults; cause and remedy have a column where a listed fault has them."""
+    known = list(profile.faults.values())
+    advice = [name for name in ("cause", "remedy") if any(getattr(f, name) for f in known)]
+    rows: list[tuple[object, ...]] = [
+        (
+            f.code,
+            f.label or "–",
+            localized(f.text, language),
+            *(localized(text, language) if (text := getattr(f, name)) else "–" for name in advice),
+            evidence(f.evidence, language) if f.evidence else "–",
+        )
+        for f in known
+    ]
+    if profile.fault_text is not None:
+        label = profile.fault_label.replace("{code}", "n") or "–"
+        text = localized(profile.fault_text, language).replace("{code}", "n")
+        rows.append(("n", label, text, *("–" for _ in advice), "–"))
+    return table([term(head, language) for head in ("code", "label", "meaning", *advice, "source")], rows)
 
 
 def caveats(profile: DriveProfile, language: str) -> str:

@@ -60,6 +60,8 @@ TERMS = {
     "values": Text("values", "取值"),
     "code": Text("code", "代码"),
     "label": Text("keypad", "面板"),
+    "cause": Text("cause", "原因"),
+    "remedy": Text("remedy", "处理"),
     "id": Text("id", "编号"),
     "command": Text("command", "命令"),
     "mask": Text("mask", "掩码"),

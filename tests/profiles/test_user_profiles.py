@@ -7,8 +7,13 @@ from pathlib import Path
 import pytest
 
 from drivebus import Bus, Drive, profiles
+from drivebus.commissioning.decode.describe import describe_frame
+from drivebus.drives.state import Fault
 from drivebus.errors import ProfileError
 from drivebus.ports import open_port
+from drivebus.profiles.model import Evidence
+from drivebus.simulator.motor import Trip
+from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality
 
@@ -85,6 +90,38 @@ def test_a_monitor_of_ones_own_is_a_signal_of_c320(own: Path) -> None:
             await drive.stop()
 
     run(scenario())
+
+
+FAULT = """
+format = 1
+extends = "c320"
+[faults.1]
+label = "Fu.1"
+text = { en = "overload", zh = "过载" }
+cause = { en = "The filter is clogged.", zh = "滤网堵塞。" }
+remedy = { en = "Replace the filter.", zh = "更换滤网。" }
+evidence = "user: maintenance log"
+"""
+
+
+def test_cause_and_remedy_of_ones_own_are_in_the_status_and_in_a_decoded_frame(own: Path) -> None:
+    path = own / "fan.toml"
+    path.write_text(FAULT, encoding="utf-8")
+    assert profiles.load(path).faults[1].evidence == Evidence("user", "maintenance log")
+    frame = bytes.fromhex("2A 30 30 30 32 30 30 30 31 30 30 30 30 30 32 34 33 0D")
+    fields = describe_frame(path, frame, direction="response").fields
+    assert (fields["fault_cause"].en, fields["fault_remedy"].zh) == ("The filter is clogged.", "更换滤网。")
+    bare = describe_frame("c320", frame, direction="response").fields
+    assert "fault_cause" not in bare and "fault_remedy" not in bare
+
+    async def scenario() -> Fault | None:
+        async with Bus(open_port("sim://c320@1?name=own-fault")) as bus:
+            find_simulated_bus("own-fault").station(1).trip(next(iter(Trip)))
+            return (await Drive(bus, path, 1).status()).fault
+
+    fault = run(scenario())
+    assert fault is not None and fault.cause is not None and fault.remedy is not None
+    assert (fault.cause.zh, fault.remedy.en) == ("滤网堵塞。", "Replace the filter.")
 
 
 def test_a_df800_with_its_status_monitors_has_a_state(own: Path) -> None:

@@ -410,7 +410,14 @@ def _build_preconditions(parsed: ProfileIn, unplaced: Mapping[str, m.UnplacedPar
 
 def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
     cause, remedy = (_build_text(text) if text else None for text in (parsed.cause, parsed.remedy))
-    return m.FaultEntry(code, parsed.label, _build_text(parsed.text), cause, remedy)
+    return m.FaultEntry(
+        code=code,
+        label=parsed.label,
+        text=_build_text(parsed.text),
+        cause=cause,
+        remedy=remedy,
+        evidence=parse_evidence(parsed.evidence),
+    )
 
 
 def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:

@@ -105,7 +105,7 @@ class Precondition:
     """Reason why the host can't read it, and what to supply; the user sees this instead of an assumed value."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FaultEntry:
     """Fault code: label on the keypad, text, and cause and remedy where the maker gives them."""
 
@@ -114,6 +114,8 @@ class FaultEntry:
     text: Text
     cause: Text | None = None
     remedy: Text | None = None
+    evidence: Evidence | None = None
+    """Origin of its texts; None for the general text of a code that the profile does not list."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,9 +311,9 @@ class DriveProfile:
             return known
         text = self.fault_text or Text(*(i18n.text("profiles.fault_undescribed", side) for side in ("en", "zh")))
         return FaultEntry(
-            code,
-            self.fault_label.replace("{code}", str(code)),
-            Text(text.en.replace("{code}", str(code)), text.zh.replace("{code}", str(code))),
+            code=code,
+            label=self.fault_label.replace("{code}", str(code)),
+            text=Text(text.en.replace("{code}", str(code)), text.zh.replace("{code}", str(code))),
         )
 
     @property

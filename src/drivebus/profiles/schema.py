@@ -158,6 +158,7 @@ class FaultIn(StrictTable):
     text: BilingualTextIn
     cause: BilingualTextIn | None = None
     remedy: BilingualTextIn | None = None
+    evidence: EvidenceLine = "user"
 
 
 class CaveatIn(StrictTable):

@@ -60,9 +60,14 @@ def quantity_fields(
 
 
 def fault_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
-    """Return the keypad's label and the text of the fault code, if there is one."""
+    """Return the keypad's label and the text of the fault code, if there is one, and its cause and remedy if known."""
     code = fields.get("fault_code")
-    return FieldDict(fault=profile.fault(code).label, fault_text=profile.fault(code).text) if code else FieldDict()
+    if not code:
+        return FieldDict()
+    fault = profile.fault(code)
+    advice = {"fault_cause": fault.cause, "fault_remedy": fault.remedy}
+    found = FieldDict(fault=fault.label, fault_text=fault.text)
+    return found | FieldDict(**{name: text for name, text in advice.items() if text})
 
 
 def broadcast_field(profile: DriveProfile, description: FrameDescription) -> FieldDict:

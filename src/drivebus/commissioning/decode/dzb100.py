@@ -1,7 +1,7 @@
 """Descriptions of DZB100 frames with the facts of a profile.
 
 Added fields: ``value``, a text with unit; ``frequency_hz_by_coding``, the frequency under each coding that the manual
-allows; ``fault`` and ``fault_text``, the label on the keypad and its meaning.
+allows; the fault's label, text, cause and remedy: see ``annotate.fault_fields``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Descriptions of Sunfar frames with the facts of a profile.
 
-Added fields: ``scaled``, a text with unit; ``fault`` and ``fault_text``, the label on the keypad and its meaning;
+Added fields: ``scaled``, a text with unit; the fault's label, text, cause and remedy: see ``annotate.fault_fields``;
 ``broadcast`` for a request to every drive.
 """
 
