@@ -49,6 +49,17 @@ def atomic_write_private(path: Path, content: bytes) -> None:
     atomic_write(path, content, PRIVATE_FILE_MODE)
 
 
+def link_or_copy(path: Path, other: Path) -> None:
+    """Give a file a second name; copy it on a file system without hard links. Durable on return. Raises OSError."""
+    try:
+        os.link(path, other)
+    except FileExistsError:
+        raise
+    except OSError:
+        atomic_write(other, path.read_bytes())
+    fsync_directory(path.parent)
+
+
 def write_all(fd: int, data: bytes) -> None:
     """Write all bytes, however few the system takes at a time. Raises OSError, also for a disk that takes none."""
     while data:

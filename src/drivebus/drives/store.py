@@ -83,7 +83,7 @@ class FileStore:
         aside = self.path.with_name(self.path.name + suffix)
         try:
             with _locked(self.path.with_suffix(".lock")):
-                _link_or_copy(self.path, aside)
+                atomic_write.link_or_copy(self.path, aside)
                 _replace(self.path, _encode(values))
         except OSError as error:
             problem = error.strerror or str(error)
@@ -122,17 +122,6 @@ def _encode(values: Mapping[str, str]) -> str:
 
 def _replace(path: Path, text: str) -> None:
     atomic_write.atomic_write(path, text.encode())
-
-
-def _link_or_copy(path: Path, other: Path) -> None:
-    """Give a file a second name; copy it on a file system without hard links. Durable on return. Raises OSError."""
-    try:
-        os.link(path, other)
-    except FileExistsError:
-        raise
-    except OSError:
-        atomic_write.atomic_write(other, path.read_bytes())
-    atomic_write.fsync_directory(path.parent)
 
 
 @contextlib.contextmanager

@@ -70,6 +70,7 @@ class Service:
         self._timer = timers.acquire(self._loop)
         now = self._timer.now
         clock = UtcClock(now, wall_ms)
+        self._alarm_log = storage.alarm_log
         known = storage.alarm_log.load()
         self.plant = Plant(
             config=config,
@@ -135,6 +136,7 @@ class Service:
             plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject="audit.jsonl")
         if plant.audit.key_replaced:
             plant.raise_alarm(SystemAlarm.AUDIT_KEY_REPLACED, subject=plant.audit.paths.key.name)
+        self._report_damaged_alarms()
         for bus in plant.config.buses:
             plant.add_bus(bus, plant.config.drives)
         for drive in plant.config.drives:
@@ -144,6 +146,14 @@ class Service:
             runtime.start()
         self.supervision.run_once()
         self._supervision_task = asyncio.create_task(self.supervision.run(), name="supervision")
+
+    def _report_damaged_alarms(self) -> None:
+        """Raise an alarm where the log of alarms was put aside at this start, else clear it."""
+        subject = "alarms.jsonl"
+        if self._alarm_log.damaged_copy:
+            self.plant.raise_alarm(SystemAlarm.FILE_DAMAGED, subject=subject, copy=self._alarm_log.damaged_copy)
+        else:
+            self.plant.clear_alarm(SystemAlarm.FILE_DAMAGED, subject=subject)
 
     async def stop(self) -> Json:
         """Stop what this service started, then close every bus. Return the outcome of each drive's stop."""

@@ -46,6 +46,35 @@ def test_unacknowledged_alarms_survive_a_restart_and_numbers_continue(tmp_path: 
     assert AlarmLog(tmp_path / "nothing").load() == []
 
 
+@pytest.mark.parametrize("content", [b"\x80\x9f\xff\n", b"[]\n", b'{"id": 7}\n', b"[" * 100_000 + b"\n"])
+def test_a_damaged_file_is_put_aside_and_what_could_be_read_is_kept(tmp_path: Path, content: bytes) -> None:
+    """It was read around, and the next rewrite removed for good what a repair could have saved."""
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 2)
+    whole = content + path.read_bytes()
+    path.write_bytes(whole)
+    write_log(path, 2)
+    (copy,) = tmp_path.glob("alarms.jsonl.damaged-*")
+    assert copy.read_bytes() == whole
+    log = AlarmLog(path)
+    assert log.load() and log.next_number > 3 and not log.damaged_copy
+
+
+def test_a_directory_in_the_place_of_the_file_is_put_aside(tmp_path: Path) -> None:
+    (tmp_path / "alarms.jsonl").mkdir()
+    write_log(tmp_path / "alarms.jsonl", 1)
+    assert len(AlarmLog(tmp_path / "alarms.jsonl").load()) == 1
+
+
+def test_a_torn_end_is_no_damage(tmp_path: Path) -> None:
+    """A power cut leaves it; it needs no attention."""
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 2)
+    path.write_bytes(path.read_bytes() + b'{"id": "a9", "set')
+    log = AlarmLog(path)
+    assert log.load() and not log.damaged_copy and path.exists()
+
+
 def test_a_damaged_line_affects_only_itself_until_the_file_is_rewritten(tmp_path: Path) -> None:
     path = tmp_path / "alarms.jsonl"
     write_log(path, 3)

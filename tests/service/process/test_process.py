@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ import pytest
 
 from drivebus.cli.commands import stop
 from drivebus.cli.errors import ExitCode, exit_code_of
-from drivebus.errors import ConfigurationError, StopUnconfirmed
+from drivebus.errors import AuditUnavailable, ConfigurationError, StopUnconfirmed
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 
 COMMAND = [sys.executable, "-m", "drivebus"]
 PLANT = """
@@ -41,6 +43,9 @@ model = "c320"
 """
 SECOND = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
 ME = local_actor("tester", "t-1")
+READ_ONLY_MOUNT = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0" && exec "$@"'
+UNSHARE = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c", READ_ONLY_MOUNT]
+"""Begin of a command for which a directory, its next word, is read-only, also if it is root's."""
 
 
 def write(tmp_path: Path, *more: str) -> Path:
@@ -50,10 +55,12 @@ def write(tmp_path: Path, *more: str) -> Path:
 
 
 @contextmanager
-def running_service(file: Path, *words: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+def running_service(
+    file: Path, *words: str, prefix: Sequence[str] = (), **environment: str
+) -> Iterator[subprocess.Popen[str]]:
     """A service process that is ready."""
     process = subprocess.Popen(
-        [*COMMAND, "serve", str(file), *words],
+        [*prefix, *COMMAND, "serve", str(file), *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -127,6 +134,41 @@ def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tm
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
     assert "drive.run" in {entry["what"] for entry in trail}
     assert not [name for name in state.iterdir() if name.suffix == ".sock"]
+
+
+def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_record(tmp_path: Path) -> None:
+    """It did not start: no poll and no stop until the disk was repaired."""
+    file, state = write(tmp_path), tmp_path / "state"
+    state.mkdir(mode=0o700)
+    read_only = [*UNSHARE, str(state)]
+    if shutil.which("unshare") is None or subprocess.run([*read_only, "true"], check=False).returncode != 0:
+        pytest.skip("no right to mount a directory read-only")
+
+    async def scenario() -> None:
+        client = SocketClient(socket_path(state, SERVICE_SOCKET))
+        await wait_until_stopped(client, "fan-1")
+        assert (await stop._request_stop(state))["outcomes"]["fan-1"]["status"] == "confirmed"
+        await client.call("start_inhibit.release", {"drive": "fan-1"}, ME)
+        await client.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 10.0}, ME)
+        for operation, params in (
+            ("drive.run", {"frequency_hz": 10.0}),
+            ("drive.limits", {"maximum_hz": 20.0}),
+            ("waiver.grant", {"reason": "test bench"}),
+        ):
+            with pytest.raises(AuditUnavailable, match="Read-only file system"):
+                await client.call(operation, {"drive": "fan-1", **params}, ME)
+        plant = await client.call("plant.get", {}, ME)
+        assert not plant["audit_ok"] and not plant["history_ok"]
+        alarms = (await client.call("alarms.list", {}, ME))["active"]
+        assert "history" in [one["subject"] for one in alarms if one["kind"] == "storage_failure"]
+        await client.close()
+
+    with running_service(file, "--without", "web", "--log", "json", prefix=read_only) as process:
+        asyncio.run(scenario())
+        process.send_signal(signal.SIGTERM)
+        _, log = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert any(f"{state} can't be written: Read-only file system" in line for line in log.splitlines())
 
 
 def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import atomic_write
 from drivebus.drives import Drive, FileStore, MemoryStore, store
 from drivebus.errors import ConfigurationError, ServiceError
 from drivebus.service.app import Service, build_service
@@ -93,7 +94,7 @@ async def test_a_damaged_file_that_cannot_be_replaced_stays_and_its_limits_count
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as full_disk:
-        full_disk.setattr(store, "_link_or_copy" if failing == "link" else "_replace", fail)
+        full_disk.setattr(*((atomic_write, "link_or_copy") if failing == "link" else (store, "_replace")), fail)
         for _ in range(2):
             async with service_in(tmp_path) as service:
                 assert "fan-1, fan-2, pump-1, pump-2" in lost_alarms(service)[0].text.en
@@ -196,3 +197,32 @@ async def test_a_damaged_store_of_eeprom_counts_prevents_no_stop(tmp_path: Path)
         with pytest.raises(ConfigurationError, match=r"store\.json"):
             await drive.write({"F1.10": 16}, save=True)
     assert file.read_bytes() == b"\x80"
+
+
+async def test_a_damaged_log_of_alarms_is_an_alarm_until_the_next_start(tmp_path: Path) -> None:
+    """It was read around without a word."""
+    (tmp_path / "alarms.jsonl").write_bytes(b"\x80\xff\n")
+    for expected in (["alarms.jsonl"], []):
+        async with service_in(tmp_path) as service:
+            damaged = [one for one in service.plant.alarms.active() if one.kind == "file_damaged"]
+            assert [one.subject for one in damaged if one.cleared_ms is None] == expected
+            assert "put aside as alarms.jsonl.damaged-" in damaged[0].text.en
+
+
+FILES = ("audit.jsonl", "checkpoints.jsonl", "../state.audit.key", "../state.audit.head", "history.db", "incidents")
+
+
+@pytest.mark.parametrize("content", [*DAMAGED.values(), None], ids=[*DAMAGED, "a directory"])
+async def test_a_service_starts_and_stops_its_drives_whatever_its_files_contain(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    state = tmp_path / "state"
+    state.mkdir(mode=0o700)
+    for name in (*FILES, "plant.json", "alarms.jsonl"):
+        path = state / name
+        path.mkdir() if content is None else path.write_bytes(content)
+    async with service_in(state) as service:
+        assert (await service.call("plant.stop", {}, LOCAL))["outcomes"].keys() == service.plant.drives.keys()
+        kinds = {alarm.kind for alarm in service.plant.alarms.active()}
+        assert "settings_lost" in kinds
+        assert content == b"" or kinds & {"file_damaged", "storage_failure"}

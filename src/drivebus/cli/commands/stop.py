@@ -223,12 +223,19 @@ async def _request_stop(folder: Path) -> Json:
 
     Raises ServiceUnavailable if no service answers, StopUnconfirmed if it hangs or ends before it reports the result.
     """
-    from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_REQUEST, STOP_SOCKET, short_socket_path
+    from drivebus.service.ipc.protocol import (
+        MAX_MESSAGE_BYTES,
+        STOP_REQUEST,
+        STOP_SOCKET,
+        short_socket_path,
+        socket_path,
+    )
 
-    socket = str(folder / STOP_SOCKET)
+    path = socket_path(folder, STOP_SOCKET)
+    socket = str(path)
     try:
-        with short_socket_path(folder / STOP_SOCKET) as path:
-            reader, writer = await asyncio.open_unix_connection(path, limit=MAX_MESSAGE_BYTES)
+        with short_socket_path(path) as short:
+            reader, writer = await asyncio.open_unix_connection(short, limit=MAX_MESSAGE_BYTES)
         writer.write(STOP_REQUEST)
     except OSError as error:
         raise ServiceUnavailable("stop_all.no_service", socket=socket) from error

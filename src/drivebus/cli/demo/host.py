@@ -37,7 +37,7 @@ from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.ipc.protocol import SERVICE_SOCKET
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
 from drivebus.types import Json
@@ -147,7 +147,7 @@ async def _play(
     on_player: Callable[[ScriptPlayer], None] = lambda player: None,
 ) -> None:
     """Play steps over the socket of the service."""
-    client, actor = SocketClient(config.directory / SERVICE_SOCKET), local_actor("demo", "demo")
+    client, actor = SocketClient(socket_path(config.directory, SERVICE_SOCKET)), local_actor("demo", "demo")
 
     async def call(operation: str, params: Json) -> Json:
         return await client.call(operation, params, actor)
@@ -251,7 +251,7 @@ async def _serve_parent(config: PlantConfig, plant: DemoPlant) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     reading = asyncio.create_task(read_parent())
-    send({"socket": str(config.directory / SERVICE_SOCKET)})
+    send({"socket": str(socket_path(config.directory, SERVICE_SOCKET))})
     await _play(config, plant, OPENING + CONTINUATION, END_S, lambda text: send({"message": text}), players.append)
     if not players[0].taken_over:
         send({"finished": True})

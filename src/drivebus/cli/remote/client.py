@@ -61,9 +61,9 @@ class LocalClient:
     def __init__(self, path: Path) -> None:
         from drivebus.service.auth.actor import local_actor
         from drivebus.service.ipc.client import SocketClient
-        from drivebus.service.ipc.protocol import SERVICE_SOCKET
+        from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 
-        self._client = SocketClient(path / SERVICE_SOCKET if path.is_dir() else path)
+        self._client = SocketClient(socket_path(path, SERVICE_SOCKET) if path.is_dir() else path)
         self._actor = local_actor(getpass.getuser(), f"cli-{os.getpid()}-{os.urandom(4).hex()}")
 
     async def call(self, operation: str, params: Json) -> Json:

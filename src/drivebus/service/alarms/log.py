@@ -6,10 +6,12 @@ A line holds the whole alarm, so that its last line is enough and a torn line af
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from drivebus.atomic_write import atomic_write_private
+from drivebus.atomic_write import atomic_write_private, link_or_copy
+from drivebus.clock import wall_ms
 from drivebus.service.alarms.model import Alarm
 from drivebus.service.api.paging import page
 from drivebus.service.storage.append_log import AppendLog
@@ -29,6 +31,8 @@ class AlarmLog:
         self._journal = AppendLog(path)
         self._alarms: dict[str, Alarm] = {}
         self._lines = 0
+        self.damaged_copy = ""
+        """Name of the copy of a file that could not be read in full at ``load``; empty if it could be read."""
         self._writer: BatchWriter[Alarm, None] = BatchWriter("alarms", self._append_batch)
 
     @property
@@ -43,17 +47,32 @@ class AlarmLog:
 
     def load(self) -> list[Alarm]:
         """Read the file and return the alarms that are still active. An unreadable file counts as empty, because
-        control of drives does not depend on it.
+        control of drives does not depend on it; it is put aside.
         """
         try:
             data = self._journal.path.read_bytes()
+        except FileNotFoundError:
+            data = b""
         except OSError:
             data = b""
-        for alarm in _decode_lines(data.split(b"\n")):
-            self._remember(alarm)
-        is_torn = data and not data.endswith(b"\n")
+            self._put_aside(Path.rename)
+        *lines, torn = data.split(b"\n")
+        found = [_decode_line(line) for line in lines]
+        for alarm in (*found, _decode_line(torn)):
+            if alarm is not None:
+                self._remember(alarm)
+        if None in found:
+            self._put_aside(link_or_copy)
+        is_torn = torn or self.damaged_copy
         self._lines = data.count(b"\n") + (MAX_LOG_LINES if is_torn else 0)  # a torn end forces a rewrite
         return [alarm for alarm in self._alarms.values() if alarm.active]
+
+    def _put_aside(self, move: Callable[[Path, Path], object]) -> None:
+        """Give the file a second name, by which it can be repaired. Never raises."""
+        copy = self._journal.path.with_name(f"{self._journal.path.name}.damaged-{wall_ms()}")
+        with suppress(OSError):  # it stays as it is, and the next start tries again
+            move(self._journal.path, copy)
+            self.damaged_copy = copy.name
 
     def put(self, alarm: Alarm) -> None:
         """Queue a change. Never waits; call it on the event loop."""
@@ -103,12 +122,11 @@ def _encode_lines(alarms: Iterable[Alarm]) -> bytes:
     return b"".join(json.dumps(alarm.as_json(), separators=(",", ":")).encode() + b"\n" for alarm in alarms)
 
 
-def _decode_lines(lines: Iterable[bytes]) -> Iterator[Alarm]:
-    """Yield the alarms of valid lines; skip torn or damaged ones."""
-    for line in lines:
-        try:
-            alarm = Alarm.from_json(json.loads(line))
-            alarm_number(alarm.id)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            continue
-        yield alarm
+def _decode_line(line: bytes) -> Alarm | None:
+    """Return the alarm of a line; None for a torn or damaged one."""
+    try:
+        alarm = Alarm.from_json(json.loads(line))
+        alarm_number(alarm.id)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    return alarm

@@ -32,6 +32,8 @@ class SystemAlarm(StrEnum):
     """The checkpoints of the audit trail were not made with its key when the service started."""
     SETTINGS_LOST = "settings_lost"
     """Waivers and limits of drives can't be read."""
+    FILE_DAMAGED = "file_damaged"
+    """A file could not be read when the service started, and was put aside."""
     CERTIFICATE_EXPIRY = "certificate_expiry"
     """The TLS certificate of a gateway ends soon, or has ended."""
     PORT_LOST = "port_lost"
@@ -49,6 +51,7 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
     SystemAlarm.AUDIT_INCOMPLETE: AlarmPriority.HIGH,
     SystemAlarm.AUDIT_KEY_REPLACED: AlarmPriority.HIGH,
     SystemAlarm.SETTINGS_LOST: AlarmPriority.HIGH,
+    SystemAlarm.FILE_DAMAGED: AlarmPriority.MEDIUM,
     SystemAlarm.CERTIFICATE_EXPIRY: AlarmPriority.MEDIUM,
     SystemAlarm.PORT_LOST: AlarmPriority.CRITICAL,
     SystemAlarm.FOREIGN_MASTER: AlarmPriority.CRITICAL,

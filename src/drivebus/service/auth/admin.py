@@ -15,7 +15,7 @@ from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.users import USER_FILE, UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.ipc.protocol import SERVICE_SOCKET
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.lock import single_instance
 from drivebus.types import Json
 
@@ -57,7 +57,7 @@ async def _audit_writer(setting: PlantConfig) -> AsyncIterator[WriteAuditRecord]
     except ConfigurationError as error:
         if error.key != "plant.runs_already":
             raise
-        client = SocketClient(setting.directory / SERVICE_SOCKET)
+        client = SocketClient(socket_path(setting.directory, SERVICE_SOCKET))
         try:
             yield lambda entry: client.record(entry, actor)
         finally:

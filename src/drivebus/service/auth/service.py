@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
 import secrets
 import time
@@ -45,7 +46,8 @@ class SetupSecret:
         """Return the secret; create it and its file on the first call."""
         if self._secret is None:
             self._secret = secrets.token_urlsafe(16)
-            atomic_write_private(self.path, self._secret.encode() + b"\n")
+            with contextlib.suppress(OSError):  # a disk that cannot be written: the secret is printed too
+                atomic_write_private(self.path, self._secret.encode() + b"\n")
         return self._secret
 
     def verify(self, secret: str) -> bool:
@@ -56,7 +58,8 @@ class SetupSecret:
     def consume(self) -> None:
         """Invalidate the secret and delete its file."""
         self._secret = None
-        self.path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
 
 
 SESSION_SAVE_INTERVAL_S = 60.0

@@ -1,22 +1,80 @@
-"""Sockets of the service: their names, paths of any length, and the form of a reply."""
+"""Sockets of the service: their names, places and paths of any length, and the form of a reply."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
+import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from drivebus.atomic_write import PRIVATE_FOLDER_MODE
 from drivebus.errors import ConfigurationError
 
 MAX_SOCKET_PATH_BYTES = 100
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024
 """Bytes of one message."""
 SERVICE_SOCKET, STOP_SOCKET = "plant.sock", "stop.sock"
+RUNTIME_FOLDERS = ("/run/user/{uid}", "/run/drivebus", "/tmp")
+"""Places of the sockets of a service that cannot write its state directory. The systemd unit creates the second one."""
 STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"received\n"
 """Only request of ``stop.sock``, and its immediate answer, which shows that the service does not hang."""
+
+
+def socket_path(directory: Path, name: str) -> Path:
+    """Return the path of a socket of the service with this state directory.
+
+    A socket in a runtime folder takes precedence: the service removes it when it listens in the state directory again.
+    """
+    with contextlib.suppress(OSError):
+        uid = directory.stat().st_uid
+        for folder in _runtime_folders(directory, uid):
+            if _is_private(folder, uid) and (folder / name).is_socket():
+                return folder / name
+    return directory / name
+
+
+def create_runtime_folder(directory: Path) -> Path:
+    """Create a folder of this user for the sockets of a state directory that cannot be written. Raises OSError."""
+    uid, failure = os.geteuid(), OSError("no runtime folder")
+    for folder in _runtime_folders(directory, uid):
+        try:
+            folder.mkdir(mode=PRIVATE_FOLDER_MODE, exist_ok=True)
+        except OSError as error:
+            failure = error
+        else:
+            if _is_private(folder, uid):
+                return folder
+    raise failure
+
+
+def remove_runtime_folders(directory: Path) -> None:
+    """Remove the sockets that a service left in runtime folders. Never raises."""
+    uid = os.geteuid()
+    for folder in _runtime_folders(directory, uid):
+        if _is_private(folder, uid):
+            with contextlib.suppress(OSError):
+                for name in (SERVICE_SOCKET, STOP_SOCKET):
+                    (folder / name).unlink(missing_ok=True)
+                folder.rmdir()
+
+
+def _runtime_folders(directory: Path, uid: int) -> Iterator[Path]:
+    digest = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
+    for base in RUNTIME_FOLDERS:
+        yield Path(base.format(uid=uid)) / f"drivebus-{uid}-{digest}"
+
+
+def _is_private(folder: Path, uid: int) -> bool:
+    """Return whether a folder is one that only this user can change: any user may create names below /tmp."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == uid and not found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
 
 
 @contextlib.contextmanager

@@ -229,4 +229,5 @@ def _unlink(path: str | Path) -> None:
 async def close_server(server: asyncio.Server | None, path: Path) -> None:
     if server is not None:
         server.close()
-        _unlink(path)
+        with contextlib.suppress(OSError):  # the directory may have become read-only meanwhile
+            _unlink(path)

@@ -12,7 +12,7 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import TypeAdapter
 
 from drivebus.service.config.model import GatewayConfig, PlantConfig
-from drivebus.service.ipc.protocol import SERVICE_SOCKET
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import LogFormat
 
 AddressOutput = Literal["plain", "json", "not"]
@@ -43,7 +43,7 @@ def gateway_arguments(
 ) -> GatewayArguments[Any]:
     """Return the arguments of one gateway of a plant."""
     return GatewayArguments(
-        socket=plant.directory / SERVICE_SOCKET,
+        socket=socket_path(plant.directory, SERVICE_SOCKET),
         directory=plant.directory,
         user_file=plant.users or plant.directory / "users.json",
         settings=gateway.settings,

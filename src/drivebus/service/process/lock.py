@@ -2,40 +2,70 @@
 
 from __future__ import annotations
 
+import errno
+import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE
 from drivebus.errors import ConfigurationError
 from drivebus.service.process.permissions import check_trusted
 
+LOG = logging.getLogger("drivebus.service")
 PRIVATE_DIRECTORY_MODE = 0o700
 _LOCK_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+_UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EIO})
 
 
 @contextmanager
 def single_instance(directory: Path) -> Iterator[None]:
     """Hold the lock while the block lasts.
 
-    Raises ConfigurationError where another service holds it, or where others could write the directory.
+    The directory itself is locked beside its ``service.lock``, which cannot be created where the directory cannot be
+    written. Raises ConfigurationError where another service holds it, or where others could write the directory.
     """
+    with ExitStack() as stack:
+        try:
+            directory.mkdir(mode=PRIVATE_DIRECTORY_MODE, parents=True, exist_ok=True)
+            check_trusted(directory)
+            itself = os.open(directory, os.O_RDONLY | os.O_CLOEXEC)
+            stack.callback(os.close, itself)
+            file = _open_lock_file(directory / "service.lock")
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from error
+        if file is not None:
+            stack.callback(os.close, file)
+        if not all(_lock(fd) for fd in (file, itself) if fd is not None):
+            raise ConfigurationError("plant.runs_already", directory=str(directory))
+        if file is not None:
+            with suppress(OSError):  # a full disk; the number is for people, the lock holds without it
+                os.ftruncate(file, 0)
+                os.write(file, f"{os.getpid()}\n".encode())
+        yield
+
+
+def _open_lock_file(path: Path) -> int | None:
+    """Open or create the lock file; return None where the directory cannot be written. Raises OSError."""
+    try:
+        return os.open(path, _LOCK_FLAGS, PRIVATE_FILE_MODE)
+    except OSError as error:
+        if error.errno not in _UNWRITABLE:
+            raise
+        LOG.error("%s can't be written: %s; nothing is recorded until it can be", path.parent, error.strerror)
+        return None
+
+
+def _lock(fd: int) -> bool:
+    """Lock a file; return False where another process holds it. A file system may have no locks of directories."""
     from fcntl import LOCK_EX, LOCK_NB, flock
 
     try:
-        directory.mkdir(mode=PRIVATE_DIRECTORY_MODE, parents=True, exist_ok=True)
-        check_trusted(directory)
-        fd = os.open(directory / "service.lock", _LOCK_FLAGS, PRIVATE_FILE_MODE)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from error
-    with os.fdopen(fd, "w") as file:
-        try:
-            flock(file, LOCK_EX | LOCK_NB)
-        except OSError:
-            raise ConfigurationError("plant.runs_already", directory=str(directory)) from None
-        with suppress(OSError):  # a full disk; the number is for people, the lock holds without it
-            os.ftruncate(fd, 0)
-            os.write(fd, f"{os.getpid()}\n".encode())
-        yield
+        flock(fd, LOCK_EX | LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -7,15 +7,21 @@ import errno
 import logging
 import os
 import signal
-from collections.abc import Callable, Collection, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from pathlib import Path
 from typing import Any
 
-from drivebus.errors import DrivebusError
+from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.service.api.operations.plant import CONFIGURATION_RELOAD
 from drivebus.service.app import SERVICE_ACTOR, Service, build_service
 from drivebus.service.config.model import PlantConfig
-from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
+from drivebus.service.ipc.protocol import (
+    SERVICE_SOCKET,
+    STOP_SOCKET,
+    create_runtime_folder,
+    remove_runtime_folders,
+)
 from drivebus.service.ipc.server import SocketServer, StopServer
 from drivebus.service.process.gateway_arguments import AddressOutput
 from drivebus.service.process.gateways import GatewaySupervisor
@@ -52,13 +58,7 @@ async def run_service(
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
             await service.start()
             on_reload.append(lambda: _reload(service))
-            servers = (
-                SocketServer(service, config.directory / SERVICE_SOCKET),
-                StopServer(service, config.directory / STOP_SOCKET),
-            )
-            for server in servers:
-                await server.open()
-                stack.push_async_callback(server.close)
+            await stack.enter_async_context(_service_sockets(service, config.directory))
             gateways = GatewaySupervisor(
                 service.plant, without=without, address_output=address_output, log_format=log_format
             )
@@ -70,6 +70,36 @@ async def run_service(
             notify.send("STOPPING=1")
             outcomes, _ = await asyncio.gather(service.stop(), gateways.close())
     return outcomes
+
+
+@asynccontextmanager
+async def _service_sockets(service: Service, directory: Path) -> AsyncIterator[None]:
+    """Serve both sockets in the state directory, or in a runtime folder where it cannot be written.
+
+    Raises ConfigurationError where neither is possible.
+    """
+    async with AsyncExitStack() as stack:
+        try:
+            await _listen(service, directory, stack)
+            remove_runtime_folders(directory)
+        except OSError as error:
+            await stack.aclose()
+            try:
+                folder = create_runtime_folder(directory)
+                stack.callback(remove_runtime_folders, directory)
+                await _listen(service, folder, stack)
+            except OSError as failure:
+                reason = failure.strerror or str(failure)
+                raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from failure
+            LOG.error("no socket in %s: %s; the sockets are in %s", directory, error.strerror or error, folder)
+        yield
+
+
+async def _listen(service: Service, folder: Path, stack: AsyncExitStack) -> None:
+    """Open both sockets. Raises OSError."""
+    for server in (SocketServer(service, folder / SERVICE_SOCKET), StopServer(service, folder / STOP_SOCKET)):
+        await server.open()
+        stack.push_async_callback(server.close)
 
 
 async def _reload(service: Service) -> None:

@@ -1,0 +1,128 @@
+"""Lock and sockets of a service whose state directory cannot be written."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from drivebus.errors import ConfigurationError
+from drivebus.service.ipc import protocol
+from drivebus.service.ipc.protocol import (
+    SERVICE_SOCKET,
+    STOP_SOCKET,
+    create_runtime_folder,
+    remove_runtime_folders,
+    socket_path,
+)
+from drivebus.service.process import lock, main
+from drivebus.service.process.lock import single_instance
+from fixtures.service import running_service
+
+
+@pytest.fixture
+def runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The only place of sockets outside the state directory."""
+    (tmp_path / "run").mkdir()
+    monkeypatch.setattr(protocol, "RUNTIME_FOLDERS", (str(tmp_path / "missing"), str(tmp_path / "run")))
+    return tmp_path / "run"
+
+
+async def test_without_a_place_for_its_sockets_the_service_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(protocol, "RUNTIME_FOLDERS", ())
+    async with running_service() as kit:
+        with pytest.raises(ConfigurationError, match="no runtime folder"):
+            async with main._service_sockets(kit.service, tmp_path / "missing"):
+                pass
+
+
+async def test_the_sockets_move_to_the_runtime_folder_and_back(tmp_path: Path, runtime_folder: Path) -> None:
+    missing = tmp_path / "missing"
+    async with running_service() as kit:
+        missing.symlink_to(tmp_path / "later")
+        folder = create_runtime_folder(missing)
+        async with main._service_sockets(kit.service, missing):
+            assert sorted(path.name for path in folder.iterdir()) == [SERVICE_SOCKET, STOP_SOCKET]
+        assert not folder.exists()
+
+
+@pytest.mark.parametrize("reason", [errno.EROFS, errno.ENOSPC, errno.EDQUOT])
+def test_a_directory_that_cannot_be_written_is_locked_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reason: int
+) -> None:
+    real_open = os.open
+
+    def fail(path: Path, flags: int, *mode: int) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(reason, os.strerror(reason))
+        return real_open(path, flags, *mode)
+
+    tmp_path.chmod(0o700)
+    with monkeypatch.context() as unwritable:
+        unwritable.setattr(lock.os, "open", fail)
+        with (
+            single_instance(tmp_path),
+            pytest.raises(ConfigurationError, match="already uses"),
+            single_instance(tmp_path),
+        ):
+            pass
+    with single_instance(tmp_path):
+        assert (tmp_path / "service.lock").read_text() == f"{os.getpid()}\n"
+
+
+def test_a_service_on_a_directory_that_became_writable_finds_the_one_that_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path.chmod(0o700)
+    monkeypatch.setattr(lock, "_open_lock_file", lambda path: None)
+    with single_instance(tmp_path):
+        monkeypatch.undo()
+        with pytest.raises(ConfigurationError, match="already uses"), single_instance(tmp_path):
+            pass
+
+
+def test_another_error_of_the_lock_file_is_refused_as_before(tmp_path: Path) -> None:
+    tmp_path.chmod(0o700)
+    (tmp_path / "service.lock").symlink_to(tmp_path / "foreign")
+    with pytest.raises(ConfigurationError, match="symbolic link"), single_instance(tmp_path):
+        pass
+    assert not (tmp_path / "foreign").exists()
+
+
+async def test_sockets_in_the_runtime_folder_are_found_until_they_are_removed(
+    tmp_path: Path, runtime_folder: Path
+) -> None:
+    folder = create_runtime_folder(tmp_path)
+    assert folder.parent == runtime_folder and folder.stat().st_mode & 0o777 == 0o700
+    assert socket_path(tmp_path, STOP_SOCKET) == tmp_path / STOP_SOCKET
+    server = await asyncio.start_unix_server(lambda reader, writer: None, folder / STOP_SOCKET)
+    assert socket_path(tmp_path, STOP_SOCKET) == folder / STOP_SOCKET
+    server.close()
+    remove_runtime_folders(tmp_path)
+    assert not folder.exists()
+    assert socket_path(tmp_path, STOP_SOCKET) == tmp_path / STOP_SOCKET
+
+
+@pytest.mark.parametrize("trick", ["others may write", "symbolic link", "file"])
+async def test_a_runtime_folder_that_others_prepared_is_not_used(
+    tmp_path: Path, runtime_folder: Path, trick: str
+) -> None:
+    """Any user may create a name below /tmp before the service does."""
+    folder, foreign = create_runtime_folder(tmp_path), tmp_path / "foreign"
+    server = await asyncio.start_unix_server(lambda reader, writer: None, folder / STOP_SOCKET)
+    if trick == "others may write":
+        folder.chmod(0o777)
+    else:
+        folder.rename(foreign)
+        folder.symlink_to(foreign) if trick == "symbolic link" else folder.write_text("")
+    assert socket_path(tmp_path, STOP_SOCKET) == tmp_path / STOP_SOCKET
+    with pytest.raises(OSError):
+        create_runtime_folder(tmp_path)
+    remove_runtime_folders(tmp_path)
+    assert folder.exists()
+    server.close()
