@@ -10,10 +10,12 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -21,8 +23,10 @@ import pytest
 
 from drivebus import profiles
 from drivebus.errors import DrivebusError
+from drivebus.gateways import process
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
+from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess
 from drivebus.types import Json
 from fixtures.child_process import COMMAND
 
@@ -321,3 +325,42 @@ def test_an_entry_point_that_cannot_be_used_is_an_error_of_check_and_serve(
     text = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 2 and "Traceback" not in text
     assert reason in text and "reinstall or remove that package" in text
+
+
+async def test_a_gateway_is_notified_of_a_reload_and_ends_with_its_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    events = asyncio.Queue[str]()
+
+    async def serve(client: SocketClient, arguments: Any, ending: asyncio.Event) -> None:
+        await ending.wait()
+        events.put_nowait("ended")
+
+    with os.fdopen(reading) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        arguments = SimpleNamespace(socket=Path("/missing"))
+        task = asyncio.create_task(process._run(arguments, serve, lambda: events.put_nowait("reloaded")))  # type: ignore[arg-type]
+        await asyncio.sleep(0)
+        os.write(writing, RELOAD_LINE)
+        assert await asyncio.wait_for(events.get(), 5) == "reloaded"
+        os.close(writing)
+        assert await asyncio.wait_for(events.get(), 5) == "ended"
+        await task
+
+
+async def test_the_service_notifies_a_gateway_whose_table_did_not_change() -> None:
+    script = "import sys; sys.stdin.readline(); sys.exit(sys.stdin.readline() == 'reload\\n')"
+    codes = asyncio.Queue[int]()
+    started = asyncio.Event()
+    child = ChildProcess(
+        (sys.executable, "-c", script),
+        b"{}\n",
+        time.monotonic,
+        on_start=lambda pid: started.set(),
+        on_exit=lambda code, repeated: codes.put_nowait(code),
+    )
+    child.notify_reload()
+    child.start()
+    await started.wait()
+    child.notify_reload()
+    assert await asyncio.wait_for(codes.get(), 10) == 1
+    await child.close()

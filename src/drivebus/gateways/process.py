@@ -21,9 +21,10 @@ Serve = Callable[[SocketClient, GatewayArguments[T], asyncio.Event], Awaitable[N
 """Runs a gateway as a client of the service until the event is set; may return earlier."""
 
 
-def run_gateway(name: str, settings: type[T], serve: Serve[T]) -> int:
+def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callable[[], None] = lambda: None) -> int:
     """Run a gateway until SIGTERM or the end of the service; return its exit code.
 
+    ``on_reload`` is called after each reload of the configuration that leaves the gateway's settings as they are.
     The code is 2 for arguments or settings that cannot be used.
     """
     set_nice(NICE_GATEWAY)
@@ -35,20 +36,22 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T]) -> int:
         return 2
     configure_logging(arguments.log_format)
     try:
-        asyncio.run(_run(arguments, serve))
+        asyncio.run(_run(arguments, serve, on_reload))
     except ConfigurationError as error:
         print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
         return 2
     return 0
 
 
-async def _run(arguments: GatewayArguments[T], serve: Serve[T]) -> None:
+async def _run(arguments: GatewayArguments[T], serve: Serve[T], on_reload: Callable[[], None]) -> None:
     loop, ending = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ending.set)
 
     def on_input() -> None:
-        if not os.read(sys.stdin.fileno(), 1024):
+        if os.read(sys.stdin.fileno(), 1024):
+            on_reload()
+        else:
             loop.remove_reader(sys.stdin.fileno())
             ending.set()
 

@@ -17,13 +17,27 @@ from drivebus.web.gateway import WebConfig
 from drivebus.web.server import HttpServer, listen_host
 
 
-async def serve(client: SocketClient, arguments: GatewayArguments[WebConfig], ending: asyncio.Event) -> None:
-    """Serve the page and the API until ``ending``. Raises ConfigurationError for an unusable address or certificate."""
-    web, auth = arguments.settings, AuthService(arguments.directory, arguments.user_file)
-    app = make_app(client, auth, web)
-    server = HttpServer(app, auth, web, lambda address: _announce(address, auth, arguments), ending)
-    relax_gc()
-    await server.run()
+class WebProcess:
+    """Web gateway of this process."""
+
+    def __init__(self) -> None:
+        self._server: HttpServer | None = None
+
+    async def serve(self, client: SocketClient, arguments: GatewayArguments[WebConfig], ending: asyncio.Event) -> None:
+        """Serve the page and the API until ``ending``.
+
+        Raises ConfigurationError for an unusable address or certificate.
+        """
+        web, auth = arguments.settings, AuthService(arguments.directory, arguments.user_file)
+        app = make_app(client, auth, web)
+        self._server = HttpServer(app, auth, web, lambda address: _announce(address, auth, arguments), ending)
+        relax_gc()
+        await self._server.run()
+
+    def reload(self) -> None:
+        """Use a renewed certificate."""
+        if self._server is not None:
+            self._server.reload_certificate()
 
 
 def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebConfig]) -> None:
@@ -44,4 +58,5 @@ def _print_notice(key: str, **params: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_gateway("web", WebConfig, serve))
+    process = WebProcess()
+    sys.exit(run_gateway("web", WebConfig, process.serve, process.reload))

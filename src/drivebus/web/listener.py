@@ -7,16 +7,16 @@ waiting connections with a reserved one: asyncio alone would log each of them wi
 from __future__ import annotations
 
 import errno
-import ipaddress
 import os
 import socket
 from collections.abc import Callable
 from typing import Any
 
+from drivebus.service.auth.client_address import client_network, parse_address
+
 MAX_CONNECTIONS = 512
 OVERLOAD_CONNECTIONS = 64  # beyond MAX_CONNECTIONS; they are answered that the server is busy
 MAX_CONNECTIONS_PER_ADDRESS = 128  # a reverse proxy on this machine, or a trusted one, may have all
-IPV6_NETWORK_BITS = 64  # one client may use any address of its network
 MAX_CLOSED_AT_ONCE = 100  # connections that are closed before the event loop goes on
 _OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
 
@@ -43,7 +43,7 @@ class BoundedListener(socket.socket):
                 self._close_waiting()
                 continue
             client = str(address[0])
-            network = None if self._is_proxy(client) else client_network(client)
+            network = None if self._is_proxy(client) else limited_network(client)
             self._open = [(one, of) for one, of in self._open if one.fileno() >= 0]
             same = network is not None and sum(of == network for _, of in self._open) >= MAX_CONNECTIONS_PER_ADDRESS
             if not same and len(self._open) < MAX_CONNECTIONS + OVERLOAD_CONNECTIONS:
@@ -72,16 +72,7 @@ class BoundedListener(socket.socket):
             os.close(reserve)
 
 
-def client_network(address: str) -> str | None:
-    """Return the network that counts as one client: an IPv4 address, or an IPv6 /64; None for this machine itself.
-
-    127.0.0.1 and other IPv4 addresses may appear as ``::ffff:127.0.0.1`` on an IPv6 socket.
-    """
-    found = ipaddress.ip_address(address)
-    found = getattr(found, "ipv4_mapped", None) or found
-    if found.is_loopback:
-        return None
-    if found.version == 4:
-        return str(found)
-    host = address.partition("%")[0]
-    return str(ipaddress.ip_network((host, IPV6_NETWORK_BITS), strict=False))
+def limited_network(address: str) -> str | None:
+    """Return the network whose connections are counted together; None for this machine itself."""
+    found = parse_address(address)
+    return None if found.is_loopback else client_network(found)

@@ -88,6 +88,12 @@ class HttpServer:
         self.web = web
         self.on_address = on_address
         self._ending = ending
+        self._tls: TlsContext | None = None
+
+    def reload_certificate(self) -> None:
+        """Read the certificate and its key again, whether or not their files look changed."""
+        if self._tls is not None:
+            self._tls.load()
 
     async def run(self) -> None:
         """Raises ConfigurationError for an address or certificate that cannot be used."""
@@ -96,7 +102,7 @@ class HttpServer:
 
     async def _serve(self, host: str) -> None:
         listener = bind_listener(host, self.web.port, self.web.trusted_proxies)
-        tls = None if self.web.certificate is None else TlsContext(self.web)
+        tls = self._tls = None if self.web.certificate is None else TlsContext(self.web)
         server = EmbeddedServer(server_config(self.app, None if tls is None else tls.context))
         scheme = "http" if self.web.certificate is None else "https"
         self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
@@ -124,11 +130,13 @@ class TlsContext:
         self.context = _tls_context(web)
 
     def follow_files(self) -> None:
-        """Use renewed files for the next handshakes. A pair that cannot be used is logged, and the old one stays."""
-        found = self._file_state()
-        if found == self._files:
-            return
-        self._files = found
+        """Load the files where they have changed."""
+        if self._file_state() != self._files:
+            self.load()
+
+    def load(self) -> None:
+        """Use the files for the next handshakes. A pair that cannot be used is logged, and the old one stays."""
+        self._files = self._file_state()
         try:
             _tls_context(self._web)  # the live context would lose its key with a certificate that does not fit
             self.context.load_cert_chain(*self._paths())
@@ -141,10 +149,11 @@ class TlsContext:
         assert self._web.certificate is not None
         return self._web.certificate, self._web.key
 
-    def _file_state(self) -> list[tuple[int, int, int]]:
+    def _file_state(self) -> list[tuple[int, ...]]:
+        """Return what changes with the content, and with the mode: a key may become readable only afterwards."""
         with contextlib.suppress(OSError):
             states = [path.stat() for path in self._paths() if path is not None]
-            return [(state.st_mtime_ns, state.st_size, state.st_ino) for state in states]
+            return [(state.st_mtime_ns, state.st_ctime_ns, state.st_size, state.st_ino) for state in states]
         return []
 
 

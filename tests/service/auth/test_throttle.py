@@ -170,6 +170,9 @@ HOSTS = [
     ("2001:db8::1", "2001:db8:0:1::1", False),
     ("::ffff:10.0.0.1", "::ffff:10.0.0.2", False),
     ("::ffff:10.0.0.1", "::1", False),
+    ("::ffff:10.0.0.1", "10.0.0.1", True),
+    ("fe80::1%eth0", "fe80::2%eth1", True),
+    ("unknown", "10.0.0.1", False),
     ("fe80::1%eth0", "fe80::2%eth1", True),
     ("local", "elsewhere", False),
 ]

@@ -27,9 +27,17 @@ from drivebus.web import __main__ as web_process
 from drivebus.web import listener
 from drivebus.web import server as web_server
 from drivebus.web.gateway import WebConfig
-from drivebus.web.listener import BoundedListener, client_network
+from drivebus.web.listener import BoundedListener, limited_network
 from drivebus.web.middleware import connection_limits
-from drivebus.web.server import EmbeddedServer, HttpServer, bind_listener, is_loopback, listen_host, server_config
+from drivebus.web.server import (
+    EmbeddedServer,
+    HttpServer,
+    TlsContext,
+    bind_listener,
+    is_loopback,
+    listen_host,
+    server_config,
+)
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 
@@ -146,6 +154,38 @@ async def test_a_renewed_certificate_is_used_for_new_connections_and_an_open_one
                     await asyncio.sleep(0.02)
                 assert (await client.get("/api/v1/health")).status_code == 200
             assert len(text) == 1
+
+
+async def test_a_reload_uses_a_renewed_certificate_whether_or_not_its_files_look_changed(
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
+) -> None:
+    web, _ = certificate
+    assert web.certificate is not None and web.key is not None
+    tls, renewed = TlsContext(web), trustme.CA().issue_cert("127.0.0.1")
+    renewed.cert_chain_pems[0].write_to_path(web.certificate)
+    renewed.private_key_pem.write_to_path(web.key)
+    tls._files = tls._file_state()
+    harness = WebAppHarness(tmp_path / "state", web=web)
+    server = HttpServer(harness.app, harness.auth, web, print, asyncio.Event())
+    server.reload_certificate()
+    server._tls = tls
+    for reload, expected in ((tls.follow_files, False), (server.reload_certificate, True)):
+        reload()
+        listener = await asyncio.start_server(lambda reader, writer: None, "127.0.0.1", 0, ssl=tls.context)
+        found = await served_certificate("127.0.0.1", listener.sockets[0].getsockname()[1])
+        assert (found == ssl.PEM_cert_to_DER_cert(renewed.cert_chain_pems[0].bytes().decode())) is expected
+        listener.close()
+
+
+async def test_a_key_that_becomes_readable_later_is_noticed(
+    tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
+) -> None:
+    """``chmod`` changes neither the time of the content nor its size: the new pair was never tried again."""
+    web, _ = certificate
+    assert web.key is not None
+    tls = TlsContext(web)
+    web.key.chmod(0o400)
+    assert tls._file_state() != tls._files
 
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
@@ -333,7 +373,7 @@ async def test_a_garbage_collection_does_not_traverse_the_whole_app(
         arguments = GatewayArguments(
             socket=socket, directory=tmp_path, user_file=tmp_path / "users.json", settings=WebConfig(port=0)
         )
-        await web_process.serve(SocketClient(socket), arguments, asyncio.Event())
+        await web_process.WebProcess().serve(SocketClient(socket), arguments, asyncio.Event())
     finally:
         gc.unfreeze()
     assert frozen[0] > before
@@ -372,7 +412,7 @@ def test_a_network_of_one_client_is_an_ipv4_address_or_an_ipv6_64_and_this_machi
         "::1": None,
         "::ffff:127.0.0.1": None,
     }
-    assert {address: client_network(address) for address in found} == found
+    assert {address: limited_network(address) for address in found} == found
 
 
 @pytest.fixture
@@ -420,7 +460,7 @@ def test_one_client_does_not_take_every_connection(
     few_connections: BoundedListener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(listener, "MAX_CONNECTIONS_PER_ADDRESS", 2)
-    monkeypatch.setattr(listener, "client_network", lambda address: "10.0.0.9")
+    monkeypatch.setattr(listener, "limited_network", lambda address: "10.0.0.9")
     clients = connections_to(few_connections, 3)
     taken = accepted_by(few_connections)
     assert len(taken) == 2
@@ -433,7 +473,7 @@ def test_a_trusted_proxy_may_have_every_connection(
 ) -> None:
     """The connections of all its clients have its address."""
     monkeypatch.setattr(listener, "MAX_CONNECTIONS_PER_ADDRESS", 2)
-    monkeypatch.setattr(listener, "client_network", lambda address: "10.0.0.9")
+    monkeypatch.setattr(listener, "limited_network", lambda address: "10.0.0.9")
     bound = bind_listener("127.0.0.1", 0, proxies)
     bound.setblocking(False)
     assert isinstance(bound, BoundedListener)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections import OrderedDict, deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from heapq import nsmallest
 
+from drivebus.service.auth.client_address import client_network, parse_address
 from drivebus.service.auth.names import normalized_name
 from drivebus.service.auth.sessions import secret_digest
 
@@ -45,16 +46,10 @@ def unknown_browser_keys(name: str, address: str) -> AttemptKeys:
 
 
 def address_key(address: str) -> str:
-    """Return the key of an address: for IPv6 its /64 network, because a host chooses freely within it.
-
-    IPv4-mapped addresses (``::ffff:10.0.0.9``) count one by one.
-    """
-    try:
-        parsed = ipaddress.IPv6Address(address)
-    except ValueError:
-        return f"address:{address}"
-    network = parsed if parsed.ipv4_mapped else ipaddress.ip_network((parsed, 64), strict=False)
-    return f"address:{network}"
+    """Return the key of an address, which is that of its network. A text that is no address has a key of its own."""
+    with suppress(ValueError):
+        address = client_network(parse_address(address))
+    return f"address:{address}"
 
 
 @dataclass(slots=True)

@@ -21,6 +21,7 @@ FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
 STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
 TERMINATE_TIMEOUT_S = 2.0  # before it is killed
 CAN_NOT_START_EXIT_CODE = 127  # of a command that the system can't start, as a shell reports it
+RELOAD_LINE = b"reload\n"
 LOG = logging.getLogger("drivebus.service")
 
 
@@ -80,6 +81,11 @@ class ChildProcess:
         self._on_start(self.process.pid)
         return await self.process.wait()
 
+    def notify_reload(self) -> None:
+        """Notify it of a reload that leaves its arguments as they are: one line on its standard input."""
+        if self.process is not None and self.process.returncode is None and self.process.stdin is not None:
+            self.process.stdin.write(RELOAD_LINE)
+
     async def close(self) -> None:
         """End it, by force where it takes too long."""
         if self._task is not None:
@@ -121,7 +127,7 @@ class GatewaySupervisor(PlantListener):
         self.on_reload()
 
     def on_reload(self) -> None:
-        """Start what was added, end what was removed, restart what was changed; no other gateway is touched."""
+        """Start what was added, end what was removed, restart what was changed; notify the others."""
         wanted = {one.id: one for one in self._plant.config.gateways if one.enabled and one.id not in self._without}
         for name in self._configs.keys() - wanted.keys():
             del self._configs[name], self._plant.gateways[name]
@@ -129,6 +135,8 @@ class GatewaySupervisor(PlantListener):
         for name, config in wanted.items():
             if self._configs.get(name) != config:
                 self._start(config)
+            else:
+                self._children[name].notify_reload()
 
     def _start(self, config: GatewayConfig) -> None:
         status = self._plant.gateways[config.id] = GatewayStatus(id=config.id)

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-IpAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
+from drivebus.service.auth.client_address import IpAddress, parse_address
+
 _WITH_PORT = re.compile(r"\[([^\[\]]*)\](?::\d+)?|(\d+\.\d+\.\d+\.\d+):\d+", re.ASCII)
 
 
@@ -50,7 +51,6 @@ def _parse(text: str) -> IpAddress | None:
     """Return an address, with or without port; None for anything else."""
     found = _WITH_PORT.fullmatch(text)
     try:
-        address = ipaddress.ip_address((found[1] or found[2]) if found else text)
+        return parse_address((found[1] or found[2]) if found else text)
     except ValueError:
         return None
-    return getattr(address, "ipv4_mapped", None) or address
