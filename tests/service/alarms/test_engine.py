@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus import i18n
 from drivebus.errors import NotFound
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
@@ -313,4 +314,46 @@ def test_alarms_are_sorted_by_priority_and_age() -> None:
     run(alarms, (0, current(99.0)), (1, replace(current(99.0), presence="offline")))
     run(alarms, (2, replace(current(99.0), presence="offline", fault=OVERCURRENT)))
     alarms.raise_alarm(SystemAlarm.STORAGE_FAILURE, "", 9000)
-    assert [alarm.setting for alarm in alarms.active()] == ["storage_failure", "fault", "no_response", "overload"]
+    assert [alarm.setting for alarm in alarms.active()] == ["fault", "storage_failure", "no_response", "overload"]
+
+
+@pytest.mark.parametrize("kind", [*AlarmKind, *SystemAlarm])
+@pytest.mark.parametrize("language", i18n.LANGUAGES)
+def test_each_kind_of_alarm_has_a_title_a_text_and_a_remedy(kind: str, language: str) -> None:
+    """An alarm needs a response (ISA-18.2), so each kind states what to do."""
+    assert all(f"alarms.{part}.{kind}" in i18n.catalogue(language) for part in ("title", "text", "remedy"))
+
+
+def test_a_raised_alarm_states_what_to_do_also_after_a_restart() -> None:
+    alarms = engine()
+    (system,) = alarms.raise_alarm(SystemAlarm.CONTROL_LOST, "fan-1", 0)
+    assert system.alarm.as_json()["remedy"] == bilingual("alarms.remedy.control_lost")
+    (fault,) = alarms.observe(view(fault=OVERCURRENT), 0, 0)
+    assert fault.alarm.as_json()["remedy"] == bilingual("alarms.remedy.fault")
+    assert Alarm.from_json(fault.alarm.as_json()) == fault.alarm
+
+
+def bilingual(key: str) -> dict[str, str]:
+    return {language: i18n.text(key, language) for language in i18n.LANGUAGES}
+
+
+def test_the_remedy_that_a_profile_publishes_for_a_fault_is_shown_with_the_alarm() -> None:
+    published = {"en": "lengthen the ramp", "zh": "延长加速时间"}
+    (change,) = engine().observe(view(fault={**OVERCURRENT, "remedy": published}), 0, 0)
+    assert change.alarm.remedy == Text("lengthen the ramp", "延长加速时间")
+
+
+def test_an_alarm_log_of_an_earlier_version_has_no_remedy_and_is_read() -> None:
+    alarms = engine()
+    (change,) = alarms.raise_alarm(SystemAlarm.PORT_LOST, "", 0, subject="line-1", reason="")
+    old = change.alarm.as_json()
+    del old["remedy"]
+    assert Alarm.from_json(old) == replace(change.alarm, remedy=Text("", ""))
+
+
+def test_a_failed_history_does_not_read_as_if_starts_were_refused() -> None:
+    alarms = engine()
+    (history,) = alarms.raise_alarm(SystemAlarm.STORAGE_FAILURE, "", 0, subject="history", reason="disk is full")
+    (trail,) = alarms.raise_alarm(SystemAlarm.AUDIT_FAILURE, "", 0, subject="audit.jsonl", reason="disk is full")
+    assert "refused" not in history.alarm.text.en and "starts are refused" in trail.alarm.text.en
+    assert "拒绝启动" not in history.alarm.text.zh and "拒绝启动" in trail.alarm.text.zh

@@ -193,7 +193,7 @@ def test_a_command_that_cannot_be_recorded_is_not_executed(name: str) -> None:
             )
         ]
         (alarm,) = kit.service.plant.alarms.active()
-        assert (alarm.kind, alarm.subject) == ("storage_failure", "audit.jsonl")
+        assert (alarm.kind, alarm.subject) == ("audit_failure", "audit.jsonl")
 
     with_dispatcher(scenario, drive_reset={}, waiver_grant={})
 
@@ -205,7 +205,7 @@ def test_the_storage_alarm_is_cleared_by_the_next_written_record() -> None:
         kit.trail.fails_silently = False
         await dispatcher.call("drive.reset", FAN, LOCAL)
         (alarm,) = kit.service.plant.alarms.active()
-        assert (alarm.kind, alarm.subject, alarm.cleared_ms is None) == ("storage_failure", "audit.jsonl", False)
+        assert (alarm.kind, alarm.subject, alarm.cleared_ms is None) == ("audit_failure", "audit.jsonl", False)
 
     with_dispatcher(scenario, drive_reset={})
 

@@ -136,7 +136,7 @@ def test_a_setpoint_is_sent_where_the_audit_trail_cannot_be_written() -> None:
             assert found["outcome"]["status"] == "acknowledged"  # what a C320 can show of it
             recorded = [entry.what for entry in kit.trail.entries]
             assert recorded[-1] == "drive.set_frequency" and "audit.refused" not in recorded
-            assert [alarm.subject for alarm in kit.service.plant.alarms.active() if alarm.kind == "storage_failure"]
+            assert [alarm.subject for alarm in kit.service.plant.alarms.active() if alarm.kind == "audit_failure"]
 
     run(scenario())
 
@@ -593,7 +593,10 @@ def test_a_history_that_cannot_be_written_raises_an_alarm_and_blocks_nothing() -
             kit.history.problem = "database or disk is full"
             await asyncio.sleep(1)
             (alarm,) = [alarm for alarm in kit.service.plant.alarms.active() if alarm.kind == "storage_failure"]
-            assert alarm.text.en.startswith("history can't be written: database or disk is full;")
+            assert (
+                alarm.text.en
+                == "history can't be written: database or disk is full; the control of drives does not depend on it"
+            )
             assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
             kit.history.problem = None
             await asyncio.sleep(1)

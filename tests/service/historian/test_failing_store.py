@@ -111,10 +111,10 @@ async def test_queued_events_and_documents_are_bounded() -> None:
     assert (len(queue.take(1).events), queue.lost_notes) == (2, 1)
 
 
-async def test_a_full_disk_is_logged_once_and_recovers_when_there_is_space(
+async def test_a_full_disk_is_an_alarm_and_no_further_log_line_and_recovers_when_there_is_space(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A page limit makes SQLite report a full disk."""
+    """A page limit makes SQLite report a full disk. The log has the alarm of the service; one event is one line."""
     stores: list[Any] = []
 
     def made(setting: HistoryConfig, directory: Path) -> Any:
@@ -146,7 +146,7 @@ async def test_a_full_disk_is_logged_once_and_recovers_when_there_is_space(
             stores[0].connection.is_full = False
             await historian.flush()
         assert historian.ok
-        assert [record.levelname for record in caplog.records] == ["ERROR", "WARNING"]
+        assert caplog.records == []
         far = await trend(historian, NOON_MS + 39 * 1_000_000, NOON_MS + 40 * 1_000_000 - 1)
         assert (far["min"][0], far["max"][-1]) == (0, 999)
 
@@ -233,3 +233,15 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
             third.append(samples([5.0]))
             await third.flush()
             assert (first.queries.tags(), len(third.queries.tags()["tags"])) == ({"tags": []}, 1)
+
+
+async def test_samples_that_an_outage_lost_are_logged_once_with_their_number(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
+        historian.writer._record_failure(StoreError("disk is full"))
+        historian.queue.lost_samples = 7
+        await historian.flush()
+        historian.writer._record_failure(StoreError("disk is full"))
+        await historian.flush()
+    assert [record.getMessage() for record in caplog.records] == ["history is written again; samples lost: 7"]

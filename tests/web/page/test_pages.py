@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from drivebus import i18n
+from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip, unplugged
 from fixtures.web_app import PASSWORD
@@ -130,6 +132,58 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     shelved.get_by_role("button", name=word("unshelve")).click()
     page.get_by_role("tab").first.click()
     expect(page.locator(".alarmrow", has_text="Feed pump").first).to_be_visible()
+
+
+@pytest.fixture
+def equal_alarms(stage: Stage) -> Iterator[None]:
+    """Raise the same alarm on each drive of one bus, as a lost bus does."""
+    fans = ("fan-1", "fan-2", "fan-3")
+    plant, kind = stage.service.plant, SystemAlarm.FOREIGN_MASTER
+
+    async def change(of: Callable[..., None]) -> None:
+        for fan in fans:
+            of(kind, fan, subject="fans")
+
+    stage.do(lambda: change(plant.raise_alarm))
+    yield
+    stage.do(lambda: change(plant.clear_alarm))
+
+
+@pytest.mark.usefixtures("equal_alarms")
+def test_equal_alarms_are_one_row_that_opens_and_is_acknowledged_as_a_whole(
+    stage: Stage, visit: Any, expect: Any
+) -> None:
+    trip(stage, "pump-2")
+    page = visit("#/alarms", role="operator")
+    group = page.locator(".alarmrow.group")
+    title = i18n.text("alarms.title.foreign_master", "en")
+    expect(group.locator("strong").first).to_have_text(word("alarm_group", title=title, n=3))
+    expect(group.locator(".what").first).to_contain_text(re.compile("Fan line: .+ fan, .+ fan, .+ fan"))
+    expect(group.locator(".when").first).to_contain_text(word("alarm_group_open", n=3))
+    expect(page.locator(".alarms .alarms")).to_have_count(0)
+    group.locator(".whole > summary").click()
+    rows = group.locator(".alarms .alarmrow")
+    expect(rows).to_have_count(3)
+    rows.first.locator("summary").click()
+    expect(rows.first).to_contain_text(i18n.text("alarms.remedy.foreign_master", "en"))
+    group.locator("[data-alarm=acknowledge]").first.click()
+    expect(group.locator(".when").first).to_contain_text(word("alarm_group_open", n=0))
+    other = page.locator(".alarmrow", has_text="Feed pump").locator(".alarmstate").first
+    expect(other).to_have_text(word("alarm_unacknowledged"))
+    records = [item for item in stage.call("audit.list")["items"] if item["what"] == "alarm.acknowledge"]
+    assert {item["who"]["name"] for item in records[:6]} == {"operator"}
+    assert len({item["target"] for item in records[:6]}) == 3  # a request and a result for each alarm
+
+
+@pytest.mark.usefixtures("equal_alarms")
+def test_the_banner_names_equal_alarms_once_and_acknowledges_them(stage: Stage, visit: Any, expect: Any) -> None:
+    page = visit("#/fleet", role="operator")
+    banner = page.locator(".banner.alarm")
+    title = i18n.text("alarms.title.foreign_master", "en")
+    expect(banner.locator("a").first).to_contain_text(f"{word('alarm_group', title=title, n=3)} · Fan line: ")
+    banner.locator("[data-do=acknowledge]").click()
+    expect(banner).to_have_count(0)
+    assert [one for one in stage.call("alarms.list")["active"] if one["acknowledged_ms"] is None] == []
 
 
 def test_past_alarms_are_listed_by_drive(stage: Stage, visit: Any, expect: Any) -> None:

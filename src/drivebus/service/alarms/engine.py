@@ -121,6 +121,7 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
         kind=str(setting.kind),
         title=alarm_title(setting, params),
         text=bilingual_text(f"alarms.text.{setting.kind}", **params),
+        remedy=_fault_remedy(found.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
         raised_ms=now_ms,
         value=found.value,
     )
@@ -140,6 +141,7 @@ def system_alarm(
         kind=str(kind),
         title=bilingual_text(f"alarms.title.{kind}", **named),
         text=bilingual_text(f"alarms.text.{kind}", **named),
+        remedy=bilingual_text(f"alarms.remedy.{kind}"),
         raised_ms=now_ms,
         subject=subject,
     )
@@ -150,6 +152,12 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
     label, text = str(fault.get("label") or fault.get("code") or ""), fault.get("text") or {}
     meanings = [str(text.get(language) or "") for language in ("en", "zh")]
     return Text(*(one if label in one else f"{label} {one}".strip() for one in meanings))
+
+
+def _fault_remedy(found: Mapping[str, Any]) -> Text | None:
+    """Return the remedy that the profile publishes for the reported fault; None without one in both languages."""
+    remedy = (found.get("fault") or {}).get("remedy") or {}
+    return Text(remedy["en"], remedy["zh"]) if remedy.get("en") and remedy.get("zh") else None
 
 
 DEFAULT_ALARMS = (

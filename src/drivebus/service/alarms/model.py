@@ -24,8 +24,10 @@ class SystemAlarm(StrEnum):
     """The drive was already running when the service started."""
     INTERLOCK_TRIP = "interlock_trip"
     """An interlock stopped the drive."""
+    AUDIT_FAILURE = "audit_failure"
+    """The audit trail cannot be written; starts are refused."""
     STORAGE_FAILURE = "storage_failure"
-    """The audit trail or the history cannot be written."""
+    """The history, the alarm log or an incident cannot be written; control of the drives does not depend on it."""
     AUDIT_INCOMPLETE = "audit_incomplete"
     """Records or checkpoints of the audit trail were missing when the service started."""
     AUDIT_KEY_REPLACED = "audit_key_replaced"
@@ -47,7 +49,8 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
     SystemAlarm.CONTROL_LOST: AlarmPriority.HIGH,
     SystemAlarm.RUNNING_AT_START: AlarmPriority.HIGH,
     SystemAlarm.INTERLOCK_TRIP: AlarmPriority.CRITICAL,
-    SystemAlarm.STORAGE_FAILURE: AlarmPriority.CRITICAL,
+    SystemAlarm.AUDIT_FAILURE: AlarmPriority.CRITICAL,
+    SystemAlarm.STORAGE_FAILURE: AlarmPriority.HIGH,
     SystemAlarm.AUDIT_INCOMPLETE: AlarmPriority.HIGH,
     SystemAlarm.AUDIT_KEY_REPLACED: AlarmPriority.HIGH,
     SystemAlarm.SETTINGS_LOST: AlarmPriority.HIGH,
@@ -77,6 +80,8 @@ class Alarm:
     """An ``AlarmKind`` or a ``SystemAlarm``."""
     title: Text
     text: Text
+    remedy: Text = Text("", "")
+    """What to do about it; empty in the log of an earlier version."""
     raised_ms: int
     value: float | int | str | None = None
     """Value or fault code that raised it."""
@@ -108,6 +113,7 @@ class Alarm:
             "kind": self.kind,
             "title": text_json(self.title),
             "text": text_json(self.text),
+            "remedy": text_json(self.remedy),
             "value": self.value,
             "subject": self.subject,
             "raised_ms": self.raised_ms,
@@ -123,11 +129,12 @@ class Alarm:
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Alarm:
         """Return the alarm of a log line. Raises KeyError, TypeError, ValueError for anything else."""
+        texts = {name: found[name] for name in ("title", "text", "remedy") if name in found}
         return cls(
             **{
                 **found,
                 "priority": AlarmPriority(found["priority"]),
-                **{name: Text(found[name]["en"], found[name]["zh"]) for name in ("title", "text")},
+                **{name: Text(text["en"], text["zh"]) for name, text in texts.items()},
             }
         )
 

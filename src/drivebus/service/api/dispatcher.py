@@ -25,6 +25,7 @@ from drivebus.service.api.errors import error_to_json, os_reason, params_error, 
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.audit import AuditEntry
+from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.control.tickets import (
@@ -40,7 +41,6 @@ from drivebus.types import Json
 
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
-AUDIT_FILE = "audit.jsonl"
 TARGET_PARAMS = ("drive", "group", "alarm", "bus")
 
 
@@ -171,9 +171,9 @@ class Dispatcher:
         try:
             number = await self.plant.audit.record(entry)
         except AuditUnavailable as error:
-            self.plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject=AUDIT_FILE, reason=os_reason(error))
+            self.plant.raise_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE, reason=os_reason(error))
             raise
-        self.plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject=AUDIT_FILE)
+        self.plant.clear_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE)
         return number
 
     def _record_nowait(self, entry: AuditEntry) -> None:

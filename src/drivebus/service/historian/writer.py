@@ -251,6 +251,8 @@ class HistoryWriter:
         self._builder = BatchBuilder()
         self._pending: PendingBatch | None = None
         self._is_open = False
+        self._reported_lost = 0
+        """Number of lost samples in the log."""
         self._was_open = False
         """Whether the store was open before, so that the open blocks in memory are valid."""
         self._clock_ms = 0
@@ -301,12 +303,18 @@ class HistoryWriter:
             raise StoreError(str(error)) from error
         if self.problem is not None:
             self.problem = None
-            log.warning("history is written again; samples lost: %d", self._queue.lost_samples)
+            self._report_lost_samples()
+
+    def _report_lost_samples(self) -> None:
+        lost = self._queue.lost_samples - self._reported_lost
+        self._reported_lost += lost
+        if lost:
+            log.warning("history is written again; samples lost: %d", lost)
 
     def _record_failure(self, error: Exception) -> None:
+        """Close the store and keep the error: the service raises an alarm of it, which is the one line of the log."""
         self._is_open = False
-        if self.problem is None:
-            log.error("history can't be written: %s", error)
+        log.debug("history can't be written: %s", error)
         self.problem = str(error)
         with suppress(StoreError):
             self._store.close()

@@ -16,6 +16,7 @@ from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import localized, os_reason
+from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.jogs import RemoteJogs
@@ -124,10 +125,11 @@ class SupervisionCycle:
     def _check_storage(self) -> None:
         """Raise an alarm for each file that is written in the background and fails; try it again."""
         for name, error in (self._storage.errors() | {"incidents": self._incidents.recorder.error}).items():
+            kind = SystemAlarm.AUDIT_FAILURE if name == AUDIT_FILE else SystemAlarm.STORAGE_FAILURE
             if error is not None:
-                self._plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject=name, reason=os_reason(error))
+                self._plant.raise_alarm(kind, subject=name, reason=os_reason(error))
             else:
-                self._plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject=name)
+                self._plant.clear_alarm(kind, subject=name)
         self._storage.alarm_log.retry()
 
     def _supervise_bus(self, bus_runtime: BusRuntime) -> None:

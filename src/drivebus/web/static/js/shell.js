@@ -6,12 +6,12 @@ import { clock, duration } from "./format.js";
 import { openAlarms } from "./alarm-list.js";
 import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
-import { api } from "./api.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
 import { closedText, connection, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { drive, topic } from "./store.js";
+import { acknowledgeEach, groupAlarms, groupSubject, unacknowledged } from "./parts/alarm-groups.js";
 import { PriorityMark } from "./parts/state.js";
 import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
@@ -77,24 +77,29 @@ function ConnectionNotice() {
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }
 
-function Acknowledge({ alarm }) {
+function Acknowledge({ alarms }) {
   const [run, busy, error] = useRequest();
-  const send = () => run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`));
+  const send = () => run(() => acknowledgeEach(alarms));
   return html`<${Button} busy=${busy} disabled=${connection.value !== "live"} onClick=${send} data-do="acknowledge">
-    ${t("page.acknowledge")}<//><${ErrorNote} error=${error} />`;
+    ${alarms.length > 1 ? t("page.acknowledge_all", { n: alarms.length }) : t("page.acknowledge")}<//><${ErrorNote}
+    error=${error} />`;
 }
 
-/** Newest alarm of the highest priority that is not acknowledged. */
+/** Newest alarm of the highest priority that is not acknowledged, or the group of equal ones that it belongs to. */
 function AlarmStrip() {
-  const [alarm, ...more] = openAlarms().filter((one) => one.acknowledged_ms === null);
-  if (!alarm || route.value.page === "alarms") return null;
+  const [equal, ...more] = groupAlarms(unacknowledged(openAlarms()));
+  if (!equal || route.value.page === "alarms") return null;
+  const [alarm] = equal;
+  const others = more.flat().length;
   const view = alarm.drive && drive(alarm.drive).value;
   return html`<section class=${`banner alarm ${alarm.priority}`} aria-label=${t("page.nav_alarms")}>
     <${PriorityMark} priority=${alarm.priority} />
-    <a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>
-      ${view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text)}</a>
-    ${more.length > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: more.length })}</a>`}
-    ${may("operate") && html`<${Acknowledge} key=${alarm.id} alarm=${alarm} />`}</section>`;
+    ${equal.length > 1 ? html`<a href=${href("alarms")}>${t("page.alarm_group", { title: localized(alarm.title),
+      n: equal.length })} · ${groupSubject(equal)}</a>` : html`<a href=${alarm.drive ? href("drive", alarm.drive)
+      : href("alarms")}>
+      ${view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text)}</a>`}
+    ${others > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
+    ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</section>`;
 }
 
 /** Takeovers of a drive. The live region exists before its text, so that screen readers announce it. */

@@ -1,0 +1,101 @@
+// Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
+import { html, useState } from "../lib.js";
+import { localized, t } from "../i18n.js";
+import { isShelved } from "../alarm-list.js";
+import { api } from "../api.js";
+import { duration, moment } from "../format.js";
+import { now, isLive } from "../live.js";
+import { href } from "../router.js";
+import { may } from "../session.js";
+import { serviceNow } from "../store.js";
+import { Button, ErrorNote, useRequest } from "../ui.js";
+import { acknowledgeEach, groupAlarms, groupSubject, unacknowledged } from "./alarm-groups.js";
+import { AlarmState } from "./alarm-state.js";
+import { ShelveDialog } from "./shelve.js";
+import { PriorityMark } from "./state.js";
+import { driveTitle } from "./titles.js";
+
+/** `alarms` in their order; equal ones as one row. */
+export function AlarmRows({ alarms, empty }) {
+  if (alarms.length === 0) return html`<p class="nothing">${empty}</p>`;
+  return html`<ul class="alarms">${groupAlarms(alarms).map((equal) => (equal.length === 1
+    ? html`<${AlarmRow} key=${equal[0].id} alarm=${equal[0]} />`
+    : html`<${GroupRow} key=${equal.at(-1).id} alarms=${equal} />`))}</ul>`;
+}
+
+const rowClass = (priority, acknowledged, cleared) => `alarmrow ${priority} ${acknowledged ? "acknowledged"
+  : "unacknowledged"} ${cleared ? "cleared" : ""}`;
+
+const raisedAgo = (alarm) => t("page.raised_ago", {
+  age: duration(Math.max(0, plantNowTicking() - alarm.raised_ms) / 1000), time: moment(alarm.raised_ms) });
+
+/** The plant's time, following the page's tick, so that "3 min ago" is updated. */
+function plantNowTicking() {
+  now.value;
+  return serviceNow();
+}
+
+function GroupRow({ alarms }) {
+  const [open, setOpen] = useState(false);
+  const [run, busy, error] = useRequest();
+  const [first] = alarms;
+  const waiting = unacknowledged(alarms);
+  const oldest = alarms.reduce((one, other) => (other.raised_ms < one.raised_ms ? other : one));
+  return html`<li class=${`${rowClass(first.priority, waiting.length === 0,
+    alarms.every((alarm) => alarm.cleared_ms !== null))} group`}>
+    <${PriorityMark} priority=${first.priority} />
+    <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
+      <span>${groupSubject(alarms)}</span><${AlarmRemedy} alarm=${first} /></div>
+    <div class="when"><b>${t("page.alarm_group_open", { n: waiting.length })}</b>
+      <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span></div>
+    <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
+      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => run(() => acknowledgeEach(waiting))}>
+      ${t("page.acknowledge_all", { n: waiting.length })}<//>`}</div>
+    ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
+    <details class="whole" open=${open} onToggle=${(event) => setOpen(event.currentTarget.open)}>
+      <summary>${t("page.alarm_group_each")}</summary>
+      ${open && html`<ul class="alarms">${alarms.map((alarm) => html`<${AlarmRow} key=${alarm.id} alarm=${alarm} />`)}
+        </ul>`}</details></li>`;
+}
+
+function AlarmRow({ alarm }) {
+  const [shelving, setShelving] = useState(false);
+  const [run, busy, error] = useRequest();
+  const path = `/alarms/${encodeURIComponent(alarm.id)}`;
+  const able = may("operate");
+  const off = !isLive.value;
+  const acknowledged = alarm.acknowledged_ms !== null;
+  return html`<li class=${rowClass(alarm.priority, acknowledged, alarm.cleared_ms !== null)}>
+    <${PriorityMark} priority=${alarm.priority} />
+    <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
+      <p>${localized(alarm.text)}</p><${AlarmRemedy} alarm=${alarm} /></div>
+    <div class="when"><${AlarmState} alarm=${alarm} />
+      <span>${raisedAgo(alarm)}</span>
+      ${isShelved(alarm) && html`
+        <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
+        ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}
+          </span>`}`}</div>
+    <div class="do">
+      ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
+        onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
+      ${able && !isShelved(alarm) && html`<${Button} disabled=${off}
+        onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
+      ${able && isShelved(alarm) && html`<${Button} busy=${busy} disabled=${off}
+        onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
+      ${alarm.incident && html`<a class="button" href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div>
+    ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
+    ${shelving && html`<${ShelveDialog} alarm=${alarm} onClose=${() => setShelving(false)} />`}</li>`;
+}
+
+/** What to do about an alarm; closed until the user asks. */
+export function AlarmRemedy({ alarm }) {
+  const remedy = localized(alarm.remedy);
+  return remedy && html`<details class="remedy"><summary>${t("page.alarm_remedy")}</summary><p>${remedy}</p></details>`;
+}
+
+/** Subject of an alarm: its drive with a link, or the bus, interlock or store. */
+export function AlarmDetails({ alarm }) {
+  if (!alarm.drive) return alarm.subject ?? "";
+  return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
+    ? ` · ${alarm.subject}` : ""}`;
+}
