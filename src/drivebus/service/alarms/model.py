@@ -129,7 +129,7 @@ class Alarm:
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Alarm:
         """Return the alarm of a log line. Raises KeyError, TypeError, ValueError for anything else."""
-        texts = {name: found[name] for name in ("title", "text", "remedy") if name in found}
+        texts: dict[str, Json] = {name: found[name] for name in ("title", "text", "remedy") if name in found}
         return cls(
             **{
                 **found,
