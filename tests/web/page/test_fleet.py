@@ -2,7 +2,30 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
 from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage
+
+
+@pytest.fixture(scope="module")
+def scripts(browser: Any, plant: Stage) -> Iterator[Any]:
+    """Open the page's origin without a login, to import its modules."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(plant.at)
+    yield page
+    context.close()
+
+
+def call(page: Any, module: str, expression: str) -> Any:
+    return page.evaluate(
+        f"async () => {{ const m = await import('/static/js/parts/{module}.js'); return {expression}; }}"
+    )
 
 
 def test_no_script_of_the_first_page_waits_for_the_imports_of_another(visit: Any) -> None:
@@ -11,6 +34,110 @@ def test_no_script_of_the_first_page_waits_for_the_imports_of_another(visit: Any
     page.locator(".tile").first.wait_for()
     named = set(page.eval_on_selector_all("link[rel=modulepreload]", "all => all.map((one) => one.href)"))
     loaded = page.evaluate("performance.getEntriesByType('resource').map((one) => one.name)")
-    scripts = {url for url in loaded if url.endswith(".js")}
-    assert len(scripts) > 30
-    assert scripts == named
+    found = {url for url in loaded if url.endswith(".js")}
+    assert len(found) > 30
+    assert found == named
+
+
+# --- sparklines ---------------------------------------------------------------------------------------------------
+
+GOOD, UNCERTAIN, BAD = 0, 1, 2
+
+
+def drawn(page: Any, samples: list[tuple[float, float | None, int]], end: int = 59) -> Any:
+    """Return the paths of samples at seconds since 1970, on a scale from 0 to 24 as the drawing is high."""
+    listed = json.dumps([{"t": 1000 * at, "v": value, "q": quality} for at, value, quality in samples])
+    added = f"(() => {{ const p = []; for (const one of {listed}) m.addSample(p, one); return p; }})()"
+    return call(page, "spark-points", f"m.paths({added}, {end}, {{low: 0, high: 24}})")
+
+
+def test_a_sparkline_has_no_line_over_a_stretch_without_usable_values(scripts: Any) -> None:
+    """Bad from 10 to 20 s, nothing recorded from 30 to 60 s, and nothing after 65 s, long before the right edge."""
+    known = [(at, 12.0, GOOD) for at in (0, 5, 20, 25, 60, 65)]
+    found = drawn(scripts, sorted([*known, (10, None, BAD)]))
+    assert found["good"] == "M0.0 12.0L2.0 12.0M8.0 12.0L10.0 12.0M24.0 12.0L26.0 12.0"
+    assert found["uncertain"] == ""
+
+
+def test_a_value_that_became_bad_between_two_points_ends_its_line(scripts: Any) -> None:
+    """The five seconds contain a usable value, but the last one was bad, and the next is usable again."""
+    found = drawn(scripts, [(0, 12.0, GOOD), (5, 12.0, GOOD), (6, None, BAD), (11, 12.0, GOOD), (15, 12.0, GOOD)])
+    assert found["uncertain"] == "M0.0 12.0L2.0 12.0"
+    assert found["good"] == "M4.0 12.0L6.0 12.0"
+
+
+def test_an_uncertain_stretch_of_a_sparkline_is_its_own_line_and_a_single_value_a_dot(scripts: Any) -> None:
+    found = drawn(scripts, [(0, 0.0, GOOD), (5, 24.0, UNCERTAIN), (10, 24.0, GOOD), (15, 24.0, GOOD), (60, 6.0, GOOD)])
+    assert found["uncertain"] == "M0.0 24.0L2.0 0.0L4.0 0.0"
+    assert found["good"] == "M4.0 0.0L6.0 0.0M24.0 18.0h.01"
+
+
+def test_live_values_follow_the_historians_points_and_replace_those_of_their_time(scripts: Any) -> None:
+    series = {"t": [0, 5000, 10_000], "mean": [1, None, 9], "q": [0, 2, 0]}
+    live = "(() => { const p = []; m.addSample(p, {t: 11000, v: 3, q: 0}); return p; })()"
+    found = call(scripts, "spark-points", f"m.joined({json.dumps(series)}, {live}).map((p) => [p.n, p.sum, p.count])")
+    assert found == [[0, 1, 1], [1, 0, 0], [2, 3, 1]]
+
+
+def test_without_a_connection_no_value_is_known(scripts: Any) -> None:
+    reading = "{value: 25, quality: 'good', source_time_ms: 1000}"
+    added = f"(() => {{ const p = []; m.addReading(p, {reading}, LIVE, 6000); return p.map((one) => one.count); }})()"
+    assert call(scripts, "spark-points", added.replace("LIVE", "true")) == [1]
+    assert call(scripts, "spark-points", added.replace("LIVE", "false")) == [0]
+
+
+def test_all_tiles_in_view_share_one_request_of_the_history(stage: Stage, visit: Any) -> None:
+    """Values of the last minutes are drawn at once, and the bar and the line end with the connection."""
+    page = visit("#/settings")
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.evaluate("location.hash = '#/fleet'")
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.spark .good')].filter((p) => p.getAttribute('d')).length === 5"
+    )
+    shares = [url for url in requests if "/history/trend" in url]
+    assert len(shares) == 1 and shares[0].count("tags=") == 5
+    label = page.locator(".tile [role=img]").first.get_attribute("aria-label")
+    assert label.startswith(i18n.text("signal.output_frequency", "en") + ", last 5 min: 0.00 to ")
+    assert page.locator(".limitbar .fill").count() == 5
+    stage.lose_server()
+    page.locator(".limitbar.unknown").nth(4).wait_for()
+    assert page.locator(".limitbar .fill").count() == 0
+    stage.regain_server()
+    page.locator(".limitbar .fill").nth(4).wait_for(state="attached")
+
+
+# --- dense tiles --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("Line 0 motor 12", "Line 0 motor 12"),
+        ("Cooling tower north fan 12", "Cooling tow…orth fan 12"),
+        ("三号生产线十二号循环水泵电机", "三号生产线…环水泵电机"),
+    ],
+)
+def test_a_long_name_loses_its_middle_because_names_differ_at_the_end(scripts: Any, name: str, shown: str) -> None:
+    assert call(scripts, "titles", f"m.shortened({json.dumps(name)}, 24)") == shown
+
+
+ALARMED_NAMES = """
+  const parse = JSON.parse;
+  const changed = (_, found) => (found?.title?.en && found.bus
+    ? { ...found, title: { en: `Line 0 motor ${found.id}`, zh: found.title.zh }, alarms: { critical: 1 } } : found);
+  JSON.parse = (text, ...rest) => parse(text, ...(rest.length ? rest : [changed]));
+"""
+
+
+def test_the_names_of_dense_tiles_with_an_alarm_are_completely_visible(visit: Any) -> None:
+    page = visit("#/fleet", size=(1440, 900))
+    page.add_init_script(ALARMED_NAMES)
+    page.evaluate("localStorage.setItem('drivebus.fleet', JSON.stringify({ size: 'dense' }))")
+    page.reload()
+    page.locator(".tiles.dense .priority").nth(4).wait_for()
+    names = page.locator(".tilename")
+    assert names.first.inner_text() == "Line 0 motor fan-1"
+    assert names.evaluate_all("all => all.filter((one) => one.scrollHeight > one.clientHeight + 1).length") == 0
+    assert names.evaluate_all("all => all.filter((one) => one.scrollWidth > one.clientWidth).length") == 0
+    assert page.locator(".tile").first.bounding_box()["height"] < 90

@@ -27,8 +27,9 @@ function CurrentPage() {
   const { page, id, query } = route.value;
   const [, redraw] = useState(0);
   const exists = PAGES.has(page);
+  const Page = loaded.get(page);
   useEffect(() => {
-    if (!exists || loaded.has(page)) return;
+    if (!exists || Page) return;
     loadPage(page).then(
       () => redraw((n) => n + 1),
       () => { loadProblem.value = { wasLost: connection.peek() !== "live" }; },
@@ -38,7 +39,6 @@ function CurrentPage() {
   const isOver = Boolean(loadProblem.value?.wasLost) && connection.value === "live";
   useEffect(() => { if (isOver) location.reload(); }, [isOver]);
   if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
-  const Page = loaded.get(page);
   if (!Page && loadProblem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
   if (!Page) return html`<${Loading} />`;
   return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;

@@ -10,7 +10,13 @@ import { may } from "../session.js";
 import { drive } from "../store.js";
 import { stop } from "../stops.js";
 import { faultText } from "../drive/faults.js";
+import { size } from "./fleet-filter.js";
+import { LimitBar, Sparkline } from "./sparkline.js";
 import { PriorityMark, StateMark, appearanceOf } from "./state.js";
+import { shortened } from "./titles.js";
+
+/** Letters of a name on the two lines of a dense tile. */
+const DENSE_NAME_LENGTH = 24;
 
 /** "< 1 s", "3 s"…: coarse, so that hundreds of tiles are redrawn only for a visible change. */
 function coarseAge(seconds) {
@@ -52,10 +58,12 @@ export function Tile({ id }) {
   const name = titleOf(view);
   return html`<article class=${`tile tone-${tone} ${isLive.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
-      <span class="tilehead"><span class="tilename" title=${name}>${name}</span>
+      <span class="tilehead"><span class="tilename" title=${name}>${
+        size.value === "dense" ? shortened(name, DENSE_NAME_LENGTH) : name}</span>
         <${HighestPriority} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
-      <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief /></span>
+      <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief />
+        <${Sparkline} id=${id} /></span><${LimitBar} view=${view} />
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
         ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
         <span class="tileage">${age}</span></span>

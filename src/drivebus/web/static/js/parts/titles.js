@@ -10,3 +10,20 @@ export function driveTitle(id) {
   if (!titles.has(id)) titles.set(id, computed(() => titleOf(drive(id).value ?? { id })));
   return titles.get(id).value;
 }
+
+/** Letters that fit on a line of Latin text in the place of one. */
+const widthOf = (letter) => (letter > "\u2E7F" ? 2 : 1);
+
+/** A name of at most `most` letters; a longer one without its middle, because names of many drives differ at the end.
+ * A Chinese character counts as two. */
+export function shortened(name, most) {
+  const letters = [...name];
+  const total = letters.reduce((sum, letter) => sum + widthOf(letter), 0);
+  if (total <= most) return name;
+  const taken = (some) => {
+    let left = (most - 1) / 2;
+    return some.filter((letter) => { left -= widthOf(letter); return left >= 0; });
+  };
+  const [head, tail] = [taken(letters), taken([...letters].reverse()).reverse()];
+  return `${head.join("").trimEnd()}…${tail.join("").trimStart()}`;
+}

@@ -4,10 +4,8 @@
 // gap is null in all of them: nothing is drawn where nothing is known.
 
 import uPlot from "../../../vendor/uplot.js";
+import { BAD, GOOD, UNCERTAIN } from "../quality.js";
 
-export const GOOD = 0;
-export const UNCERTAIN = 1;
-export const BAD = 2;
 export const COLUMNS = 4;
 
 /** @returns {{t: number[], high, low, good, uncertain}} columns of one tag. */

@@ -5,7 +5,8 @@ import { NO_VALUE, number, reading } from "../format.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
 import { Icon } from "../icons.js";
-import { BAD, UNCERTAIN, step, summary, valueAt } from "./columns.js";
+import { BAD, UNCERTAIN } from "../quality.js";
+import { step, summary, valueAt } from "./columns.js";
 import { duration, moment } from "./labels.js";
 
 /** Longest distance of a sample from a moment to be its value, in typical distances of two samples. */

@@ -1,6 +1,6 @@
 // Markers of commands, faults and alarms in a chart, and strips where a value was not good.
 
-import { BAD } from "./columns.js";
+import { BAD } from "../quality.js";
 
 /** Each kind has its own shape, never only a colour. */
 const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };

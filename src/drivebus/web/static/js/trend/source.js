@@ -3,7 +3,8 @@ import { api } from "../api.js";
 import { signal } from "../lib.js";
 import { serviceNow, drive as driveTopic, topic } from "../store.js";
 import { subscribe, isLive } from "../live.js";
-import { BAD, GOOD, UNCERTAIN, extended } from "./columns.js";
+import { BAD, QUALITIES } from "../quality.js";
+import { extended } from "./columns.js";
 import { covers, padded } from "./window.js";
 
 const POINTS = 1000;
@@ -13,7 +14,6 @@ const LIVE_MS = 15 * 60_000;
 const EVENTS = 300;
 /** Kinds of events that a trend marks. */
 const MARKED_KINDS = new Set(["command", "stop", "fault", "alarm"]);
-const QUALITIES = { good: GOOD, uncertain: UNCERTAIN, bad: BAD };
 
 /** One trend's samples. Signals: `series` {tag: {t, min, mean, max, q}}, `resolution`, `state`, `error`. */
 export class TrendSource {

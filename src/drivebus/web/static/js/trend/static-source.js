@@ -1,7 +1,7 @@
 // Samples of an incident, which do not change, for the same trend as live ones.
 import { signal } from "../lib.js";
 import { signalRank } from "../format.js";
-import { BAD } from "./columns.js";
+import { BAD } from "../quality.js";
 
 const BESIDE_MS = 1000;
 
