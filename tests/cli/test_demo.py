@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -11,10 +12,16 @@ from drivebus import profiles
 from drivebus.cli import output
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant
+from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
 from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer
+from drivebus.cli.demo.story import PAGE_CONTINUATION, caption
 from drivebus.cli.demo.terminal import DemoClient
+from drivebus.service.config import load
+from drivebus.simulator.models.c320 import FAULT_CODES
+from drivebus.simulator.motor import Trip
 from drivebus.testing import virtual_time
 from drivebus.types import Json
+from drivebus.values import Text
 
 pytest.importorskip("pty")
 
@@ -39,6 +46,31 @@ def test_the_script_has_starts_a_trip_a_reset_and_an_adapter_that_is_unplugged_a
     assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
     assert [step.at_s for step in steps] == sorted(step.at_s for step in steps)
     assert 35.0 <= END_S <= 45.0
+
+
+def test_the_page_tells_each_step_in_both_languages_and_shows_the_trip_and_the_adapter() -> None:
+    steps = OPENING + PAGE_CONTINUATION
+    assert [step.at_s for step in steps] == sorted(step.at_s for step in steps)
+    assert {"trip", "unplug", "plug"} <= {step.action for step in steps}
+    captions = [caption(step) for step in steps]
+    assert all(text["en"].startswith("Demo: ") and text["zh"].startswith("演示：") for text in captions)
+    assert all("{" not in text[language] for text in captions for language in ("en", "zh"))
+    tripped = next(text for step, text in zip(steps, captions, strict=True) if step.action == "trip")
+    assert "fan 3" in tripped["en"] and "风机 3" in tripped["zh"]
+
+
+def test_the_trip_of_the_demo_has_a_cause_and_a_remedy(tmp_path: Path) -> None:
+    (tmp_path / FAULT_PROFILE).write_text(fault_profile_toml(), encoding="utf-8")
+    file = tmp_path / "plant.toml"
+    notice = {"en": "user demo", "zh": "用户 demo"}
+    file.write_text(plant_toml([f"sim://{bus.target}" for bus in BUSES], tmp_path, 0, notice), encoding="utf-8")
+    config = load(file)
+    assert config.gateway("web").settings.login_notice == Text("user demo", "用户 demo")
+    tripped = next(step.subject for step in OPENING if step.action == "trip")
+    model = next(drive.model for drive in config.drives if drive.id == tripped)
+    fault = profiles.load(model).fault(FAULT_CODES[Trip.OVERCURRENT_RUNNING])
+    assert fault.cause is not None and fault.remedy is not None and fault.evidence is not None
+    assert fault.evidence.kind == "user", "it does not pass for the maker's text"
 
 
 async def until(condition: Callable[[], bool]) -> None:

@@ -89,7 +89,9 @@ def make_app(
             )
         ],
     )
-    app.state.context = WebContext(auth=auth, client=client, denials=denials, health=ServiceHealth(client))
+    app.state.context = WebContext(
+        auth=auth, client=client, denials=denials, health=ServiceHealth(client), login_notice=web.login_notice
+    )
     app.state.live = LiveEndpoint(client)
     install_error_handlers(app)
     for router in every:

@@ -16,6 +16,7 @@ from drivebus.service.auth.errors import AuthUnavailable
 from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
+from drivebus.values import Text
 from drivebus.web.middleware.denial_log import DenialLog, try_record
 from drivebus.web.service_health import ServiceHealth
 
@@ -30,6 +31,7 @@ class WebContext:
     client: ServiceClient
     denials: DenialLog
     health: ServiceHealth
+    login_notice: Text | None = None
 
     async def record_change(
         self, operation: Operation, target: str, params: Json, actor: Actor, change: Coroutine[Any, Any, T]

@@ -18,7 +18,8 @@ from drivebus.profiles.diagnostics import Issue, issue
 from drivebus.service.config.gateways import Gateway, ResolvePath
 from drivebus.service.config.loopback import is_loopback
 from drivebus.service.config.model import CertificateFiles
-from drivebus.service.config.schema import GatewayTable, PathText
+from drivebus.service.config.schema import GatewayTable, PathText, Title
+from drivebus.values import Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +34,8 @@ class WebConfig:
     """Further origins under which browsers reach the page, such as a reverse proxy's."""
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of reverse proxies whose ``X-Forwarded-For`` names the client."""
+    login_notice: Text | None = None
+    """Text of the login page and of the form that unlocks an idle session; everybody on the network can read it."""
 
 
 _DEFAULTS = WebConfig()
@@ -48,6 +51,7 @@ class WebTable(GatewayTable):
     key: PathText | None = None
     origins: list[str] = []
     trusted_proxies: list[str] = []
+    login_notice: Title | None = None
 
 
 def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
@@ -59,6 +63,7 @@ def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
         key=resolve_path(table.key) if table.key else None,
         origins=tuple(table.origins),
         trusted_proxies=tuple(table.trusted_proxies),
+        login_notice=Text(table.login_notice.en, table.login_notice.zh) if table.login_notice else None,
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
+from drivebus.values import Text
 from fixtures.browser import Stage
 from fixtures.web_app import PASSWORD
 
@@ -32,3 +34,32 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.click("[data-do=unlock] button")
     page.wait_for_selector("[data-do=unlock]", state="detached")
     page.wait_for_selector(".lease.own")
+
+
+def test_a_notice_of_the_service_stays_until_it_is_closed_and_a_new_one_comes(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet", language="zh", role="operator")
+    try:
+        stage.service.plant.notice = {"en": "the first", "zh": "第一条"}
+        page.wait_for_selector("[data-text=notice]:has-text('第一条')")
+        page.click("[data-do=close-notice]")
+        page.wait_for_selector("[data-text=notice]", state="detached")
+        stage.service.plant.notice = {"en": "the second", "zh": "第二条"}
+        page.wait_for_selector("[data-text=notice]:has-text('第二条')")
+    finally:
+        stage.service.plant.notice = None
+    page.wait_for_selector("[data-text=notice]", state="detached")
+
+
+def test_the_configured_notice_is_on_the_login_page_and_in_the_form_that_unlocks(stage: Stage, visit: Any) -> None:
+    context = stage._app.state.context
+    stage._app.state.context = replace(context, login_notice=Text("authorized staff only", "仅限授权人员"))
+    try:
+        page = visit("#/fleet", language="en", role="operator")
+        fall_idle(stage)
+        page.reload()
+        page.wait_for_selector("[data-do=unlock] [data-text=login-notice]:has-text('authorized staff only')")
+        page.context.clear_cookies()
+        page.reload()
+        page.wait_for_selector(".login [data-text=login-notice]:has-text('authorized staff only')")
+    finally:
+        stage._app.state.context = context

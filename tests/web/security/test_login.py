@@ -13,6 +13,7 @@ from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 from drivebus.service.auth.rights import AccessLevel
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from drivebus.web.app import declared_routes
 from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
@@ -198,6 +199,19 @@ def test_before_the_set_up_only_the_set_up_is_reachable(tmp_path: Path) -> None:
             answer = await client.post("/api/v1/login", json={"name": name, "password": password})
             assert answer.status_code == 401
         assert (await client.get("/api/v1/session")).json()["setup"] is True
+
+    run(scenario())
+
+
+def test_the_login_notice_is_public_and_absent_where_none_is_configured(tmp_path: Path) -> None:
+    async def notice_of(web: WebConfig, name: str) -> object:
+        client = WebAppHarness(tmp_path / name, web=web).client()
+        return (await client.get("/api/v1/session")).json().get("login_notice")
+
+    async def scenario() -> None:
+        assert await notice_of(WebConfig(), "without") is None
+        configured = WebConfig(login_notice=Text("authorized staff only", "仅限授权人员"))
+        assert await notice_of(configured, "with") == {"en": "authorized staff only", "zh": "仅限授权人员"}
 
     run(scenario())
 

@@ -42,7 +42,9 @@ async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) ->
         output.print_message("serve.ready", plant=config.id, directory=config.directory)
 
     address_output: AddressOutput = "json" if output.as_json() else "plain"
-    outcomes = await run_service(config, without=without, address_output=address_output, log_format=log, on_ready=ready)
+    outcomes = await run_service(
+        config, without=without, address_output=address_output, log_format=log, on_ready=lambda _: ready()
+    )
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
         LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})

@@ -23,12 +23,14 @@ from drivebus.cli import output
 from drivebus.cli.demo.history import HOURS, DemoEvent, HistoryGenerator
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
-from drivebus.cli.demo.plant_toml import plant_toml
+from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
 from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer, ScriptStep
+from drivebus.cli.demo.story import PAGE_CONTINUATION, caption
 from drivebus.cli.errors import ExitCode
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore
 from drivebus.service.api.errors import localized
+from drivebus.service.app import Service
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.service import AuthService
@@ -44,7 +46,8 @@ from drivebus.types import Json
 
 LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
 USER = "demo"
-PASSWORD_BYTES = 9  # the password is new each time and printed
+PASSWORD_BYTES = 9  # the password is new each time, printed, and on the log-in page, which only this computer reaches
+LAST_CAPTION_S = 60.0  # the last caption of the script stays this long on the page
 PAGE_TIMEOUT_S = 30.0  # after this time a note reports that the page is late
 SEED = 1
 
@@ -71,12 +74,17 @@ async def _run_with_page(directory: Path, port: int) -> ExitCode:
     plant = create_demo_plant()
     await plant.start()
     try:
-        config = _write_config(plant, directory, free_port(port))
-        code, password = await prepare(config)
+        password = secrets.token_urlsafe(PASSWORD_BYTES)
+        notice = localized("demo.login_notice", {"user": USER, "password": password})
+        config = _write_config(plant, directory, free_port(port), notice)
+        code = await prepare(config, password)
         tasks: list[asyncio.Task[None]] = []
 
-        def on_ready() -> None:
-            tasks.append(asyncio.create_task(_announce_and_play(config, code, password, plant)))
+        def on_ready(service: Service) -> None:
+            def show(step: ScriptStep | None) -> None:
+                service.plant.notice = None if step is None else caption(step)
+
+            tasks.append(asyncio.create_task(_announce_and_play(config, code, password, plant, show)))
 
         await run_service(config, address_output="not", on_ready=on_ready)
         for task in tasks:
@@ -87,9 +95,10 @@ async def _run_with_page(directory: Path, port: int) -> ExitCode:
     return ExitCode.DONE
 
 
-def _write_config(plant: DemoPlant, directory: Path, port: int) -> PlantConfig:
+def _write_config(plant: DemoPlant, directory: Path, port: int, login_notice: Json | None = None) -> PlantConfig:
     file = directory / "plant.toml"
-    file.write_text(plant_toml(plant.urls, directory, port), encoding="utf-8")
+    (directory / FAULT_PROFILE).write_text(fault_profile_toml(), encoding="utf-8")
+    file.write_text(plant_toml(plant.urls, directory, port, login_notice), encoding="utf-8")
     return load(file)
 
 
@@ -107,15 +116,22 @@ def free_port(wanted: int) -> int:
     return wanted
 
 
-async def _announce_and_play(config: PlantConfig, code: str, password: str, plant: DemoPlant) -> None:
-    """Print the address when the page answers; play the script then, or after a timeout."""
+async def _announce_and_play(
+    config: PlantConfig, code: str, password: str, plant: DemoPlant, show: Callable[[ScriptStep | None], None]
+) -> None:
+    """Print the address when the page answers; play the script then, or after a timeout.
+
+    ``show`` gets each step for the page, and None when its last caption is old.
+    """
     address = asyncio.create_task(_print_address(config.gateway("web").settings.port, code, password))
     try:
         await asyncio.wait({address}, timeout=PAGE_TIMEOUT_S)
         if not address.done():
             output.print_note("demo.web_late", limit_s=f"{PAGE_TIMEOUT_S:g}")
-        await _play(config, plant, OPENING, None, lambda message: None)
+        await _play(config, plant, OPENING + PAGE_CONTINUATION, None, lambda message: None, on_step=show)
         await address
+        await asyncio.sleep(LAST_CAPTION_S)
+        show(None)
     finally:
         address.cancel()
 
@@ -145,6 +161,7 @@ async def _play(
     end_s: float | None,
     report: Callable[[str], None],
     on_player: Callable[[ScriptPlayer], None] = lambda player: None,
+    on_step: Callable[[ScriptStep], None] = lambda step: None,
 ) -> None:
     """Play steps over the socket of the service."""
     client, actor = SocketClient(socket_path(config.directory, SERVICE_SOCKET)), local_actor("demo", "demo")
@@ -152,7 +169,7 @@ async def _play(
     async def call(operation: str, params: Json) -> Json:
         return await client.call(operation, params, actor)
 
-    player = ScriptPlayer(call, plant, report)
+    player = ScriptPlayer(call, plant, report, on_step)
     on_player(player)
     try:
         await player.play(steps, end_s)
@@ -163,17 +180,16 @@ async def _play(
 # --- history, waivers, user ---------------------------------------------------------------------------------------
 
 
-async def prepare(config: PlantConfig) -> tuple[str, str]:
-    """Write history, waivers and a user; return the code that logs in once, and the user's password."""
+async def prepare(config: PlantConfig, password: str) -> str:
+    """Write history, waivers and a user with this password; return the code that logs in once."""
     output.print_message("demo.preparing")
     config.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
     await _write_history(config)
     _write_waivers(config)
     auth = AuthService(config.directory)
-    password = secrets.token_urlsafe(PASSWORD_BYTES)
     user = await auth.new_user(USER, Role.ADMINISTRATOR, password)
     await auth.change(lambda database: database.with_user(user))
-    return await auth.issue_code(USER, LOGIN_CODE_LIFETIME_S), password
+    return await auth.issue_code(USER, LOGIN_CODE_LIFETIME_S)
 
 
 def _write_waivers(config: PlantConfig) -> None:
@@ -226,7 +242,7 @@ async def serve_terminal(memory: bool) -> None:
             config = _write_config(plant, directory, 8080)
             _write_waivers(config)
 
-            def on_ready() -> None:
+            def on_ready(_: Service) -> None:
                 tasks.append(asyncio.create_task(_serve_parent(config, plant)))
 
             await run_service(config, without=("web",), address_output="not", on_ready=on_ready)

@@ -66,12 +66,19 @@ END_S = 44.0  # after the last ramp
 
 
 class ScriptPlayer:
-    """Executes steps until they end or the user takes over; ``report`` receives each message."""
+    """Executes steps until they end or the user takes over; ``report`` receives each message, ``on_step`` each step."""
 
-    def __init__(self, call: Call, plant: DemoPlant, report: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        call: Call,
+        plant: DemoPlant,
+        report: Callable[[str], None],
+        on_step: Callable[[ScriptStep], None] = lambda step: None,
+    ) -> None:
         self._call = call
         self._plant = plant
         self._report = report
+        self._on_step = on_step
         self._started_at = 0.0
         self._taken_over = asyncio.Event()
         self._commands: set[asyncio.Task[None]] = set()
@@ -115,6 +122,7 @@ class ScriptPlayer:
         return True
 
     def _start(self, step: ScriptStep) -> None:
+        self._on_step(step)
         if step.action == "message":
             self.report(f"demo.{step.subject}")
         elif step.action in ("unplug", "plug"):

@@ -151,6 +151,7 @@ def plant_topic(plant: Plant) -> Json:
         "title": text_json(plant.config.title),
         "state": plant.state,
         "stop_all": plant.last_stop_all,
+        "notice": plant.notice,
         "version": version("drivebus"),
         "started_ms": plant.started_ms,
         "audit_ok": plant.audit.ok,

@@ -42,7 +42,7 @@ async def run_service(
     without: Collection[str] = (),
     address_output: AddressOutput = "plain",
     log_format: LogFormat = "text",
-    on_ready: Callable[[], None] = lambda: None,
+    on_ready: Callable[[Service], None] = lambda service: None,
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
@@ -65,7 +65,7 @@ async def run_service(
             gateways.start()
             relax_gc()
             notify.send("READY=1")
-            on_ready()
+            on_ready(service)
             await ending.wait()
             notify.send("STOPPING=1")
             outcomes, _ = await asyncio.gather(service.stop(), gateways.close())

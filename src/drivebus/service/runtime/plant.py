@@ -118,6 +118,8 @@ class Plant:
     state: str = "running"
     started_ms: int = 0
     last_stop_all: Json | None = None
+    notice: Json | None = None
+    """Text in both languages that the page shows to every user; the demo tells its story with it."""
     gateways: dict[str, GatewayStatus] = field(default_factory=dict)
     """Gateways that run or are restarted, by name."""
     disk_space: Json = field(default_factory=dict)

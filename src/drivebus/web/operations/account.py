@@ -57,7 +57,7 @@ class PasswordParams(OperationParams):
 
 class SessionResponse(ApiObject):
     """User, rights and CSRF token; ``setup`` is true while there is no administrator. A session of a browser also has
-    ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``.
+    ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page.
     """
 
     setup: bool

@@ -16,10 +16,11 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential
 from drivebus.service.auth.devices import device_cookie_name
 from drivebus.service.auth.errors import TooManyAttempts
-from drivebus.service.auth.service import AuthService, LoginResult
+from drivebus.service.auth.service import LoginResult
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
+from drivebus.service.live.views import text_json
 from drivebus.types import Json
-from drivebus.web.context import audit_entry, context_of, credential_of
+from drivebus.web.context import WebContext, audit_entry, context_of, credential_of
 from drivebus.web.middleware.auth import COOKIE_NAMES, client_address, request_cookies
 from drivebus.web.middleware.denial_log import try_record
 from drivebus.web.operations.account import (
@@ -44,13 +45,13 @@ DEVICE_COOKIE_LIFETIME_S = 365 * 86_400
 
 @handles(SESSION_GET)
 async def get_session(request: Request, params: NoParams) -> Json:
-    return _session_json(context_of(request).auth, request.state.credential)
+    return _session_json(context_of(request), request.state.credential)
 
 
 @handles(SESSION_ACTIVITY)
 async def report_activity(request: Request, params: NoParams) -> Json:
     """Keep the session from becoming idle; the middleware has recorded the activity."""
-    return _session_json(context_of(request).auth, request.state.credential)
+    return _session_json(context_of(request), request.state.credential)
 
 
 @handles(UNLOCK)
@@ -104,7 +105,7 @@ async def change_password(request: Request, params: PasswordParams) -> JSONRespo
     changing = context.auth.change_password(credential.session, params.old, params.new)
     opened = await context.record_change(PASSWORD, credential.session.user, {}, credential.actor, changing)
     session = SessionCredential(opened.session, context.auth.context)
-    response = JSONResponse(_session_json(context.auth, session))
+    response = JSONResponse(_session_json(context, session))
     return with_session_cookie(request, response, opened.secret)
 
 
@@ -114,9 +115,12 @@ def _session_credential(request: Request) -> SessionCredential:
     return found
 
 
-def _session_json(auth: AuthService, credential: Credential | None) -> Json:
+def _session_json(context: WebContext, credential: Credential | None) -> Json:
     """Return the user, rights and CSRF token; ``setup`` is true while there is no administrator."""
+    auth = context.auth
     found: Json = {"setup": auth.needs_setup, "user": None, "rights": [], "csrf": None}
+    if context.login_notice is not None:
+        found["login_notice"] = text_json(context.login_notice)
     if credential is None:
         return found
     actor = credential.actor
@@ -152,7 +156,7 @@ async def _complete_login(
         await auth.keep()
     credential = SessionCredential(opened.session, auth.context)
     await try_record(context.client, audit_entry(operation.name, opened.session.user, outcome="done"), credential.actor)
-    response = with_session_cookie(request, JSONResponse(_session_json(auth, credential)), opened.secret)
+    response = with_session_cookie(request, JSONResponse(_session_json(context, credential)), opened.secret)
     return _with_device_cookie(request, response, opened.session.user)
 
 

@@ -23,6 +23,8 @@ const NAV_PAGES = [
   ["settings", "view"],
 ];
 const menu = signal(false);
+/** English text of the service's notice that the user has closed. */
+const closedNotice = signal("");
 
 function NavLink({ page }) {
   const open = page === "alarms" ? openAlarms().length : 0;
@@ -113,6 +115,15 @@ function Takeovers() {
   })}</div>`;
 }
 
+/** Notice that the service shows to every user, until the user closes it or another one comes. */
+function ServiceNotice() {
+  const notice = topic("plant").value?.notice;
+  const shown = notice && notice.en !== closedNotice.value;
+  return html`<div role="status">${shown && html`<div class="banner info notice-line" data-text="notice">
+    <span>${localized(notice)}</span><${Button} kind="quiet" onClick=${() => { closedNotice.value = notice.en; }} data-do="close-notice">
+      ${t("page.close")}<//></div>`}</div>`;
+}
+
 function PlantNotice() {
   const plant = topic("plant").value;
   if (!plant) return null;
@@ -127,7 +138,7 @@ export function Shell({ children }) {
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${PageHeader} /><${ConnectionNotice} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
+    <${PageHeader} /><${ConnectionNotice} /><${ServiceNotice} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${connection.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }

@@ -1,6 +1,6 @@
 // Login page; at the first start the set-up, with the secret that the service printed on its own machine.
 import { html, useState } from "../lib.js";
-import { t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
 import { Preferences } from "../shell.js";
@@ -21,7 +21,13 @@ function Form({ title, note, fields, submit, send }) {
       </form>`;
 }
 
-const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")}
+/** Configured text of the login page. */
+function LoginNotice() {
+  const text = session.value.login_notice;
+  return text ? html`<${Notice}><span data-text="login-notice">${localized(text)}</span><//>` : null;
+}
+
+const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")} note=${html`<${LoginNotice} />`}
   fields=${[["name", "text", "username"], ["password", "password", "current-password"]]}
   send=${({ name, password }) => login(name, password)} />`;
 

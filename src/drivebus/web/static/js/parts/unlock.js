@@ -1,6 +1,6 @@
 // Unlock form of an idle session, which can only view and stop; the password restores the other rights, leases stay.
 import { html, useState } from "../lib.js";
-import { t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { idle, session, unlock } from "../session.js";
 import { ErrorNote, Field, useRequest } from "../ui.js";
 
@@ -9,7 +9,8 @@ function Form() {
   const [run, busy, error] = useRequest();
   const send = (event) => { event.preventDefault(); run(() => unlock(password)); };
   return html`<form class="banner info" data-do="unlock" onSubmit=${send}>
-    <span role="status">${t("page.idle")}</span><input type="text" autocomplete="username" hidden readonly
+    <span role="status">${t("page.idle")}</span>${session.value.login_notice
+      && html`<span data-text="login-notice">${localized(session.value.login_notice)}</span>`}<input type="text" autocomplete="username" hidden readonly
       value=${session.value.user} />
     <${Field} label=${t("page.login_password")}><input type="password" autocomplete="current-password" required
       value=${password} onInput=${(event) => setPassword(event.currentTarget.value)} /><//>
