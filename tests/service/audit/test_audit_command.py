@@ -126,3 +126,25 @@ def test_the_list_shows_escapes_as_escapes(tmp_path: Path) -> None:
     only = json.loads(invoke_audit("list", folder, "--drive", "fan-1", "--json").stdout)["items"]
     assert [(record["what"], record["n"]) for record in only] == [("drive.stop", 3)]
     assert len(json.loads(invoke_audit("list", folder, "--limit", "1", "--json").stdout)["items"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [("en", "Run fan-1: 4.0 Hz"), ("zh", "运行 fan-1：4.0 Hz")],
+)
+def test_the_list_shows_actions_in_words_with_their_values(tmp_path: Path, language: str, words: str) -> None:
+    folder = str(written_trail(tmp_path).paths.folder)
+    shown = invoke_audit("list", folder, language=language).output
+    assert words in shown and "drive.run" not in shown
+    record = json.loads(invoke_audit("list", folder, "--json").stdout)["items"][-4]
+    assert (record["what"], record["text"]["en"]) == ("drive.run", "Run fan-1: 4.0 Hz")
+
+
+def test_the_list_of_a_plant_file_shows_the_titles_of_its_drives(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    file = tmp_path / "plant.toml"
+    file.write_text(
+        f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n[bus.a]\nlink = "sim://c320@1"\n'
+        '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\ntitle = { en = "Supply fan", zh = "送风机" }\n'
+    )
+    assert "运行 送风机：4.0 Hz" in invoke_audit("list", str(file), language="zh").output

@@ -144,7 +144,7 @@ def test_every_audited_action_has_a_text_in_both_languages() -> None:
     source = "".join(path.read_text("utf-8") for path in (Path(audit.__file__).parents[1]).rglob("*.py"))
     own = set(re.findall(r'(?:Entry\(|what=|RECORDS_MISSING: Final = )"(audit\.[a-z]+)"', source))
     recorded = own | {name for name, operation in (OPERATIONS | WEB_OPERATIONS).items() if operation.mutates}
-    words = {"page.did_" + re.sub("[.-]", "_", name) for name in recorded}
+    words = {"audit.did_" + re.sub("[.-]", "_", name) for name in recorded}
     assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
 
 

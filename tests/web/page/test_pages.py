@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -129,6 +130,8 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     shelved = page.locator(".alarmrow", has_text="Feed pump").first
     expect(shelved).to_contain_text("shelved until")
     expect(shelved).to_contain_text(word("shelved_by", by="engineer", reason="fan is being repaired"))
+    (recorded, _) = [one for one in stage.call("audit.list", drive="pump-2")["items"] if one["what"] == "alarm.shelve"]
+    assert recorded["text"]["en"] == "Shelve alarm Feed pump · Fault: 60 min, reason: fan is being repaired"
     shelved.get_by_role("button", name=word("unshelve")).click()
     page.get_by_role("tab").first.click()
     expect(page.locator(".alarmrow", has_text="Feed pump").first).to_be_visible()
@@ -212,15 +215,53 @@ def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, 
     page = visit("#/audit")
     page.fill(".filters input[type=search]", "drive.stop")
     entry = page.locator(".entry", has_text=word("outcome_confirmed")).filter(has_text="Circulation pump").first
-    expect(entry.locator(".what")).to_have_text(f"{word('did_drive_stop')} Circulation pump")
+    action = f"{i18n.text('audit.did_drive_stop')} Circulation pump"
+    expect(entry.locator(".what")).to_have_text(action)
     expect(entry.locator(".user")).to_have_text("tester")
     entry.locator("summary").click()
     expect(entry.locator("ol code").first).to_have_text(re.compile(r"([0-9A-F]{2} )+.* → ([0-9A-F]{2} ?)+"))
-    row = f"tester {word('did_drive_stop')} Circulation pump {word('outcome_confirmed')}"  # the text of the row
+    row = f"tester {action} {word('outcome_confirmed')}"  # the text of the row
     page.fill(".filters input[type=search]", row)
     expect(page.locator(".entry").first.locator(".ended")).to_have_text(word("outcome_confirmed"))
     page.fill(".filters input[type=search]", row + " indeed")
     expect(page.locator(".entry")).to_have_count(0)
+
+
+def test_a_command_is_one_row_with_its_value_and_shows_both_records_when_opened(
+    stage: Stage, visit: Any, expect: Any
+) -> None:
+    stage.call("drive.set_frequency", drive="fan-3", frequency_hz=12.5)
+    page = visit("#/audit")
+    page.fill(".filters input[type=search]", "12.5 Hz")
+    rows = page.locator(".entry")
+    expect(rows.first.locator(".what")).to_have_text("Set the frequency of Flue gas fan: 12.5 Hz")
+    expect(rows).to_have_count(1)
+    expect(rows.locator(".ended")).to_have_text(word("outcome_acknowledged"))
+    rows.locator("summary").click()
+    request, result = (stage.call("audit.list", drive="fan-3")["items"][n] for n in (1, 0))
+    shown = rows.locator("dl.facts")
+    for record, of in ((request, 0), (result, 1)):
+        time = datetime.fromtimestamp(record["time_ms"] / 1000, UTC).isoformat(timespec="milliseconds")
+        expect(shown.nth(of)).to_contain_text(word("entry_n", n=record["n"]))
+        expect(shown.nth(of)).to_contain_text(time.replace("+00:00", "Z"))
+    assert (request["outcome"], result["of"]) == ("requested", request["n"])
+
+
+def test_records_are_joined_to_deeds_by_the_number_of_the_request(visit: Any) -> None:
+    """Changes of users name no request; a request whose result is not there yet stays a row."""
+    page = visit("#/audit")
+    numbers = page.evaluate(
+        """async () => {
+          const { joinDeeds } = await import("/static/js/pages/audit.js");
+          const record = (n, what, outcome, of = null) => ({ n, what, outcome, of, target: "x", who: { name: "ann" } });
+          const entries = [record(9, "drive.run", "requested"), record(8, "user.add", "done"),
+            record(7, "drive.stop", "failed", 4), record(6, "user.add", "requested"),
+            record(5, "drive.stop", "confirmed"),
+            record(4, "drive.stop", "requested"), record(3, "user.add", "requested")];
+          return joinDeeds(entries).map(({ entry, request }) => [entry.n, request?.n ?? null]);
+        }"""
+    )
+    assert numbers == [[9, None], [8, 6], [7, 4], [5, None], [3, None]]
 
 
 def test_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:

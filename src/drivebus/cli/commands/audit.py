@@ -16,6 +16,7 @@ from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from drivebus.service.audit.chain import AuditPaths
+    from drivebus.service.audit.description import Titles
     from drivebus.service.config.model import AuditConfig
 
 MAX_TIME_MS = 253_402_300_799_999
@@ -42,20 +43,24 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: s
 
 
 def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
+    from drivebus.service.audit.description import described
     from drivebus.service.audit.query import query_records
 
-    places = _places(plant)
+    places, titles = _places(plant), _titles(plant)
     with _readable_trail(places.folder):
         found = query_records(places, 0, MAX_TIME_MS, drive, None, limit)
-    output.print_json(found)
-    head = [output.text(f"audit.command.head.{name}") for name in ("n", "time", "who", "what", "target", "outcome")]
-    output.print_text(output.fitted_table(head, [_row(item) for item in found["items"]]))
+    items = [described(item, titles) for item in found["items"]]
+    output.print_json(found | {"items": items})
+    head = [output.text(f"audit.command.head.{name}") for name in ("n", "time", "who", "what", "outcome")]
+    output.print_text(output.fitted_table(head, [_row(item) for item in items]))
     return ExitCode.DONE
 
 
 def _row(item: dict[str, Any]) -> list[str]:
     time = datetime.fromtimestamp(item["time_ms"] / 1000, UTC).isoformat(sep=" ", timespec="milliseconds")
-    cells = (item["n"], time, item["who"]["name"], item["what"], item["target"], item["outcome"] or "")
+    language = output.language()
+    outcome = item["outcome_text"][language] if item["outcome_text"] else ""
+    cells = (item["n"], time, item["who"]["name"], item["text"][language], outcome)
     return [escape_control_characters(str(cell)) for cell in cells]
 
 
@@ -103,6 +108,16 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
 
     config = load(plant)
     return config.directory, config.audit
+
+
+def _titles(plant: str | None) -> Titles:
+    """Return the titles of a plant file; none for a state directory, which does not hold them."""
+    if plant is None or Path(plant).suffix != ".toml":
+        return {}
+    from drivebus.service.audit.description import titles_of
+    from drivebus.service.config.load import load
+
+    return titles_of(load(plant))
 
 
 @contextmanager

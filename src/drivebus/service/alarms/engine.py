@@ -319,6 +319,10 @@ class AlarmEngine:
     def _acknowledge(self, alarm: Alarm, by: str, now_ms: int) -> AlarmChange:
         return self._update("acknowledged", alarm, acknowledged_ms=now_ms, acknowledged_by=by)
 
+    def find(self, id: str) -> Alarm | None:
+        """Return an active alarm; None if there is none with this id."""
+        return self._alarms.get(id)
+
     def _get(self, id: str) -> Alarm:
         if id not in self._alarms:
             raise NotFound("alarms.unknown", alarm=id)

@@ -23,6 +23,7 @@ from drivebus.errors import (
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, os_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
+from drivebus.service.api.operations.alarms import AlarmParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.chain import AUDIT_FILE
@@ -35,6 +36,7 @@ from drivebus.service.control.tickets import (
     check_not_superseded,
     issue_ticket,
 )
+from drivebus.service.live.views import text_json
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -114,7 +116,12 @@ class Dispatcher:
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
     ) -> Json:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
-        entry = _audit_entry(operation, params.model_dump(), actor, drives=ticket.stop_counts)
+        alarm = self.plant.alarms.find(params.alarm) if isinstance(params, AlarmParams) else None
+        if alarm is None:
+            entry = _audit_entry(operation, params.model_dump(), actor, drives=ticket.stop_counts)
+        else:
+            known = params.model_dump() | {"alarm_title": text_json(alarm.title)}
+            entry = _audit_entry(operation, known, actor, drives=[alarm.drive] if alarm.drive else [])
         try:
             number = await self._record(replace(entry, outcome="requested"))
         except AuditUnavailable:

@@ -28,6 +28,7 @@ from drivebus.service.api.operations.history import (
 from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.plant import PLANT_GET, PLANT_STATISTICS
 from drivebus.service.api.profile_json import profile_json, readings_json
+from drivebus.service.audit.description import described, titles_of
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.live.publisher import bus_view, drive_view, plant_topic
@@ -131,7 +132,10 @@ class Queries:
 
     @handles(AUDIT_LIST)
     async def list_audit_records(self, params: TimeRangeParams, actor: Actor) -> Json:
-        return await self.plant.audit.query(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
+        span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
+        found, titles = await self.plant.audit.query(*span), titles_of(self.plant.config)
+        items = [described(item, titles) async for item in iter_cooperatively(found["items"])]
+        return found | {"items": items}
 
     @handles(AUDIT_VERIFY)
     async def verify_audit_trail(self, params: NoParams, actor: Actor) -> Json:

@@ -31,7 +31,21 @@ MEDIA_TYPES = {
 """Media type by file name extension, never by content; a file with another extension is not served."""
 
 COMMAND_LINE_TEXTS = frozenset(
-    {"acceptance", "cli", "decode", "demo", "dry", "explain", "help", "hint", "metrics", "models", "monitor", "params"}
+    {
+        "acceptance",
+        "audit",
+        "cli",
+        "decode",
+        "demo",
+        "dry",
+        "explain",
+        "help",
+        "hint",
+        "metrics",
+        "models",
+        "monitor",
+        "params",
+    }
     | {"plant_check", "plant_config", "plant_init", "ports_command", "read", "record", "release", "run"}
     | {"scan", "serve", "service", "sim", "simulate", "status", "stop_all", "user_command"}
 )

@@ -1,6 +1,6 @@
 // Audit trail: user, action, time and outcome of each record; and verification of the chain.
 import { html, useMemo, useState } from "../lib.js";
-import { hasKey, t } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { may } from "../session.js";
@@ -8,7 +8,6 @@ import { styled } from "../style.js";
 import { Button, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
 import { TimeRange, timeRangeQuery } from "../parts/time-range.js";
-import { driveTitle } from "../parts/titles.js";
 
 await styled("pages");
 
@@ -37,59 +36,68 @@ function Trail() {
   const [search, setSearch] = useState("");
   const query = useMemo(() => timeRangeQuery(period), [period]);
   const list = usePaged("/audit", query);
-  const shown = list.items.filter((entry) => matches(entry, search.trim().toLowerCase()));
+  const deeds = useMemo(() => joinDeeds(list.items), [list.items]);
+  const shown = deeds.filter((deed) => matches(deed, search.trim().toLowerCase()));
   return html`<section class="stack"><${TimeRange} value=${period} onChange=${setPeriod}>
       <${Field} label=${t("page.search_loaded")}><input type="search" value=${search}
         onInput=${(event) => setSearch(event.target.value)} /><//><//>
-    <ol class="audit">${shown.map((entry) => html`<${Entry} key=${entry.n} entry=${entry} />`)}</ol>
+    <ol class="audit">${shown.map((deed) => html`<${Deed} key=${deed.entry.n} deed=${deed} />`)}</ol>
     <${PagedEnd} list=${list} /></section>`;
 }
 
-/** Row text in the reader's language, for the search. */
-const matches = (entry, text) => !text || [
-  [moment(entry.time_ms), userOf(entry), actionText(entry), targetOf(entry), outcomeOf(entry) ?? ""].join(" "),
-  JSON.stringify(entry),
+/** Row text in the reader's language and the records of a deed, for the search. */
+const matches = ({ entry, request }, text) => !text || [
+  [moment(entry.time_ms), userOf(entry), localized(entry.text), localized(entry.outcome_text)].join(" "),
+  JSON.stringify([entry, request]),
 ].some((words) => words.toLowerCase().includes(text));
 
 const userOf = (entry) => entry.who?.name ?? entry.who ?? "";
 
-/** Subjects of a record other than its user. */
-const targetOf = (entry) => (entry.target && entry.target !== userOf(entry) ? driveTitle(entry.target) : "");
-
-/** Text of an operation such as "drive.run"; its name where the catalogue has none. */
-function actionText(entry) {
-  const key = `page.did_${entry.what.replaceAll(/[.-]/g, "_")}`;
-  return hasKey(key) ? t(key) : entry.what;
+/** A deed is one row: the record of its result with that of its request, the newest first. A request without a result
+ * among the loaded records is a row of its own. */
+export function joinDeeds(entries) {
+  const results = new Map();
+  const deeds = [];
+  for (const entry of entries) {
+    const own = entry.outcome === "requested" ? results.get(entry.n) ?? results.get(deedOf(entry)) : undefined;
+    if (own) {
+      own.request = entry;
+      results.delete(entry.n);
+      results.delete(deedOf(entry));
+      continue;
+    }
+    const deed = { entry, request: null };
+    deeds.push(deed);
+    // Changes of users name no request: theirs is the next older one of the same user, action and target.
+    if (entry.outcome !== "requested") results.set(entry.of ?? deedOf(entry), deed);
+  }
+  return deeds;
 }
 
-function Entry({ entry }) {
+const deedOf = (entry) => JSON.stringify([entry.what, entry.target, userOf(entry), entry.who?.session]);
+
+function Deed({ deed: { entry, request } }) {
   return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="user">${userOf(entry)}</span>
-    <span class="what"><strong>${actionText(entry)}</strong> ${targetOf(entry)}</span>
-    <${OutcomeCell} entry=${entry} />
-    <details class="whole"><summary>${t("page.entry_n", { n: entry.n })}</summary><dl class="facts">
+    <span class="what">${localized(entry.text)}</span>
+    <span class=${`ended ${isSuccess(entry) ? "" : "bad"}`}>${localized(entry.outcome_text)}</span>
+    <details class="whole"><summary>${request ? t("page.entries_n", { from: request.n, to: entry.n })
+      : t("page.entry_n", { n: entry.n })}</summary>
+      ${request && html`<${Record} entry=${request} />`}<${Record} entry=${entry} /></details></li>`;
+}
+
+function Record({ entry }) {
+  return html`<dl class="facts">
+      <dt>${t("page.entry_n", { n: entry.n })}</dt><dd>${localized(entry.outcome_text)}</dd>
       <dt>${t("page.utc")}</dt><dd>${new Date(entry.time_ms).toISOString()}</dd>
-      <dt>${t("page.operation")}</dt><dd><code>${entry.what}</code></dd>
+      <dt>${t("page.operation")}</dt><dd><code>${entry.what}</code> ${entry.target}</dd>
       ${entry.who?.address && html`<dt>${t("page.address_from")}</dt><dd>${entry.who.address}</dd>`}
       ${entry.of != null && html`<dt>${t("page.answers_entry")}</dt><dd>${entry.of}</dd>`}
       <dt>${t("page.params")}</dt><dd><code>${JSON.stringify(entry.params)}</code></dd>
       ${entry.frames?.length > 0 && html`<dt>${t("page.frames_title")}</dt><dd><ol
         class="plain">${entry.frames.map((frame, n) => html`<li key=${n}>
         <code>${frame.sent ?? ""} → ${frame.received || frame.error || "–"}</code></li>`)}</ol></dd>`}
-      <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl></details></li>`;
+      <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl>`;
 }
 
-const OUTCOME_KEYS = new Set(["requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"]);
 const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done"]);
-
-/** Text of an outcome; of an error its text, where the record has the parameters that it needs. */
-function outcomeOf({ outcome, params }) {
-  if (outcome === null || outcome === undefined) return null;
-  const text = OUTCOME_KEYS.has(outcome) ? t(`page.outcome_${outcome}`) : hasKey(outcome) ? t(outcome, params) : outcome;
-  return /\{\w+\}/.test(text) ? t("page.outcome_error", { code: outcome }) : text;
-}
-
-function OutcomeCell({ entry }) {
-  const word = outcomeOf(entry);
-  if (word === null) return html`<span></span>`;
-  return html`<span class=${`ended ${SUCCESS_OUTCOMES.has(entry.outcome) ? "" : "bad"}`}>${word}</span>`;
-}
+const isSuccess = ({ outcome }) => !outcome || outcome.split(", ").every((one) => SUCCESS_OUTCOMES.has(one));

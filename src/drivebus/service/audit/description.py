@@ -1,0 +1,135 @@
+"""Sentences of audit records: action, subject, values and outcome in both languages. Pure.
+
+Only the values of ``_details`` are shown; secrets are no part of a record.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from drivebus import i18n
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.config.model import PlantConfig
+from drivebus.service.live.views import text_json
+from drivebus.types import Json
+from drivebus.values import Text
+
+Titles = Mapping[str, Mapping[str, Text]]
+"""Titles by the name of the parameter (``drive``, ``group``, ``bus``) and id."""
+NO_TITLES: Titles = {}
+MAX_VALUES = 8
+"""Parameters of a write that are shown by value; the rest is counted in the record only."""
+OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
+NUMBERS = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
+_PLACEHOLDER = re.compile(r"\{\w+\}")
+
+
+def titles_of(config: PlantConfig) -> Titles:
+    """Return the titles of a plant's drives, groups and buses."""
+    return {
+        "drive": {one.id: _title_or_id(one.title, one.id) for one in config.drives},
+        "group": {one.id: _title_or_id(one.title, one.id) for one in config.groups},
+        "bus": {one.id: _title_or_id(one.title, one.id) for one in config.buses},
+    }
+
+
+def _title_or_id(title: Text, id: str) -> Text:
+    return Text(title.en or id, title.zh or title.en or id)
+
+
+def described(item: Json, titles: Titles = NO_TITLES) -> Json:
+    """Return a record with ``text`` (what was done, to what, with which values) and ``outcome_text``."""
+    outcome = _outcome(item)
+    return {
+        **item,
+        "text": text_json(_action(item, titles)),
+        "outcome_text": None if outcome is None else text_json(outcome),
+    }
+
+
+def action_name(what: str) -> Text:
+    """Return the name of an operation or event; its identifier where the catalogue has none."""
+    key = "audit.did_" + re.sub("[.-]", "_", what)
+    return bilingual_text(key) if i18n.known(key) else Text(what, what)
+
+
+def _action(item: Json, titles: Titles) -> Text:
+    params = item["params"] if isinstance(item.get("params"), dict) else {}
+    details = _joined([*_details(params)])
+    subject = _subject(item, params, titles)
+    more = bilingual_text("audit.details", details=details) if details.en else Text("", "")
+    if not subject.en:
+        name = action_name(item["what"])
+        return Text(name.en + more.en, name.zh + more.zh)
+    return bilingual_text("audit.deed", action=action_name(item["what"]), subject=subject, details=more)
+
+
+def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
+    """Return the title of the target; empty for users who act on themselves."""
+    target = str(item.get("target") or "")
+    if target == item["who"]["name"]:
+        return Text("", "")
+    alarm = params.get("alarm_title")
+    if isinstance(alarm, Mapping):
+        of = _joined([_title("drive", str(one), titles) for one in params.get("drives", ())])
+        return Text(
+            *(" · ".join(filter(None, (getattr(of, language), alarm.get(language)))) for language in ("en", "zh"))
+        )
+    kind = next((kind for kind in titles if params.get(kind) == target), item["what"].partition(".")[0])
+    return _title(kind, target, titles)
+
+
+def _title(kind: str, id: str, titles: Titles) -> Text:
+    return titles.get(kind, {}).get(id) or Text(id, id)
+
+
+def _details(params: Mapping[str, Any]) -> Iterator[Text]:
+    """Yield the values of a record that an auditor asks for. Values of other types than expected are left out."""
+    if isinstance(params.get("frequency_hz"), int | float):
+        yield bilingual_text("audit.detail.frequency_hz", value=params["frequency_hz"])
+    if params.get("direction") in ("forward", "reverse"):
+        yield bilingual_text(f"drives.direction_{params['direction']}")
+    if params.get("how") in ("coast", "quick_stop"):
+        yield bilingual_text(f"audit.detail.how_{params['how']}")
+    for name in NUMBERS:
+        if isinstance(params.get(name), int | float | str):
+            yield bilingual_text(f"audit.detail.{name}", value=params[name])
+    for name in ("forward", "reverse"):
+        if params.get(name) is False:
+            yield bilingual_text(f"audit.detail.{name}")
+    values = params.get("values")
+    for name, value in [*values.items()][:MAX_VALUES] if isinstance(values, dict) else ():
+        yield bilingual_text("audit.detail.value", name=name, value=value)
+    if isinstance(values, dict) and len(values) > MAX_VALUES:
+        yield Text("…", "…")
+    if params.get("save") is True:
+        yield bilingual_text("audit.detail.save")
+    if isinstance(params.get("reason"), str):
+        yield bilingual_text("audit.detail.reason", value=params["reason"])
+    if isinstance(params.get("what"), str):
+        yield action_name(params["what"])
+
+
+def _outcome(item: Json) -> Text | None:
+    """Return the text of an outcome, of an error with its parameters where the record has them; None without one."""
+    outcome, params = item.get("outcome"), item.get("params")
+    if not outcome:
+        return None
+    named = {"drive": item.get("target"), **(params if isinstance(params, dict) else {})}
+    return _joined([_outcome_part(part, named) for part in str(outcome).split(", ")])
+
+
+def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
+    if code in OUTCOMES:
+        return bilingual_text(f"page.outcome_{code}")
+    if not i18n.known(code):
+        return Text(code, code)
+    found = bilingual_text(code, **params)
+    return bilingual_text("page.outcome_error", code=code) if _PLACEHOLDER.search(found.en) else found
+
+
+def _joined(parts: list[Text]) -> Text:
+    separator = bilingual_text("audit.list_separator")
+    return Text(separator.en.join(one.en for one in parts), separator.zh.join(one.zh for one in parts))

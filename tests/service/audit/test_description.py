@@ -1,0 +1,117 @@
+"""Sentences of audit records: what was done, to what, with which values, and how it ended; in both languages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus.service.audit.description import described
+from drivebus.values import Text
+
+TITLES = {"drive": {"fan-3": Text("Flue gas fan", "引风机")}, "group": {"air": Text("Air", "送引风")}}
+
+
+def record(action: str, target: str = "", /, *, outcome: str | None = "done", **params: Any) -> dict[str, Any]:
+    return {"n": 7, "who": {"name": "ann"}, "what": action, "target": target, "params": params, "outcome": outcome}
+
+
+def sentences(item: dict[str, Any]) -> tuple[str, str]:
+    found = described(item, TITLES)["text"]
+    return found["en"], found["zh"]
+
+
+@pytest.mark.parametrize(
+    ("item", "english", "chinese"),
+    [
+        (
+            record("drive.set_frequency", "fan-3", drive="fan-3", frequency_hz=25.0),
+            "Set the frequency of Flue gas fan: 25.0 Hz",
+            "设定频率 引风机：25.0 Hz",
+        ),
+        (
+            record("drive.run", "fan-3", drive="fan-3", frequency_hz=20.0, direction="reverse", arm_token="***"),
+            "Run Flue gas fan: 20.0 Hz, reverse",
+            "运行 引风机：20.0 Hz，反转",
+        ),
+        (record("drive.stop", "fan-3", drive="fan-3", how="coast"), "Bus stop of Flue gas fan: coast", None),
+        (
+            record("parameters.write", "fan-3", drive="fan-3", values={"F0.1": 2.0, "F1.07": "0010H"}, save=True),
+            "Write parameters Flue gas fan: F0.1 = 2.0, F1.07 = 0010H, also to EEPROM",
+            "写参数 引风机：F0.1 = 2.0，F1.07 = 0010H，并写入 EEPROM",
+        ),
+        (
+            record(
+                "drive.limits", "fan-3", drive="fan-3", minimum_hz=5.0, maximum_hz=40.0, forward=True, reverse=False
+            ),
+            "Limits of Flue gas fan: at least 5.0 Hz, at most 40.0 Hz, reverse not permitted",
+            None,
+        ),
+        (
+            record("group.start", "air", group="air", frequency_hz=30.0),
+            "Start group Air: 30.0 Hz",
+            "启动组 送引风：30.0 Hz",
+        ),
+        (
+            record(
+                "alarm.shelve",
+                "a4",
+                alarm="a4",
+                minutes=60,
+                reason="bearing",
+                drives=["fan-3"],
+                alarm_title={"en": "No reply", "zh": "无应答"},
+            ),
+            "Shelve alarm Flue gas fan · No reply: 60 min, reason: bearing",
+            "搁置报警 引风机 · 无应答：60 分钟，原因：bearing",
+        ),
+        (record("login", "ann"), "Log in", "登录"),
+        (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
+        (
+            record("audit.refused", "fan-3", drive="fan-3", what="drive.run"),
+            None,
+            "拒绝：审计记录无法写入 引风机：运行",
+        ),
+        (record("who.knows", "x"), "who.knows x", "who.knows x"),
+    ],
+    ids=lambda value: value["what"] if isinstance(value, dict) else None,
+)
+def test_a_record_reads_as_a_sentence_with_its_values(
+    item: dict[str, Any], english: str | None, chinese: str | None
+) -> None:
+    found = sentences(item)
+    assert found == (english or found[0], chinese or found[1])
+
+
+def test_no_value_of_a_secret_or_of_an_unknown_parameter_is_shown() -> None:
+    item = record("drive.run", "fan-3", drive="fan-3", arm_token="t0p", password="s3cret", more="x9", frequency_hz=5.0)
+    assert not any(word in text for text in sentences(item) for word in ("t0p", "s3cret", "x9"))
+
+
+def test_values_of_other_types_than_expected_are_left_out() -> None:
+    odd = record("drive.run", "fan-9", frequency_hz={"a": 1}, direction=["x"], values="all", reason=7, minutes=None)
+    assert sentences(odd)[0] == "Run fan-9"
+
+
+def test_a_write_of_many_parameters_shows_the_first_ones() -> None:
+    many = record("parameters.write", "fan-3", drive="fan-3", values={f"F1.{n:02}": 1.0 for n in range(20)})
+    english = sentences(many)[0]
+    assert english.endswith("F1.07 = 1.0, …") and "F1.08" not in english
+
+
+@pytest.mark.parametrize(
+    ("outcome", "english", "chinese"),
+    [
+        ("acknowledged", "Acknowledged, can't be confirmed", "已应答，无法确认"),
+        ("confirmed, failed", "Confirmed, Failed", "已确认，失败"),
+        ("bus.no_reply", "not done (bus.no_reply)", "未执行（bus.no_reply）"),
+        ("NotInTheCatalogue", "NotInTheCatalogue", "NotInTheCatalogue"),
+    ],
+)
+def test_an_outcome_reads_as_words(outcome: str, english: str, chinese: str) -> None:
+    found = described(record("drive.run", "fan-3", outcome=outcome))
+    assert found["outcome_text"] == {"en": english, "zh": chinese}
+
+
+def test_an_event_without_an_outcome_has_no_outcome_text() -> None:
+    assert described(record("audit.opened", outcome=None))["outcome_text"] is None
