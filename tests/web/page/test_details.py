@@ -153,3 +153,14 @@ def test_every_text_of_an_error_class_belongs_to_an_existing_class() -> None:
     classes.add(snake(UntrustedReply.__name__))
     words = {key.removeprefix("page.error_") for key in i18n.catalogue("en") if key.startswith("page.error_")}
     assert len(words) > 10 and words <= classes
+
+
+API_PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "use-the-api.md"
+
+
+def test_the_browser_example_of_the_api_page_prints_the_states_of_a_drive(visit: Any) -> None:
+    (program,) = re.findall(r"^```js\n(.*?)^```", API_PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    page = visit("#/fleet", role="viewer")
+    with page.expect_console_message(lambda message: message.text.startswith("fan-1 ")) as found:
+        page.evaluate(f"() => {{ {program} }}")
+    assert found.value.text in ("fan-1 stopped", "fan-1 running")
