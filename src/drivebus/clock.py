@@ -1,7 +1,8 @@
-"""Clock and random source that pure code gets as arguments, and the one wall clock."""
+"""Clock and random source that pure code gets as arguments, the one wall clock and the one unseeded random number."""
 
 from __future__ import annotations
 
+import secrets
 from datetime import UTC, datetime
 from typing import Protocol
 
@@ -14,6 +15,11 @@ def wall_clock() -> datetime:
 def wall_ms() -> int:
     """Return the time in milliseconds since the Unix epoch by the system clock: for labels only."""
     return int(wall_clock().timestamp() * 1000)
+
+
+def random_word() -> int:
+    """Return a random 16-bit number of the operating system, which no process can repeat on purpose."""
+    return secrets.randbelow(0x10000)
 
 
 class Clock(Protocol):

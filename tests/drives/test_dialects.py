@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import create_dialect
+from drivebus.bus import Bus
+from drivebus.drives import Drive, MemoryStore, create_dialect
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, reported_fault
 from drivebus.drives.dialects.dzb100 import (
     CODINGS,
@@ -22,6 +23,7 @@ from drivebus.drives.dialects.dzb100 import (
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import ConfigurationError, LimitError
+from drivebus.ports import open_port
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.values import Quality
 from fixtures.drives import MODELS, dialect_for
@@ -441,6 +443,28 @@ def test_vc660_sync_probes_have_a_nonce_that_is_not_reused() -> None:
     dialect = dialect_for("vc660")
     nonces = [f.data for f in [*bus_sync_probes(dialect, 5000), *(dialect.sync_request() for _ in range(5000))]]
     assert len(set(nonces)) == len(nonces)
+
+
+def probes_of_a_new_drive(url: str, **options: Any) -> list[int]:
+    """Return the nonces of the first 20 sync probes of the bus and of the operations of a VC660."""
+    drive = Drive(Bus(open_port(url)), "vc660", 1, store=MemoryStore(), **options)
+    return [f.data for f in [*bus_sync_probes(drive.dialect, 20), *(drive.dialect.sync_request() for _ in range(20))]]
+
+
+def test_vc660_nonces_differ_between_processes_so_that_a_late_reply_to_the_last_one_fits_no_probe() -> None:
+    """Every process began with the same nonces: a reply that was still under way at a restart fitted the new probe."""
+    starts = {tuple(probes_of_a_new_drive("/dev/ttyUSB9")) for _ in range(4)}
+    assert len(starts) > 1
+    words = iter((0, 0xFFFF, 0x1234))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("drivebus.drives.drive.random_word", lambda: next(words))
+        assert [probes_of_a_new_drive("/dev/ttyUSB9")[0] for _ in range(3)] == [0, 0xFFFF, 0x1234]
+
+
+def test_vc660_nonces_repeat_on_a_simulated_port_and_with_a_given_start() -> None:
+    """A campaign and a replay repeat to the last byte."""
+    assert probes_of_a_new_drive("sim://vc660@1") == probes_of_a_new_drive("sim://vc660@1")
+    assert probes_of_a_new_drive("/dev/ttyUSB9", nonce_start=7)[0] == 7
 
 
 def test_only_df800_sync_probes_read_two_registers_at_once() -> None:

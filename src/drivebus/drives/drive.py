@@ -10,9 +10,10 @@ from typing import Any
 from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusResult
+from drivebus.clock import random_word
 from drivebus.drives.calibration import Calibration
 from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget, Preflight
-from drivebus.drives.dialects.base import Dialect, Identity, StopMode
+from drivebus.drives.dialects.base import DEFAULT_NONCE_START, Dialect, Identity, StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
@@ -61,8 +62,14 @@ class Drive:
         options: Mapping[str, Any] | None = None,
         store: Store | None = None,
         timing: StationTiming | None = None,
+        nonce_start: int | None = None,
     ) -> None:
-        """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, option)."""
+        """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, option).
+
+        ``nonce_start``: first number of the loop-backs that serve as sync probes, 0 to 65535. None: random, so that a
+        late reply to a process before this one fits none of them; fixed where the port is simulated, so that runs
+        repeat.
+        """
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
         self._store = store if store is not None else _store_for(bus)
@@ -72,6 +79,7 @@ class Drive:
             encoding=encoding,
             options=known_options(bus.port, loaded, address) | dict(options or {}),
             timing=timing,
+            nonce_start=_nonce_start_for(bus) if nonce_start is None else nonce_start,
         )
         limits = limits or DriveLimits()
         self._context = DriveContext(
@@ -292,5 +300,12 @@ class Drive:
 
 
 def _store_for(bus: Bus) -> Store:
-    scheme = bus.port.url.partition(":")[0]
-    return MemoryStore() if scheme in VOLATILE_SCHEMES else FileStore(default_path())
+    return MemoryStore() if _is_volatile(bus) else FileStore(default_path())
+
+
+def _nonce_start_for(bus: Bus) -> int:
+    return DEFAULT_NONCE_START if _is_volatile(bus) else random_word()
+
+
+def _is_volatile(bus: Bus) -> bool:
+    return bus.port.url.partition(":")[0] in VOLATILE_SCHEMES

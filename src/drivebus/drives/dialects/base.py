@@ -21,6 +21,9 @@ from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete
 from drivebus.values import Quality, Reading, Text
 
+DEFAULT_NONCE_START = 0x5AA5
+"""First number of the numbered sync probes where nothing is sent, or where a run must repeat."""
+
 
 class StopMode(StrEnum):
     """Way to stop; the value is the capability that a profile must have."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.dialects.base import DEFAULT_NONCE_START, Dialect
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.model import DriveProfile
 from drivebus.protocols.family import protocol_family, resolve
@@ -19,8 +19,12 @@ def create_dialect(
     encoding: str | None = None,
     options: Mapping[str, Any] | None = None,
     timing: StationTiming | None = None,
+    nonce_start: int = DEFAULT_NONCE_START,
 ) -> Dialect:
-    """Return the dialect of a drive. Raises ConfigurationError for an unknown address, encoding or option."""
+    """Return the dialect of a drive. Raises ConfigurationError for an unknown address, encoding or option.
+
+    ``nonce_start``: first number of the sync probes of a model with a loop-back; other models have none.
+    """
     low, high = profile.addresses
     if address == profile.broadcast or not low <= address <= high:
         key = "drives.address_broadcast" if address == profile.broadcast else "drives.address"
@@ -35,5 +39,7 @@ def create_dialect(
         raise ConfigurationError("drives.option", model=profile.model, found=unknown[0], expected=known)
     merged = dict(profile.options) | dict(options or {})
     make = resolve(protocol_family(profile.family).dialect)
-    dialect: Dialect = make(profile, address, chosen, merged, timing or profile.timing)
+    has_nonces = profile.modbus is not None and profile.modbus.loopback
+    numbered = {"nonce_start": nonce_start} if has_nonces else {}
+    dialect: Dialect = make(profile, address, chosen, merged, timing or profile.timing, **numbered)
     return dialect

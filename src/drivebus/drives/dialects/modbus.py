@@ -10,6 +10,7 @@ from typing import Any
 
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
+    DEFAULT_NONCE_START,
     UNNAMED_FAULT_CODE,
     CommandFrame,
     Identity,
@@ -225,7 +226,7 @@ class CommandWord:
 
 RTU_END_SILENCE_CHARACTERS = 3.5
 """Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
-LOOPBACK_NONCE_STEP, LOOPBACK_NONCE_START = 0x9E37, 0x5AA5
+LOOPBACK_NONCE_STEP = 0x9E37
 """An odd step visits all 65,536 nonces before one comes again."""
 
 
@@ -233,9 +234,17 @@ class ModbusDialect:
     """Dialect of one Modbus drive."""
 
     def __init__(
-        self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
+        self,
+        profile: DriveProfile,
+        address: int,
+        encoding: str,
+        options: dict[str, Any],
+        timing: StationTiming,
+        nonce_start: int = DEFAULT_NONCE_START,
     ) -> None:
+        """``nonce_start``: first number of the loop-backs that serve as sync probes."""
         self.profile, self.address, self.options = profile, address, options
+        self._nonce_start = nonce_start
         self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
         form, most = self._rule.error_form, self._rule.max_read
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
@@ -328,7 +337,7 @@ class ModbusDialect:
 
     def _sync_request_at(self, n: int) -> Any:
         if self._rule.loopback:
-            return Diagnostics(self.address, (LOOPBACK_NONCE_START + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
+            return Diagnostics(self.address, (self._nonce_start + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
         return ReadRegisters(self.address, self._sync_registers[n // 2 % len(self._sync_registers)], SYNC_READ_COUNT)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
