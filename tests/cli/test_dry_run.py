@@ -144,9 +144,10 @@ SENDS_NOTHING = {
     "capture",
     "completion",
     "acceptance",
+    "comm-loss-test",
     "release",
 }
-"""Commands that send nothing, or only to their own simulated drives, or (acceptance) have steps of their own."""
+"""Commands that send nothing, or only to their own simulated drives, or have steps of their own (acceptance, the test)."""
 PLANT_COMMANDS = {"init", "check", "serve", "user", "audit"}
 """Commands on a plant: ``check`` shows its load on the buses; ``init`` only reads, as ``scan`` does."""
 

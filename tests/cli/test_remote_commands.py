@@ -24,6 +24,7 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
+from drivebus.service.control import comm_loss_test
 from fixtures.child_process import ENVIRONMENT, lines_until, running_command
 from fixtures.running_service import RunningService, http_service, token
 
@@ -334,3 +335,23 @@ def test_release_permits_starts_again_after_a_bus_stop(plant: RunningService, se
 def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningService, service: str) -> None:
     error = run_command(service, "status", "--drive", "fan-9", code=1)["error"]
     assert all(drive in error["text"] for drive in plant.kit.service.plant.drives)
+
+
+def test_comm_loss_test_records_a_trip_and_tells_success_by_its_exit_code(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.ENGINEER))
+    monkeypatch.setattr(comm_loss_test, "TURNING_S", 0.2)
+    monkeypatch.setattr(comm_loss_test, "POLLS_END_S", 0.1)
+    arguments = ("--drive", "fan-2", "--frequency", "5", "--silence", "2")
+    assert "--yes" in run_command(plant.url, "comm-loss-test", *arguments, code=2)["error"]["text"]
+    plant.run_in_loop(lambda: _set_keypad(plant, {0x9_03: 2, 0x9_04: 10}))
+    tested = run_command(plant.url, "comm-loss-test", *arguments, "--yes")["tested"]
+    assert tested["result"] == "trips" and tested["parameters"] == {"F9.3": 2, "F9.4": 10}
+    assert plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-2"))["lease"] is None
+    plant.run_in_loop(lambda: plant.kit.call("drive.reset", drive="fan-2"))
+
+
+async def _set_keypad(plant: RunningService, values: dict[int, int]) -> None:
+    for place, raw in values.items():
+        plant.kit.station("fan-2").keypad_set(place, raw)

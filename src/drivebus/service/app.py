@@ -17,6 +17,7 @@ from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.queries import Queries
 from drivebus.service.auth.actor import SERVICE_NAME, Actor, local_actor
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.control.comm_loss_test import CommLossTests
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs
@@ -98,6 +99,7 @@ class Service:
         self.groups = GroupCommands(self.plant, self.commands)
         self.stops = StopCommands(self.plant, self.commands)
         self.jogs = RemoteJogs(self.plant, self.commands)
+        self.comm_loss_tests = CommLossTests(self.plant, self.commands)
         self.incidents = IncidentService(self.plant, storage.incidents)
         self.publisher = LivePublisher(self.plant, self.groups)
         self.reload = ConfigReload(self.plant, self.publisher)
@@ -107,6 +109,7 @@ class Service:
                 self.groups,
                 self.stops,
                 self.jogs,
+                self.comm_loss_tests,
                 Queries(self.plant, self.groups),
                 self.reload,
                 AlarmService(self.plant, storage.alarm_log),
@@ -167,6 +170,7 @@ class Service:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._supervision_task
         await self.jogs.close()
+        await self.comm_loss_tests.close()
         await self.supervision.close()
         await self.policies.close()
         self.plant.hub.close()

@@ -169,6 +169,8 @@ def test_starts_and_wider_permissions_require_an_audit_record() -> None:
         "parameters.write",
         "waiver.grant",
         "waiver.revoke",
+        "comm_loss.test",
+        "comm_loss.discard",
         "drive.limits",
         "configuration.reload",
     }

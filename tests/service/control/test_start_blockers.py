@@ -109,7 +109,10 @@ def test_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -
     async def scenario() -> None:
         async with running_service() as kit:
             drive = kit.service.plant.drives["fan-1"]
-            drive.comm_loss_read, drive.comm_loss_stale = CommLossView(kind, 1.0, Text("why", "原因")), False
+            drive.comm_loss_read, drive.comm_loss_stale = (
+                CommLossView(kind=kind, after_s=1.0, text=Text("why", "原因")),
+                False,
+            )
             assert blocker_keys(kit) == ([] if may else ["plant.waiver_needed"])
 
     run(scenario())

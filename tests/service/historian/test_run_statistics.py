@@ -48,7 +48,7 @@ def view(state: str = "running", fault: str | None = None, presence: str = "onli
         commanded_hz=None,
         minimum_hz=0.0,
         maximum_hz=50.0,
-        comm_loss=CommLossView("unknown", None, NOTHING),
+        comm_loss=CommLossView(kind="unknown", after_s=None, text=NOTHING),
         signals=found,
     )
 

@@ -30,7 +30,7 @@ def view(drive: str, state: str = "running", **signals: tuple[Any, str, Quality]
         commanded_hz=None,
         minimum_hz=0.0,
         maximum_hz=50.0,
-        comm_loss=CommLossView("trips", 2.0, Text("", "")),
+        comm_loss=CommLossView(kind="trips", after_s=2.0, text=Text("", "")),
         signals=values,
     )
 

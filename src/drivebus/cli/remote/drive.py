@@ -15,6 +15,7 @@ from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
 from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable
 from drivebus.service.api.operations import Operation
+from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
 from drivebus.service.api.operations.drives import (
     DRIVE_ARM,
     DRIVE_JOG,
@@ -116,6 +117,11 @@ class RemoteDrive:
     async def reset_fault(self) -> Outcome:
         return await self._call_with_control(DRIVE_RESET)
 
+    async def test_comm_loss(self, frequency_hz: float, silence_s: float | None) -> Json:
+        """Start a communication-loss test; its result appears in ``comm_loss`` of the drive."""
+        params = {"frequency_hz": frequency_hz, "silence_s": silence_s, **await self.arm("comm_loss_test")}
+        return await self.call(COMM_LOSS_TEST, **params)
+
     async def release_start_inhibit(self) -> None:
         """Permit starts again after a bus stop. Raises ControlNotHeld."""
         await self.take_control()
@@ -149,10 +155,12 @@ class RemoteDrive:
 
     # --- control lease --------------------------------------------------------------------------------------------
 
-    async def arm(self) -> Json:
+    async def arm(self, purpose: str = "start") -> Json:
         """Take control; return the arm token that a start over HTTP needs."""
         await self.take_control()
-        return {} if self._client.is_local else {"arm_token": (await self.call(DRIVE_ARM))["arm_token"]}
+        return (
+            {} if self._client.is_local else {"arm_token": (await self.call(DRIVE_ARM, purpose=purpose))["arm_token"]}
+        )
 
     async def take_control(self) -> None:
         """Take the control lease and renew it until ``close``. Raises ControlNotHeld."""

@@ -30,6 +30,7 @@ from drivebus.service.api.operations.drives import (
     START_INHIBIT_RELEASE,
     WAIVER_GRANT,
     WAIVER_REVOKE,
+    ArmParams,
     DriveParams,
     LimitsParams,
     ParameterWriteParams,
@@ -40,8 +41,8 @@ from drivebus.service.api.operations.drives import (
 )
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
-from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S
-from drivebus.service.control.start_blockers import check_start
+from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S, arm_target_of_test
+from drivebus.service.control.start_blockers import check_start, check_test_start
 from drivebus.service.control.tickets import CommandTicket
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.runtime.drive import DriveRuntime
@@ -102,11 +103,13 @@ class DriveCommands:
         return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
     @handles(DRIVE_ARM)
-    async def arm_start(self, params: DriveParams, actor: Actor) -> Json:
+    async def arm_start(self, params: ArmParams, actor: Actor) -> Json:
         """Issue the token of a start. Fails for every reason for which the start itself would."""
         runtime = self.require_control(params.drive, actor)
-        check_start(self.plant, runtime)
-        return {"arm_token": self.plant.arm_tokens.issue(runtime.id, actor, self.plant.now()), "expires_s": ARM_TTL_S}
+        is_test = params.purpose == "comm_loss_test"
+        (check_test_start if is_test else check_start)(self.plant, runtime)
+        target = arm_target_of_test(runtime.id) if is_test else runtime.id
+        return {"arm_token": self.plant.arm_tokens.issue(target, actor, self.plant.now()), "expires_s": ARM_TTL_S}
 
     # --- motion ---------------------------------------------------------------------------------------------------
 

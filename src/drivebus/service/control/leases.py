@@ -16,6 +16,11 @@ ARM_TTL_S = 10.0  # a start follows its arming within this time
 MAX_ARM_TOKENS = 100  # valid at a time; a further one replaces the oldest
 
 
+def arm_target_of_test(drive: str) -> str:
+    """Return the target of arm tokens for a communication-loss test, which start nothing else."""
+    return f"comm-loss-test:{drive}"
+
+
 @dataclass(frozen=True, slots=True)
 class ControlLease:
     """Control of one drive by one session until ``expires_at``, in monotonic seconds."""

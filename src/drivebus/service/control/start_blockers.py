@@ -18,6 +18,7 @@ from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
+from drivebus.values import Text
 
 
 def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:
@@ -43,14 +44,29 @@ def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
     """Return the error of a missing waiver; one that was recorded for another drive of this name is mentioned."""
     other = runtime.waiver_of_another
     if other is None:
-        return WaiverRequired("plant.waiver_needed", drive=runtime.id, why=runtime.comm_loss.text)
-    return WaiverRequired("plant.waiver_of_another", drive=runtime.id, why=runtime.comm_loss.text, **other.recorded_for)
+        return WaiverRequired("plant.waiver_needed", drive=runtime.id, why=_why(runtime))
+    return WaiverRequired("plant.waiver_of_another", drive=runtime.id, why=_why(runtime), **other.recorded_for)
 
 
 def start_blockers_json(plant: Plant, runtime: DriveRuntime) -> Iterator[Json]:
     """Yield the start blockers as JSON."""
     for error in start_blockers(plant, runtime):
         yield {"key": error.key, "params": to_plain(error.params), "text": localized(error.key, error.params)}
+
+
+def _why(runtime: DriveRuntime) -> Text:
+    """Return why the drive may run on; a test that no longer holds is named."""
+    record = runtime.comm_loss_record
+    if record is None or record.holds_for(runtime.comm_loss_parameters) or runtime.comm_loss_parameters is None:
+        return runtime.comm_loss.text
+    return Text(**localized("plant.comm_loss_test_outdated", {"why": runtime.comm_loss.text} | record.message_params))
+
+
+def check_test_start(plant: Plant, runtime: DriveRuntime) -> None:
+    """Raise the first start blocker of a communication-loss test: a missing waiver is none, the test replaces it."""
+    for error in start_blockers(plant, runtime):
+        if not isinstance(error, WaiverRequired):
+            raise error
 
 
 def check_start(plant: Plant, runtime: DriveRuntime) -> None:

@@ -60,6 +60,18 @@ class SignalView:
 
 
 @dataclass(frozen=True, slots=True)
+class CommLossTestView:
+    """Communication-loss test that is under way. ``phase``: ``starting``, ``turning``, ``silent`` or ``reading``."""
+
+    phase: str
+    until_ms: int | None
+    """UTC time at which the silence ends; None in other phases."""
+
+    def as_json(self) -> Json:
+        return {"phase": self.phase, "until_ms": self.until_ms}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CommLossView:
     """Behaviour of a drive at communication loss. ``kind``: ``trips``, ``runs_on`` or ``unknown``."""
 
@@ -69,8 +81,20 @@ class CommLossView:
     waiver: str | None = None
     """Reason and author of a waiver that permits starts, None: no waiver."""
 
+    tested: Json | None = None
+    """Record of the last test, and whether it ``holds``: whether the parameters still read as they did then."""
+    test: CommLossTestView | None = None
+    """Test that is under way."""
+
     def as_json(self) -> Json:
-        return {"kind": self.kind, "after_s": self.after_s, "text": text_json(self.text), "waiver": self.waiver}
+        return {
+            "kind": self.kind,
+            "after_s": self.after_s,
+            "text": text_json(self.text),
+            "waiver": self.waiver,
+            "tested": self.tested,
+            "test": None if self.test is None else self.test.as_json(),
+        }
 
 
 @dataclass(frozen=True, slots=True)

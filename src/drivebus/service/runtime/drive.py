@@ -17,11 +17,13 @@ from drivebus.drives.store import Store
 from drivebus.service.api.errors import localized
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
+from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
 from drivebus.service.control.waivers import CommLossWaiver
-from drivebus.service.live.views import CommLossView, Sample
+from drivebus.service.live.views import CommLossTestView, CommLossView, Sample
 from drivebus.values import Quality, Reading, Text
 
 COMM_LOSS_NOT_READ = Text(**localized("plant.comm_loss_not_read"))
+COMM_LOSS_UNKNOWN = CommLossView(kind="unknown", after_s=None, text=COMM_LOSS_NOT_READ)
 
 
 class DriveRuntime:
@@ -51,13 +53,19 @@ class DriveRuntime:
         )
         self.polls = polls_of(config, self.drive.dialect)
         self.monitor: Monitor | None = None
-        self.comm_loss_read = CommLossView("unknown", None, COMM_LOSS_NOT_READ)
+        self.comm_loss_read = COMM_LOSS_UNKNOWN
         self.comm_loss_read_at: float | None = None
         self.comm_loss_stale = False
         self.comm_loss_writes = 0
         """Number of writes, to detect one during a read."""
         self.group_started_at: float | None = None
         """Monotonic time of its last start by a group."""
+        self.comm_loss_values: Mapping[str, int] = {}
+        """Raw values of the communication-loss parameters by notation, of the last read."""
+        self.comm_loss_record: CommLossRecord | None = None
+        """Result of its last communication-loss test."""
+        self.comm_loss_test: CommLossTestView | None = None
+        """Communication-loss test that is under way."""
         self.waiver: str | None = None
         self.limits_lost = False
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
@@ -89,9 +97,22 @@ class DriveRuntime:
 
     @property
     def comm_loss(self) -> CommLossView:
-        """Behaviour of the drive at communication loss, with its waiver."""
-        found = CommLossView("unknown", None, COMM_LOSS_NOT_READ) if self.comm_loss_stale else self.comm_loss_read
-        return replace(found, waiver=self.waiver)
+        """Behaviour of the drive at communication loss, with its waiver. A test that holds counts more than a read."""
+        found = COMM_LOSS_UNKNOWN if self.comm_loss_stale else self.comm_loss_read
+        record = self.comm_loss_record
+        holds = record is not None and record.holds_for(self.comm_loss_parameters)
+        if record is not None and holds:
+            kind = "runs_on" if record.result is CommLossResult.RUNS_ON else "trips"
+            text = Text(**localized(record.message_key, record.message_params))
+            found = CommLossView(kind=kind, after_s=float(record.after_s), text=text)
+        tested = None if record is None else {**record.as_json(), "holds": holds}
+        return replace(found, waiver=self.waiver, tested=tested, test=self.comm_loss_test)
+
+    @property
+    def comm_loss_parameters(self) -> Mapping[str, int] | None:
+        """Raw values of the communication-loss parameters by notation; None: not known now."""
+        known = self.comm_loss_read_at is not None and not self.comm_loss_stale
+        return self.comm_loss_values if known else None
 
     def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
         """Apply changed limits and policies, and with ``polls`` changed polling."""
@@ -101,7 +122,7 @@ class DriveRuntime:
             self.signals = polled_names(setting, self.profile)
             self.drive.set_poll_periods(self.profile)
             self.polls = polls_of(setting, self.drive.dialect)
-            self._stop_monitor()
+            self.stop_monitor()
             if watched:
                 self.start_monitor()
 
@@ -139,15 +160,23 @@ class DriveRuntime:
         """Take in a read of the communication-loss behaviour; a write since ``writes_before`` makes it stale."""
         self.comm_loss_stale = writes_before is not None and writes_before != self.comm_loss_writes
         kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]
-        self.comm_loss_read = CommLossView(kind, _seconds_of(report.time), Text(report.text("en"), report.text("zh")))
+        self.comm_loss_read = CommLossView(
+            kind=kind, after_s=_seconds_of(report.time), text=Text(report.text("en"), report.text("zh"))
+        )
+        rule, read = self.profile.comm_loss, {}
+        for notation, reading in ((rule.time_notation, report.time), (rule.action_notation, report.action)):
+            if notation is not None and reading is not None and reading.raw is not None:
+                read[notation] = reading.raw
+        self.comm_loss_values = read
         self.comm_loss_read_at = now
 
     def close(self) -> None:
         """Remove the drive from its bus; nothing is sent."""
-        self._stop_monitor()
+        self.stop_monitor()
         self.drive.close()
 
-    def _stop_monitor(self) -> None:
+    def stop_monitor(self) -> None:
+        """End the polls; the state is unknown until ``start_monitor``. Idempotent."""
         if self.monitor is not None:
             self.monitor.close()
             self.monitor = None

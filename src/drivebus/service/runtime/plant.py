@@ -19,7 +19,8 @@ from drivebus.service.api.frames import frame_json
 from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig
-from drivebus.service.control.leases import ArmTokens, ControlLeases
+from drivebus.service.control.comm_loss_record import CommLossRecord
+from drivebus.service.control.leases import ArmTokens, ControlLeases, arm_target_of_test
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
 from drivebus.service.interlocks.engine import InterlockEngine
@@ -277,7 +278,8 @@ class Plant:
     def note_stop(self, *runtimes: DriveRuntime) -> None:
         """Count a stop request and revoke the arm tokens of these drives and their groups."""
         for runtime in runtimes:
-            self.arm_tokens.revoke(runtime.id, *(f"group:{group.id}" for group in self.groups_of(runtime.id)))
+            groups = (f"group:{group.id}" for group in self.groups_of(runtime.id))
+            self.arm_tokens.revoke(runtime.id, arm_target_of_test(runtime.id), *groups)
             self.stop_counts[runtime.id] += 1
             self.stop_counters.requested += 1
 
@@ -287,6 +289,7 @@ class Plant:
         """Restore the stored waiver and limits of a drive. Where they can't be read, it has no waiver and no limits."""
         settings = StoredSettings.of(self.store, runtime.id)
         self._restore_waiver(runtime, settings.waiver)
+        self._restore_comm_loss_record(runtime, settings.comm_loss_record)
         runtime.limits_lost = settings.limits_lost
         own = settings.limits
         runtime.set_limits(None if own is None else narrow_limits(own, runtime.config.limits))
@@ -306,6 +309,20 @@ class Plant:
         runtime.waiver_of_another = None if fits else waiver
         if runtime.waiver_of_another is not None:
             self.publish_event("waiver", runtime.id, "plant.waiver_ignored", **runtime.waiver_of_another.recorded_for)
+
+    def _restore_comm_loss_record(self, runtime: DriveRuntime, record: CommLossRecord | None) -> None:
+        """Restore the record of a communication-loss test; one of another drive of this name becomes an event."""
+        runtime.comm_loss_record = record
+        if record is not None and not record.is_of(runtime.config, self.bus_of(runtime).config):
+            runtime.comm_loss_record = None
+            self.publish_event(
+                "waiver",
+                runtime.id,
+                "plant.comm_loss_record_ignored",
+                model=record.model,
+                link=record.link,
+                address=record.address,
+            )
 
 
 def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:

@@ -1,4 +1,4 @@
-"""Waivers and limits of drives, which outlive the service: reading them back, also from a file that is damaged.
+"""Waivers, limits and communication-loss tests of drives, read back after a restart, also from a damaged file.
 
 A file that can't be read is put aside, and the new one names the drives whose limits are lost with it: a start without
 them might be too fast for the machine.
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.store import FileStore, Store
 from drivebus.errors import ConfigurationError
+from drivebus.service.control.comm_loss_record import CommLossRecord, record_key
 from drivebus.service.control.waivers import CommLossWaiver
 
 SETTINGS_FILE = "plant.json"
@@ -25,12 +26,13 @@ LOG = logging.getLogger("drivebus.service")
 
 @dataclass(frozen=True, slots=True)
 class StoredSettings:
-    """Stored waiver and limits of one drive."""
+    """Stored waiver, limits and communication-loss test of one drive."""
 
     waiver: CommLossWaiver | None
     limits: DriveLimits | None
     limits_lost: bool
     """Its limits can't be read, or were lost with a file that was put aside, and were not set again since."""
+    comm_loss_record: CommLossRecord | None = None
 
     @classmethod
     def of(cls, store: Store, drive: str) -> StoredSettings:
@@ -41,7 +43,7 @@ class StoredSettings:
             lost = limits is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
         except (ConfigurationError, ValueError, TypeError, OverflowError, RecursionError):
             found, lost = None, True
-        return cls(_stored_waiver(store, drive), found, lost)
+        return cls(_stored_waiver(store, drive), found, lost, _stored_record(store, drive))
 
 
 def _limits_from_json(text: str) -> DriveLimits:
@@ -71,6 +73,13 @@ def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
     return (
         found if found is not None and all(type(one) is str for one in (found.text, found.model, found.link)) else None
     )
+
+
+def _stored_record(store: Store, drive: str) -> CommLossRecord | None:
+    try:
+        return CommLossRecord.from_json(store.get(record_key(drive)))
+    except (ConfigurationError, ValueError, TypeError, KeyError, RecursionError):
+        return None
 
 
 def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> None:

@@ -39,6 +39,12 @@ class RunParams(DriveParams):
     arm_token: ArmToken = None
 
 
+class ArmParams(DriveParams):
+    """First step of a start, or of a communication-loss test; the token is valid for that one only."""
+
+    purpose: Literal["start", "comm_loss_test"] = Field(default="start", examples=["start"])
+
+
 class SetFrequencyParams(DriveParams):
     """A new setpoint."""
 
@@ -156,12 +162,19 @@ class SignalObject(ApiObject):
 
 
 class CommLossObject(ApiObject):
-    """Behaviour of the drive when its communication fails."""
+    """Behaviour of the drive when its communication fails.
+
+    ``tested`` is the record of its last test: ``result`` (``trips``, ``stops``, ``runs_on``), ``silence_s``,
+    ``time_ms``, ``user``, ``model``, ``link``, ``address``, ``parameters`` (raw values by notation), ``fault`` (label,
+    if any) and ``holds``: whether it counts now. ``test`` is one that is under way: ``phase`` and ``until_ms``.
+    """
 
     kind: Literal["trips", "runs_on", "unknown"]
     after_s: float | None
     text: LocalizedText | None
     waiver: Any = None
+    tested: dict[str, Any] | None = None
+    test: dict[str, Any] | None = None
 
 
 class LeaseObject(ApiObject):
@@ -341,7 +354,7 @@ DRIVE_ARM = Operation(
     right=Right.OPERATE,
     method="POST",
     path="/drives/{drive}/arm",
-    params=DriveParams,
+    params=ArmParams,
     response=ArmResponse,
     audit=Audit.REQUIRED,
     summary=Text("First step of a start", "启动的第一步"),

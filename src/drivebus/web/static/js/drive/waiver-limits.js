@@ -1,4 +1,4 @@
-// Communication-loss waiver and frequency limits of a drive.
+// Communication-loss behaviour, its waiver, and frequency limits of a drive.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -7,6 +7,7 @@ import { numberOf } from "../format.js";
 import { may } from "../session.js";
 import { isLive } from "../live.js";
 import { CommLossBadge } from "../parts/state.js";
+import { CommLossTest } from "./comm-loss-test.js";
 
 const MIN_REASON_LENGTH = 3;
 
@@ -26,14 +27,14 @@ function WaiverForm({ view, onClose }) {
       <button type="submit" class="button main" disabled=${busy}>${t("page.waiver_record")}</button></div></form><//>`;
 }
 
-/** Communication-loss behaviour as text, with the waiver. */
+/** Communication-loss behaviour as text, with its test and the waiver. */
 export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
   const [run, busy, error] = useRequest();
   const badge = view.comm_loss;
   const needs = badge.kind !== "trips";
   return html`<div class="stack"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
-    ${localized(badge.text)}</p>
+    ${localized(badge.text)}</p><${CommLossTest} view=${view} />
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
       ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
         onClick=${() => run(() => api.remove(drivePath(view.id, "/waiver")))}>

@@ -40,7 +40,8 @@ export function PriorityMark({ priority, word = true, size = 18 }) {
 /** Badge: what the drive does at a communication loss. */
 export function CommLossBadge({ badge }) {
   const calm = badge.kind === "trips";
-  const words = t(`page.comm_loss_${badge.kind}`, { after: badge.after_s ?? "?" });
+  const kind = badge.tested?.holds ? `tested_${badge.tested.result}` : badge.kind;
+  const words = t(`page.comm_loss_${kind}`, { after: badge.after_s ?? "?" });
   return html`<span class=${`badge ${calm ? "calm" : "warn"}`}><${Icon} name=${calm ? "check" : "warning"} size=${16} />
     ${words}${badge.waiver && html`<span> · ${t("page.waived")}</span>`}</span>`;
 }

@@ -1,0 +1,101 @@
+"""``comm-loss-test``: test and record what a drive of a running service does at a communication loss."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from drivebus.cli import options, output
+from drivebus.cli.click_ext import CliCommand, Option
+from drivebus.cli.errors import ExitCode
+from drivebus.types import Json
+
+if TYPE_CHECKING:
+    from drivebus.cli.remote.drive import RemoteDrive
+
+POLL_S = 0.5
+
+
+def _test(service: str, drive: str, frequency: float, silence: float | None, yes: bool) -> ExitCode:
+    """Raises ConfigurationError without a terminal, where the start can't be confirmed, unless ``yes``."""
+    from drivebus.errors import ConfigurationError
+
+    if not yes and not sys.stdin.isatty():
+        raise ConfigurationError("comm_loss_test.not_confirmed")
+    return asyncio.run(_connect_and_test(service, drive, frequency, silence, yes))
+
+
+async def _connect_and_test(
+    service: str, name: str, frequency_hz: float, silence_s: float | None, yes: bool
+) -> ExitCode:
+    from drivebus import profiles
+    from drivebus.cli.remote.client import open_client
+    from drivebus.cli.remote.drive import RemoteDrive
+    from drivebus.cli.signals import shutdown_signals
+    from drivebus.service.api.operations.drives import DRIVES_GET
+
+    async with open_client(service) as client:
+        view = await client.call(DRIVES_GET.name, {"drive": name})
+        question = output.text("comm_loss_test.confirm", drive=name, frequency_hz=f"{frequency_hz:g}")
+        if not yes and not click.confirm(question, default=False, err=True):
+            return ExitCode.DONE
+        drive = RemoteDrive(client, name, view["address"], profiles.load(view["model"]))
+        with shutdown_signals() as shutdown:
+            try:
+                started = await drive.test_comm_loss(frequency_hz, silence_s)
+                output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
+                tested = await shutdown.interruptible(_result(drive, view["comm_loss"]["tested"]))
+                if shutdown.received:
+                    await drive.stop()
+            finally:
+                await drive.close()
+        if shutdown.received:
+            return ExitCode.INTERRUPTED
+        return _print_result(name, tested)
+
+
+async def _result(drive: RemoteDrive, before: Json | None) -> Json | None:
+    """Return the new ``comm_loss`` of a drive when its test has ended, None where no result was recorded."""
+    from drivebus.service.api.operations.drives import DRIVES_GET
+
+    while True:
+        found: Json = (await drive.call(DRIVES_GET))["comm_loss"]
+        if found["test"] is None:
+            return found if (found["tested"] or {}).get("time_ms") != (before or {}).get("time_ms") else None
+        await asyncio.sleep(POLL_S)
+
+
+def _print_result(name: str, found: Json | None) -> ExitCode:
+    tested = None if found is None else found["tested"]
+    output.print_json({"event": "comm_loss_test", "drive": name, "tested": tested}, stream=True)
+    if found is None or tested is None:
+        output.print_message("comm_loss_test.nothing", drive=name)
+        return ExitCode.FAILED
+    key = f"comm_loss_test.{tested['result']}"
+    output.print_message(key, drive=name, seconds=f"{tested['silence_s']:g}", fault=tested["fault"] or "-")
+    return ExitCode.FAILED if tested["result"] == "runs_on" else ExitCode.DONE
+
+
+def _required(option: click.Option) -> click.Option:
+    option.required = True
+    return option
+
+
+command = CliCommand(
+    "comm-loss-test",
+    callback=_test,
+    params=[
+        _required(options.service_option()),
+        _required(options.service_drive_option()),
+        Option(["--frequency"], type=options.FREQUENCY, required=True, metavar="HZ"),
+        Option(["--silence"], type=options.NumberType(2.0, 300.0), metavar="SECONDS", key="help.option.silence"),
+        Option(["--yes"], is_flag=True, key="help.option.comm_loss_yes"),
+    ],
+    examples=(
+        "drivebus comm-loss-test --service http://127.0.0.1:8080 --drive fan-1 --frequency 10",
+        "drivebus comm-loss-test --service http://127.0.0.1:8080 --drive fan-1 --frequency 10 --silence 8 --yes",
+    ),
+)
