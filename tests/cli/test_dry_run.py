@@ -147,7 +147,7 @@ SENDS_NOTHING = {
     "comm-loss-test",
     "release",
 }
-"""Commands that send nothing, or only to their own simulated drives, or have steps of their own (acceptance, the test)."""
+"""Commands that send nothing, or only to simulated drives of their own, or have steps of their own."""
 PLANT_COMMANDS = {"init", "check", "serve", "user", "audit"}
 """Commands on a plant: ``check`` shows its load on the buses; ``init`` only reads, as ``scan`` does."""
 
