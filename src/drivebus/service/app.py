@@ -22,6 +22,7 @@ from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
+from drivebus.service.control.selections import SelectionCommands
 from drivebus.service.control.stops import StopCommands
 from drivebus.service.incidents.service import IncidentService
 from drivebus.service.interlocks.engine import InterlockEngine
@@ -110,6 +111,7 @@ class Service:
                 self.stops,
                 self.jogs,
                 self.comm_loss_tests,
+                SelectionCommands(self.plant, self.commands),
                 Queries(self.plant, self.groups),
                 self.reload,
                 AlarmService(self.plant, storage.alarm_log),

@@ -168,6 +168,7 @@ def test_starts_and_wider_permissions_require_an_audit_record() -> None:
         "group.start",
         "parameters.write",
         "waiver.grant",
+        "waivers.grant",
         "waiver.revoke",
         "comm_loss.test",
         "comm_loss.discard",

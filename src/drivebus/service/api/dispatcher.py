@@ -25,6 +25,7 @@ from drivebus.service.api.errors import error_to_json, os_reason, params_error, 
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
+from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.auth.actor import Actor
@@ -153,7 +154,9 @@ class Dispatcher:
             raise Expired("plant.record_too_slow", age_s=round(age_s, 2), limit_s=MAX_RECORDING_S)
 
     def _affected_drives(self, params: OperationParams) -> list[DriveRuntime]:
-        """Return the drives that a command moves: with a leader its followers, which get a share of its frequency."""
+        """Return the drives that a command affects: with a leader its followers, which get a share of its frequency."""
+        if isinstance(params, SelectionParams):
+            return self.plant.selected(params.drives, params.group, everything=params.all)
         drive, group = getattr(params, "drive", None), getattr(params, "group", None)
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
         followers = self.plant.followers(params.drive) if isinstance(params, RunParams | SetFrequencyParams) else ()

@@ -212,10 +212,14 @@ class DriveCommands:
     @handles(START_INHIBIT_RELEASE)
     async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
         """Permit starts again after a bus stop; nothing is sent."""
-        runtime = self.require_control(params.drive, actor)
+        self.release_drive(self.plant.drive_runtime(params.drive), actor)
+        return {}
+
+    def release_drive(self, runtime: DriveRuntime, actor: Actor) -> None:
+        """Permit starts of one drive again. Raises ControlNotHeld."""
+        self.require_control(runtime.id, actor)
         runtime.bus.release_start([runtime.config.address])
         self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
-        return {}
 
     def publish_outcome(
         self, runtime: DriveRuntime, command: str, outcome: Outcome, actor: Actor, **params: Any
@@ -256,13 +260,16 @@ class DriveCommands:
 
     @handles(WAIVER_GRANT)
     async def grant_waiver(self, params: WaiverParams, actor: Actor) -> Json:
-        runtime = self.plant.drive_runtime(params.drive)
-        text = f"{params.reason} ({actor.name})"
+        return {"waiver": await self.record_waiver(self.plant.drive_runtime(params.drive), params.reason, actor)}
+
+    async def record_waiver(self, runtime: DriveRuntime, reason: str, actor: Actor) -> str:
+        """Record a waiver and return its text. Raises ConfigurationError."""
+        text = f"{reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
         await self._store_value(f"waiver/{runtime.id}", waiver.to_json())
         runtime.waiver = text
-        self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=params.reason)
-        return {"waiver": text}
+        self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=reason)
+        return text
 
     async def _store_value(self, key: str, value: str) -> None:
         """Store a value durably, in a thread. Raises ConfigurationError."""

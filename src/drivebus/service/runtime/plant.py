@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
-from drivebus.errors import NotFound
+from drivebus.errors import NotFound, ServiceError
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
 from drivebus.service.api.errors import localized
 from drivebus.service.api.frames import frame_json
@@ -199,6 +199,13 @@ class Plant:
     def group(self, id: str) -> GroupConfig:
         """Return the configuration of a group. Raises NotFound."""
         return _lookup({group.id: group for group in self.config.groups}, "group", id)
+
+    def selected(self, drives: Iterable[str], group: str | None, *, everything: bool) -> list[DriveRuntime]:
+        """Return drives by name, those of a group, or every one. Raises NotFound; ServiceError for none."""
+        names = [*drives, *(() if group is None else self.group(group).drives), *(self.drives if everything else ())]
+        if not names:
+            raise ServiceError("plant.no_selection")
+        return [self.drive_runtime(id) for id in dict.fromkeys(names)]
 
     def bus_of(self, runtime: DriveRuntime) -> BusRuntime:
         return self.buses[runtime.config.bus]

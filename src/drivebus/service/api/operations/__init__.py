@@ -5,7 +5,7 @@ The modules hold the declarations by subject, each with its parameters and its r
 
 from __future__ import annotations
 
-from drivebus.service.api.operations import alarms, buses, comm_loss, drives, groups, history, plant
+from drivebus.service.api.operations import alarms, buses, comm_loss, drives, groups, history, plant, selections
 from drivebus.service.api.operations.operation import (
     API_PREFIX,
     Audit,
@@ -14,7 +14,9 @@ from drivebus.service.api.operations.operation import (
     collect_operations,
 )
 
-OPERATIONS: dict[str, Operation] = collect_operations(plant, drives, comm_loss, groups, buses, history, alarms)
+OPERATIONS: dict[str, Operation] = collect_operations(
+    plant, drives, comm_loss, selections, groups, buses, history, alarms
+)
 """Every operation of the service by name."""
 
 __all__ = ["API_PREFIX", "OPERATIONS", "Audit", "Operation", "OperationParams", "collect_operations"]
