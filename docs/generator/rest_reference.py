@@ -100,7 +100,7 @@ def _value(schema: Json) -> str:
     words = [", ".join(f'`"{one}"`' for one in found["enum"]) if "enum" in found else str(found.get("type", ""))]
     words += [f"{sign} {found[name]:g}" for name, sign in (("minimum", "≥"), ("maximum", "≤")) if name in found]
     if "items" in found:
-        words.append(f"{found['minItems']}–{found['maxItems']}")
+        words.append(f"{found.get('minItems', 0)}–{found['maxItems']}")
     if "maxLength" in found:
         words.append(f"{found.get('minLength', 0)}–{found['maxLength']}")
     if "pattern" in found:
