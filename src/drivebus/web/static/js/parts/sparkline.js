@@ -49,19 +49,19 @@ export function Sparkline({ id }) {
       <path class="good" d=${good} /><path class="uncertain" d=${uncertain} /></svg></span>`;
 }
 
-const percent = (share) => `${(100 * Math.min(1, Math.max(0, share))).toFixed(1)}%`;
+const shareOf = (hertz, view) => Math.min(1, Math.max(0, hertz / view.maximum_hz)).toFixed(3);
 
-/** Bar of the output frequency between 0 and the upper limit, with marks of the lower limit and the setpoint. */
+/** Bar of the output frequency between 0 and the upper limit, with marks of the lower limit and the setpoint. The value
+ * itself stands beside it as text. */
 export function LimitBar({ view }) {
   const found = readingWithoutAge(view, "output_frequency");
   if (!found || !(view.maximum_hz > 0)) return null;
   const isKnown = typeof found.value === "number" && found.quality !== "bad";
-  const limits = { minimum_hz: view.minimum_hz, maximum_hz: view.maximum_hz };
-  const text = isKnown ? t("page.limit_bar", { ...limits, value: number(found.value, "Hz") }) : t("page.limit_bar_unknown", limits);
-  const share = (hertz) => percent(hertz / view.maximum_hz);
   const isOver = isKnown && found.value > view.maximum_hz;
+  const text = t("page.limits_now", { minimum_hz: view.minimum_hz, maximum_hz: view.maximum_hz });
+  const width = (hertz) => ({ width: `${100 * shareOf(hertz, view)}%` });
   return html`<span class=${`limitbar ${isKnown ? "" : "unknown"} ${isOver ? "over" : ""}`} role="img" aria-label=${text} title=${text}>
-    ${view.minimum_hz > 0 && html`<span class="minimum" style=${{ width: share(view.minimum_hz) }}></span>`}
-    ${isKnown && html`<span class="fill" style=${{ width: share(found.value) }}></span>`}
-    ${view.commanded_hz !== null && html`<span class="setpoint" style=${{ left: share(view.commanded_hz) }}></span>`}</span>`;
+    ${view.minimum_hz > 0 && html`<span class="minimum" style=${width(view.minimum_hz)}></span>`}
+    ${isKnown && html`<span class="fill" style=${{ transform: `scaleX(${shareOf(found.value, view)})` }}></span>`}
+    ${view.commanded_hz !== null && html`<span class="setpoint" style=${{ left: width(view.commanded_hz).width }}></span>`}</span>`;
 }
