@@ -120,6 +120,8 @@ def test_touch_pans_and_zooms_a_trend(visit: Any) -> None:
         points = [{"x": box["x"] + place, "y": box["y"] + 40, "id": n} for n, place in enumerate(places)]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
+    page.touchscreen.tap(box["x"] + 60, box["y"] + 40)
+    expecting()(page.locator(".trend-tip")).to_contain_text("Supply fan")
     touch("touchStart", 60)
     touch("touchMove", 160)
     touch("touchEnd")

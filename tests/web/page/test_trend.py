@@ -196,6 +196,49 @@ def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> No
     assert 0.2 < page.evaluate(COLOURED, [0.8, 0.98]) < 0.9
 
 
+def test_the_values_at_the_pointer_stand_beside_it_and_a_bad_stretch_has_none(visit: Any) -> None:
+    page = visit("#/fleet")
+    page.route("**/api/v1/history/trend?*", answer)
+    begin = 1_700_000_000_000
+    page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
+    page.locator(".trend-readout tbody .more >> text=20.00").first.wait_for()
+    box, tip = page.locator(".u-over").bounding_box(), page.locator(".trend-tip")
+    page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 60)
+    expecting()(tip).to_contain_text("20.00 Hz")
+    expecting()(tip.locator("time")).to_have_text(re.compile(r"2023-11-14 .*:[0-9]{2}\.[0-9]{3}"))
+    assert tip.bounding_box()["x"] > box["x"] + 0.1 * box["width"]
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60)
+    expecting()(tip.locator("b")).to_have_text(NOTHING)
+    page.mouse.move(box["x"] + 0.9 * box["width"], box["y"] + 60)
+    expecting()(tip.locator("b")).to_have_text(re.compile(r"20\.00 Hz\s*\?"))
+    tip_box = tip.bounding_box()
+    assert tip_box["x"] + tip_box["width"] < box["x"] + 0.9 * box["width"]
+    page.mouse.move(5, 5)
+    expecting()(tip).to_have_count(0)
+
+
+def test_the_gestures_are_named_below_the_chart_until_they_are_closed(visit: Any) -> None:
+    page = visit(f"#/history?tags={STEADY}")
+    drag = page.get_by_text(i18n.text("page.gesture_drag", "en"))
+    expecting()(drag).to_be_visible()
+    page.click(".gestures summary")
+    expecting()(drag).to_be_hidden()
+    page.reload()
+    page.locator(".gestures summary").wait_for()
+    expecting()(drag).to_be_hidden()
+
+
+def test_the_trend_of_a_drive_stands_below_its_values_beside_the_control_panel(visit: Any) -> None:
+    page = visit("#/drive/fan-1", size=(1440, 900))
+    values, details, control = (page.locator(f".{name}") for name in ("values", "drivedetails", "drivecontrol"))
+    details.wait_for()
+    above, below, beside = values.bounding_box(), details.bounding_box(), control.bounding_box()
+    assert below["y"] - (above["y"] + above["height"]) < 40
+    assert below["x"] == above["x"] and beside["y"] + beside["height"] > below["y"] + 20
+    page.set_viewport_size({"width": 360, "height": 780})
+    assert control.bounding_box()["y"] < details.bounding_box()["y"]
+
+
 HALF = re.compile(r"· (2[6-9]|3[0-4]) min")
 
 

@@ -7,7 +7,7 @@ import { Value } from "../ui.js";
 
 const LARGE_SIGNALS = ["output_frequency", "output_current"];
 /** Rows shown at first; the others open by a press, because some models have twenty. */
-const DEFAULT_ROW_COUNT = 7;
+const DEFAULT_ROW_COUNT = 5;
 
 const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 

@@ -58,7 +58,7 @@ function Details({ view, query }) {
     ["statistics", t("page.tab_statistics"), () => html`<${StatisticsTab} id=${view.id} />`],
     ["profile", t("page.tab_profile"), withProfile(ProfileTab)],
   ];
-  return html`<section class="panel"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "trend"}
+  return html`<section class="panel drivedetails"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "trend"}
     onChange=${(tab) => replaceQuery({ tab })} /></section>`;
 }
 
@@ -68,8 +68,7 @@ export function Page({ id, query }) {
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
   return html`<${Head} view=${view} />${view.fault && html`<${CurrentFault} view=${view}><${Reset} view=${view} /><//>`}
-    <div class="drivegrid"><${Values} view=${view} /><div class="stack"><${ControlPanel} view=${view} />
+    <div class="drivegrid"><${Values} view=${view} /><div class="stack drivecontrol"><${ControlPanel} view=${view} />
       <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
-      </section></div></div>
-    <${Details} view=${view} query=${query} />`;
+      </section></div><${Details} view=${view} query=${query} /></div>`;
 }

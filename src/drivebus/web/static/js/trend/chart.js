@@ -30,7 +30,7 @@ export function colours(host) {
 export class Chart {
   /**
    * @param host the element it lives in, whose width it takes
-   * @param hooks `{selected({from, to}), pointed(ms | null), drawn()}`
+   * @param hooks `{selected({from, to}), pointed(ms | null, {x, width}), drawn()}`
    */
   constructor(host, hooks) {
     this.host = host;
@@ -114,7 +114,7 @@ export class Chart {
         drawAxes: [(plot) => this._bands(plot)],
         draw: [(plot) => { drawEvents(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
         setSelect: [(plot) => this._selected(plot)],
-        setCursor: [(plot) => this.hooks.pointed?.(pointed(plot))],
+        setCursor: [(plot) => this.hooks.pointed?.(pointed(plot), this._place(plot))],
       },
     };
   }
@@ -166,6 +166,11 @@ export class Chart {
 
   _font() {
     return `12px ${this.colours.font}`;
+  }
+
+  /** Place of the pointer within the host, in pixels. */
+  _place(plot) {
+    return { x: plot.over.offsetLeft + plot.cursor.left, width: this.host.clientWidth };
   }
 
   _selected(plot) {

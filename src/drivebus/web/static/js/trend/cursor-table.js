@@ -1,16 +1,13 @@
 // Table below a chart: each line's value at the pointer and the cursors, and its summary of the window.
-import { html, useComputed } from "../lib.js";
+import { html, useComputed, useEffect, useRef } from "../lib.js";
 import { t } from "../i18n.js";
-import { NO_VALUE, number, reading } from "../format.js";
+import { NO_VALUE, reading } from "../format.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
 import { Icon } from "../icons.js";
-import { BAD, UNCERTAIN } from "../quality.js";
-import { step, summary, valueAt } from "./columns.js";
+import { summary } from "./columns.js";
 import { duration, moment } from "./labels.js";
-
-/** Longest distance of a sample from a moment to be its value, in typical distances of two samples. */
-const MAX_REACH_STEPS = 3;
+import { near, shown } from "./readout.js";
 
 const WITHIN = ["page.lowest", "page.mean", "page.highest"];
 const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];
@@ -19,7 +16,10 @@ export function CursorTable({ view, source, lines, onRemove }) {
   const { a, b } = view.cursors.value ?? {};
   const cursors = view.cursors.value !== null;
   const heads = cursors ? BETWEEN : WITHIN;
-  return html`<div class="trend-readout"><table class="data">
+  const host = useRef(null);
+  // The values at A and B are what the cursors were switched on for: they must not stand below the screen.
+  useEffect(() => { if (cursors) host.current.scrollIntoView({ block: "nearest" }); }, [cursors]);
+  return html`<div class="trend-readout" ref=${host}><table class="data">
     <caption>${cursors ? cursorsText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
       ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !cursors
@@ -73,14 +73,4 @@ function Now({ line, view, source }) {
   const dot = line.tag.indexOf(".");
   const found = source.isFixed ? null : reading(drive(line.drive).value, line.tag.slice(dot + 1));
   return found ? html`<${Value} found=${found} />` : NO_VALUE;
-}
-
-const near = (series, moment) => valueAt(series, moment, Math.max(1500, MAX_REACH_STEPS * step(series)));
-
-function shown(found, unit, withUnit = false) {
-  if (!found || found.value === null) return html`<span title=${found?.q === BAD
-    ? t("page.not_known") : undefined}>${NO_VALUE}</span>`;
-  const doubt = found.q === UNCERTAIN;
-  return html`<span class=${doubt ? "uncertain" : ""}>${number(found.value, unit)}${withUnit && unit ? ` ${unit}` : ""}
-    ${doubt && html` <abbr title=${t("page.uncertain")}>?</abbr>`}</span>`;
 }

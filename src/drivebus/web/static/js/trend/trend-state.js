@@ -13,6 +13,8 @@ export class TrendState {
     this.isLive = signal(window === null);
     /** The moment under the pointer, null outside. */
     this.pointed = signal(null);
+    /** Place of the pointer in the chart, in pixels: `{x, width}`. */
+    this.place = signal({ x: 0, width: 1 });
     /** `{a, b}` in ms, or null while they are off. */
     this.cursors = signal(null);
     this.hidden = signal(new Set());

@@ -1,7 +1,7 @@
 // A trend: signals over time, with zoom, pan, cursors and markers, from a minute to a year.
 //
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
-import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
+import { batch, html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { locale, language, t } from "../i18n.js";
 import { isLive } from "../live.js";
 import { theme } from "../theme.js";
@@ -11,11 +11,13 @@ import { GOOD } from "../quality.js";
 import { stretches, table } from "./columns.js";
 import { Events } from "./events.js";
 import { attachGestures } from "./gestures.js";
+import { GestureHelp } from "./gesture-help.js";
 import { CursorTable } from "./cursor-table.js";
 import { cursors } from "./cursors.js";
 import { TrendSource } from "./source.js";
 import { styled } from "../style.js";
 import { Toolbar } from "./toolbar.js";
+import { Tooltip } from "./tooltip.js";
 import { TrendState } from "./trend-state.js";
 import { drawEvery, fetchEvery } from "./window.js";
 
@@ -59,8 +61,10 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
 
   return html`<section class="trend" aria-label=${t("page.trend")}>
     <${Toolbar} view=${view} source=${source} />
-    <div class="trend-plot" ref=${host} tabindex="0" role="group" aria-label=${t("page.trend_keys")}></div>
+    <div class="trend-chart"><div class="trend-plot" ref=${host} tabindex="0" role="group"
+      aria-label=${t("page.trend_keys")}></div><${Tooltip} view=${view} source=${source} lines=${lines} /></div>
     ${doubtful.value && html`<p class="help">${t("page.legend")}</p>`}
+    <${GestureHelp} />
     <${CursorTable} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
     <${Events} view=${view} source=${source} />
   </section>`;
@@ -83,7 +87,7 @@ class Scene {
     const tag = locale();
     this.chart = new Chart(host, {
       selected: (window) => view.show(window, { isStep: true }),
-      pointed: (moment) => { view.pointed.value = moment; },
+      pointed: (moment, place) => { batch(() => { view.pointed.value = moment; view.place.value = place; }); },
       drawn: () => this.cursors?.place(),
     });
     const plot = this.chart.build(lines, { height, locale: tag });
