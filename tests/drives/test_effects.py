@@ -11,7 +11,8 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.dialects.modbus import MOTION_BITS, CommandWord, ModbusDialect
+from drivebus.drives.dialects.command_word import MOTION_BITS, CommandWord
+from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ProtocolError
 from drivebus.protocols import dzb100, modbus, sunfar

@@ -24,7 +24,8 @@ from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.drives import Drive, bus_stop, permissives
 from drivebus.drives.context import EepromBudget, Preflight
 from drivebus.drives.dialects import dzb100, sunfar
-from drivebus.drives.dialects.modbus import CommandWord, ModbusDialect
+from drivebus.drives.dialects.command_word import CommandWord
+from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations import setpoint
 from drivebus.drives.operations import status as comm_loss

@@ -1,0 +1,106 @@
+"""Command word of a register-based drive: composed for a command, and decoded for its effect on the motor."""
+
+from __future__ import annotations
+
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.state import Direction
+from drivebus.errors import CapabilityError
+from drivebus.profiles.model import CommandMap
+from drivebus.protocols.codec import Effect
+
+MOTION_BITS = frozenset({"start", "jog_forward", "jog_reverse"})
+STOP_BITS = frozenset({"stop", "coast", "quick_stop", "jog_stop"})
+DIRECTION_BITS = frozenset({"forward", "reverse"})
+
+
+class CommandWord:
+    """Command word of a drive, composed and decoded by the profile's map.
+
+    On a VC660 every write sets all levels, so a stop word 0002H also means "forward": ``levels`` keeps what was sent.
+    """
+
+    def __init__(self, commands: CommandMap) -> None:
+        self.map = commands
+        self._rewrites_levels = commands.rewrite_levels_after_pulse
+        self.levels: int | None = None
+        """Direction level that the drive holds; None until one was sent or read."""
+        self._last_was_edge = False
+        """The last word that left began something: what follows it completes that, and takes nothing away."""
+
+    def active_names(self, word: int) -> frozenset[str]:
+        """Return the bits and field values in a word; those whose value is 0 are not counted."""
+        return frozenset(n for n, b in self.map.bits.items() if b.value and word & b.mask == b.value)
+
+    def is_mapped(self, word: int) -> bool:
+        """Return whether a word has mapped bits only: no direction toggle and no reserved bit."""
+        covered = 0
+        for name in self.active_names(word):
+            covered |= self.map.bits[name].mask
+        return word & ~covered & 0xFFFF == 0
+
+    def effect(self, word: int) -> Effect:
+        """Return the effect of a word. One that only stops, or repeats the held levels, is a stop."""
+        names = self.active_names(word)
+        if not self.is_mapped(word) or names & MOTION_BITS or not names <= STOP_BITS | DIRECTION_BITS | {"reset"}:
+            return Effect.MOTION
+        held = word & self._direction_mask() == (self.levels or 0)
+        if "reset" in names:
+            return Effect.SETTING if held and not names & STOP_BITS else Effect.MOTION
+        if names & STOP_BITS:
+            return Effect.STOP if self._rewrites_levels or not names & DIRECTION_BITS else Effect.MOTION
+        if not held:
+            return Effect.MOTION
+        return Effect.SETTING if self._last_was_edge else Effect.STOP
+
+    def _direction_mask(self) -> int:
+        mask = 0
+        for name in DIRECTION_BITS:
+            if name in self.map.bits:
+                mask |= self.map.bits[name].mask
+        return mask
+
+    def on_sent(self, word: int) -> None:
+        """Record that a word was sent."""
+        self._last_was_edge = bool(self.active_names(word) & {"start", "reset"})
+        if self._rewrites_levels:
+            self.levels = word & self._direction_mask()
+
+    def learn_direction(self, reverse: bool) -> None:
+        """Adopt the set direction that the drive reports, unless one was sent."""
+        if self._rewrites_levels and self.levels is None:
+            self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
+
+    def start(self, direction: Direction | None) -> tuple[int, ...]:
+        """Return the words of a start. Raises CapabilityError for a direction that the map lacks."""
+        level = 0 if direction is None else self._direction_level(direction)
+        return self._pulse_and_levels(self._bit("start"), level)
+
+    def jog(self, direction: Direction) -> tuple[int, ...]:
+        """Return the words of a jog, a level that stands until jog_stop."""
+        return (self._bit(f"jog_{direction.value}") | (self.levels or 0),)
+
+    def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
+        """Return the pulse with the held levels, then the levels alone."""
+        name = "jog_stop" if how is StopMode.JOG_STOP else how.value
+        if name not in self.map.bits:
+            raise CapabilityError("drives.cannot", model=model, what=how.value)
+        pulse = self.map.bits[name].value
+        return self._pulse_and_levels(pulse, self.levels or 0) if pulse else (self.levels or 0,)
+
+    def reset(self, model: str) -> tuple[int, ...]:
+        if "reset" not in self.map.bits:
+            raise CapabilityError("drives.cannot", model=model, what="reset_fault")
+        return self._pulse_and_levels(self.map.bits["reset"].value, self.levels or 0)
+
+    def _pulse_and_levels(self, pulse: int, level: int) -> tuple[int, ...]:
+        return (pulse | level, level) if self._rewrites_levels else (pulse | level,)
+
+    def _bit(self, name: str) -> int:
+        if name not in self.map.bits:
+            raise CapabilityError("drives.no_command_bit", what=name)
+        return self.map.bits[name].value
+
+    def _direction_level(self, direction: Direction) -> int:
+        if direction is Direction.FORWARD and direction.value not in self.map.bits:
+            return 0
+        return self._bit(direction.value)
