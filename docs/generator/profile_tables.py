@@ -43,11 +43,18 @@ def _serial_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, s
         (term("gap", language), gap, where["timing"]),
         (term("reply", language), reply, where["timing"]),
         (term("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
-        (term("setpoint", language), f"{profile.setpoint_scale.factor:g} Hz", where["setpoint"]),
+        (term("setpoint", language), _setpoint_step(profile), where["setpoint"]),
         (term("limits", language), limits, where["limits"]),
         (term("writes", language), writes, where["write"]),
         (term("comm_loss", language), lost or term("nothing", language), where["comm_loss"]),
     ]
+
+
+def _setpoint_step(profile: DriveProfile) -> str:
+    share = profile.setpoint_share
+    if share is None:
+        return f"{profile.setpoint_scale.factor:g} Hz"
+    return f"{share.full_scale} = {share.maximum or f'{share.maximum_hz:g} Hz'}"
 
 
 def _marked(choices: Iterable[object], factory: object) -> str:
@@ -121,19 +128,42 @@ def commands(profile: DriveProfile, language: str) -> str:
     """Return the bits of the command word, also those of an option, and of the status word."""
     if profile.commands is None:
         return term("nothing", language) + "\n"
+    if profile.commands.values:
+        return _command_values(profile, language)
     heads = ("command", "meaning", "mask", "value", "acts", "under")
     rows = _bit_rows(profile.commands.bits, "–", language)
     for setting, choices in profile.commands.variants.items():
         for value, bits in choices.items():
             rows += _bit_rows(bits, f"`{setting} = {value}`", language)
     made = f"{profile.commands.register:04X}H\n\n" + table([term(head, language) for head in heads], rows)
-    if profile.status is None:
-        return made + f"\n{term('no_status', language)}\n"
-    status = [
-        (f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in profile.status.bits.items()
-    ]
-    heads_status = [term(head, language) for head in ("name", "meaning", "mask")]
-    return made + f"\n{profile.status.register:04X}H\n\n" + table(heads_status, status)
+    return made + _status_word(profile, language)
+
+
+def _command_values(profile: DriveProfile, language: str) -> str:
+    """Return the words of a drive whose command word is a number."""
+    assert profile.commands is not None
+    rows = [(f"`{name}`", _value_meaning(name, language), value) for name, value in profile.commands.values.items()]
+    heads = [term(head, language) for head in ("command", "meaning", "value")]
+    return f"{profile.commands.register:04X}H\n\n" + table(heads, rows) + _status_word(profile, language)
+
+
+def _status_word(profile: DriveProfile, language: str) -> str:
+    status = profile.status
+    if status is None:
+        return f"\n{term('no_status', language)}\n"
+    rows = [(f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in status.bits.items()]
+    rows += [(f"`{name}`", _value_meaning(name, language), str(value)) for value, name in status.values.items()]
+    heads = [term(head, language) for head in ("name", "meaning", "value" if status.values else "mask")]
+    return f"\n{status.register:04X}H\n\n" + table(heads, rows)
+
+
+def _value_meaning(name: str, language: str) -> str:
+    """Return the words for a value: a state or command, and its direction after a comma."""
+    for end in ("_forward", "_reverse"):
+        if name.endswith(end) and name not in BITS:
+            parts = (BITS[name.removesuffix(end)], BITS[end.removeprefix("_")])
+            return ("，" if language == "zh" else ", ").join(localized(part, language) for part in parts)
+    return localized(BITS[name], language)
 
 
 def _bit_rows(bits: Mapping[str, CommandBit], under: str, language: str) -> list[tuple[object, ...]]:

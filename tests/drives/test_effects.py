@@ -11,7 +11,7 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.dialects.command_word import MOTION_BITS, CommandWord
+from drivebus.drives.dialects.command_word import MOTION_BITS, CommandBits
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ProtocolError
@@ -241,7 +241,7 @@ def test_a_jog_released_is_a_stop() -> None:
 
 def test_the_words_that_vc660_composes_are_all_known_and_none_pauses_or_holds() -> None:
     dialect = dialect_for("vc660")
-    assert isinstance(dialect, ModbusDialect) and isinstance(dialect.command_word, CommandWord)
+    assert isinstance(dialect, ModbusDialect) and isinstance(dialect.command_word, CommandBits)
     word = dialect.command_word
     composed = [*word.start(None), *word.start(Direction.REVERSE), *word.jog(Direction.REVERSE), *word.reset("vc660")]
     for how in StopMode:

@@ -230,6 +230,11 @@ notation = "0x200"
 text = { en = "output frequency", zh = "输出频率" }
 unit = "Hz"
 evidence = "user"
+[signals.output_current]
+notation = "0x201"
+text = { en = "output current", zh = "输出电流" }
+unit = "A"
+evidence = "user"
 """,
         )
     )

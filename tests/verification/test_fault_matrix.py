@@ -24,7 +24,7 @@ from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.drives import Drive, bus_stop, permissives
 from drivebus.drives.context import EepromBudget, Preflight
 from drivebus.drives.dialects import dzb100, sunfar
-from drivebus.drives.dialects.command_word import CommandWord
+from drivebus.drives.dialects.command_word import CommandBits
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations import setpoint
@@ -196,7 +196,7 @@ async def taken_for_stopped(drive: Drive, *_: Any) -> Outcome:
     return Outcome(status=OutcomeStatus.CONFIRMED, key="drives.stop_confirmed", params={"state": "stopped"})
 
 
-def one_word(self: CommandWord, pulse: int, level: int) -> tuple[int, ...]:
+def one_word(self: CommandBits, pulse: int, level: int) -> tuple[int, ...]:
     return (pulse | level,)
 
 
@@ -273,7 +273,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     ("host_restart/vc660", "a stop by itself", replace_attribute(Drive, "monitor", stops_anyway(Drive.monitor))),
     ("comm_loss/dzb100", "it will stop", replace_attribute(comm_loss, "comm_loss_behaviour", it_will_stop)),
     ("eeprom_burst/df800-rtu", "no budget", replace_attribute(EepromBudget, "consume", free_of_charge)),
-    ("toggle/vc660", "pulses stay", replace_attribute(CommandWord, "_pulse_and_levels", one_word)),
+    ("toggle/vc660", "pulses stay", replace_attribute(CommandBits, "_pulse_and_levels", one_word)),
     ("toggle/df800-rtu", "no allow-list", replace_attribute(ModbusDialect, "is_allowed", says_yes)),
     ("toggle/dzb100", "a lease without end", replace_attribute(JogSession, "_arm", lasting(JogSession._arm))),
     ("scale/dzb100", "no cap", replace_attribute(dzb100, "is_within_cap", says_yes)),

@@ -1,4 +1,4 @@
-"""Checks of a profile beyond its shape: values that must fit each other, addresses, and command bits.
+"""Checks of a profile beyond its shape: values that must fit each other, and addresses.
 
 The checks yield issues and never raise. What a protocol family allows comes from its ``ProtocolFamily``.
 """
@@ -7,37 +7,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from itertools import combinations
-from typing import Any
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.diagnostics import Issue, KeyPath, issue, nearest_names
-from drivebus.profiles.model import NotationRule
+from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
+from drivebus.profiles.diagnostics import Issue, issue, nearest_names
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, NotationRule
 from drivebus.profiles.notation import parse_notation
-from drivebus.profiles.schema import BitIn, OptionIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn
 from drivebus.protocols.family import protocol_family
 from drivebus.serial_settings import SerialSettings
 
-REQUIRED_COMMANDS = {
+_SAME_IN_BOTH = {"stop": ("stop",), "coast": ("coast",), "quick_stop": ("quick_stop",), "reset_fault": ("reset",)}
+REQUIRED_BITS = _SAME_IN_BOTH | {
     "run": ("start",),
     "reverse": ("forward", "reverse"),
-    "stop": ("stop",),
-    "coast": ("coast",),
-    "quick_stop": ("quick_stop",),
     "jog": ("jog_forward", "jog_stop"),
-    "reset_fault": ("reset",),
 }
-"""Capability of a register-based model to the commands that it needs."""
-
-
-BitPaths = dict[str, tuple[KeyPath, BitIn]]
-"""Command name to the key path of its bits, and the bits."""
-COMMANDS_WITH_OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
-"""Commands that need a bit set: whether a frame is a stop, and so needs no permit, is read from its bits."""
-
-
-STOP_COMMANDS = ("stop", "coast", "quick_stop", "jog_stop")
-MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
+"""Capability of a register-based model to the bits that it needs in the command word."""
+REQUIRED_VALUES = _SAME_IN_BOTH | {
+    "run": ("start_forward",),
+    "reverse": ("start_reverse",),
+    "jog": ("jog_forward", "stop"),
+}
+"""The same for a command word that is a number."""
 
 
 def check_profile(profile: ProfileIn) -> Iterator[Issue]:
@@ -53,7 +45,8 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
     yield from check_addressing(profile)
     yield from _check_ranges(profile)
     yield from _check_fault_codes(profile)
-    yield from check_bits(profile)
+    yield from check_words(profile)
+    yield from _check_setpoint(profile)
     yield from _check_options(profile)
 
 
@@ -126,28 +119,47 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         if getattr(profile, section) is None:
             yield issue("missing_key", (section,), "-", name=section)
     yield from _check_modbus(profile)
-    for bit in ("running", "fault"):
-        if "status" in able and (profile.status is None or bit not in profile.status.bits):
-            yield issue("needs", ("capabilities",), "status", what=f"[status.bits] {bit}")
+    if "status" in able:
+        table, states = offered_states(profile)
+        for state in ("running", "fault"):
+            if state not in states:
+                yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
     if profile.commands is None:
         return
-    offered = set(profile.commands.bits).union(
-        *(bits for choice in profile.commands.variants.values() for bits in choice.values())
-    )
-    for capability in sorted(able & REQUIRED_COMMANDS.keys()):
-        for bit in REQUIRED_COMMANDS[capability]:
-            if bit not in offered:
-                yield issue("needs", ("capabilities",), capability, what=f"[commands.bits] {bit}")
+    table, offered = offered_commands(profile.commands)
+    required = REQUIRED_VALUES if profile.commands.values else REQUIRED_BITS
+    for capability in sorted(able & required.keys()):
+        for name in required[capability]:
+            if name not in offered:
+                yield issue("needs", ("capabilities",), capability, what=f"{table} {name}")
 
 
 def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the functions in use are among those that the model has."""
+    """Check that the model has a function to write one register, and one to read."""
     functions = profile.modbus.functions if profile.modbus else []
-    if profile.commands is not None and profile.commands.function not in functions:
-        yield issue("not_in", ("commands", "function"), profile.commands.function, choices=_join(functions))
+    if profile.modbus is not None and not {6, 16} & set(functions):
+        yield issue("missing_key", ("modbus", "functions"), _join(functions), name="6 / 16")
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
+    if profile.modbus is not None and not profile.modbus.loopback and not _has_sync_registers(profile):
+        yield issue("sync_registers", ("modbus", "loopback"), "false", related=(("modbus",),))
+
+
+def _has_sync_registers(profile: ProfileIn) -> bool:
+    """Whether two neighbouring registers can be read at once, one of which is read anyway: a sync probe reads both."""
+    signals = {_register_of(profile, one.notation, one) for one in profile.signals.values()}
+    readable = {name: _register_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
+    signals |= {profile.status.register_} if profile.status else set()
+    wanted = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
+    known = (signals | set(readable.values())) - {None}
+    pairs = [{register, register + 1} for register in known if register is not None and register + 1 in known]
+    return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & wanted for pair in pairs)
+
+
+def _register_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> int | None:
+    locator = resolve_locator(profile, notation, entry.register_)
+    return locator[1] if isinstance(locator, tuple) else None
 
 
 def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
@@ -159,7 +171,7 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("minimum", (*path, "minimum"), entry.minimum, related=related, maximum=entry.maximum)
     for notation, parameter in profile.parameters.items():
         for raw in parameter.choices:
-            if not _is_word(raw):
+            if not is_word(raw):
                 yield issue("number", ("parameters", notation, "choices", raw), raw)
         maximum = parameter.maximum_option
         numbers = [name for name, option in profile.options.items() if option.span]
@@ -172,7 +184,7 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
 
 def _check_fault_codes(profile: ProfileIn) -> Iterator[Issue]:
     for code in profile.faults:
-        if not _is_word(code):
+        if not is_word(code):
             yield issue("number", ("faults", code), code)
 
 
@@ -209,11 +221,6 @@ def _is_allowed(option: OptionIn) -> bool:
 
 def _join(values: Iterable[object]) -> str:
     return ", ".join(map(str, values)) or "-"
-
-
-def _is_word(digits: str) -> bool:
-    """Whether the digits are a 16-bit number without leading zeros, which would allow the same word twice."""
-    return digits.isascii() and digits.isdecimal() and int(digits) <= 0xFFFF and digits == str(int(digits))
 
 
 def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
@@ -314,100 +321,24 @@ def _check_references(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("unlisted", path, notation, near=near)
 
 
-def check_bits(profile: ProfileIn) -> Iterator[Issue]:
-    """Yield the issues of command and status words."""
-    yield from _check_masks(profile)
-    yield from _check_words(profile)
-    yield from _check_status_bits(profile)
-
-
-def _check_masks(profile: ProfileIn) -> Iterator[Issue]:
-    commands = profile.commands
-    if commands is None:
+def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that the maximum of a setpoint that is a share can be read or is stated."""
+    setpoint = profile.setpoint
+    path = ("setpoint", "full_scale")
+    if setpoint.full_scale is None:
         return
-    groups: list[tuple[tuple[str, ...], dict[Any, BitIn]]] = [(("commands", "bits"), dict(commands.bits))]
-    for setting, choices in commands.variants.items():
-        for value, bits in choices.items():
-            groups.append((("commands", "variants", setting, value), dict(bits)))
-    for path, bits in groups:
-        for name, bit in bits.items():
-            if bit.value & ~bit.mask:
-                yield issue("outside_mask", (*path, name), f"{bit.value:04X}H", mask=f"{bit.mask:04X}H")
-            if name in COMMANDS_WITH_OWN_BIT and not bit.value:
-                yield issue("no_bit", (*path, name), "0000H", name=name)
-        yield from _find_overlaps(path, bits)
-
-
-def _check_words(profile: ProfileIn) -> Iterator[Issue]:
-    """Check whole words: the common bits with those of each option value on top."""
-    commands = profile.commands
-    if commands is None:
+    if not protocol_family(profile.family).register_based:
+        yield issue("register", path, setpoint.full_scale, family=profile.family)
+    if MAXIMUM_FREQUENCY in profile.options:
+        yield issue("duplicate", ("options", MAXIMUM_FREQUENCY), MAXIMUM_FREQUENCY, other="[setpoint] full_scale")
+    if setpoint.maximum is None and setpoint.maximum_hz is None:
+        yield issue("share", path, setpoint.full_scale)
+    if setpoint.maximum_hz is not None and setpoint.maximum_hz > setpoint.highest_hz:
+        related = (("setpoint", "highest_hz"),)
+        path = ("setpoint", "maximum_hz")
+        yield issue("minimum", path, setpoint.maximum_hz, related=related, maximum=setpoint.highest_hz)
+    if setpoint.maximum is None:
         return
-    plain: BitPaths = {name: (("commands", "bits", name), bit) for name, bit in commands.bits.items()}
-    layers = [plain]
-    for setting, choices in commands.variants.items():
-        for value, bits in choices.items():
-            path = ("commands", "variants", setting, value)
-            layers.append(plain | {name: ((*path, name), bit) for name, bit in bits.items()})
-    reported: set[KeyPath] = set()
-    for placed in layers:
-        for found in (*_find_toggles(placed), *_find_identical_commands(placed), *_find_moving_stops(placed)):
-            if found.path not in reported:
-                reported.add(found.path)
-                yield found
-
-
-def _find_toggles(placed: BitPaths) -> Iterator[Issue]:
-    """Yield commands with both directions set in a field of two bits: such a word reverses the present direction."""
-    fields = {placed[name][1].mask for name in ("forward", "reverse") if name in placed}
-    for path, bit in placed.values():
-        if any(field.bit_count() > 1 and bit.value & field == field for field in fields):
-            yield issue("toggle", path, f"{bit.value:04X}H")
-
-
-def _find_identical_commands(placed: BitPaths) -> Iterator[Issue]:
-    """Yield pairs of commands with the same bits: the drive could not tell them apart."""
-    for (first, (at, a)), (second, (path, b)) in combinations(placed.items(), 2):
-        if (a.mask, a.value) == (b.mask, b.value) and not (a.pulse or b.pulse or _is_shared_stop(first, second)):
-            yield issue("alike", path, f"{b.value:04X}H", related=(at,), first=first, second=second)
-
-
-def _find_moving_stops(placed: BitPaths) -> Iterator[Issue]:
-    """Yield stops whose word related starts or jogs: a stop is sent without a permit."""
-    for stop, move in ((s, m) for s in STOP_COMMANDS for m in MOTION_COMMANDS if s in placed and m in placed):
-        (path, bit), (at, moving) = placed[stop], placed[move]
-        if moving.value and bit.value & moving.mask == moving.value and not (bit.pulse and moving.pulse):
-            yield issue("moving_stop", path, f"{bit.value:04X}H", related=(at,), stop=stop, move=move)
-
-
-def _find_overlaps(path: tuple[str, ...], bits: dict[Any, BitIn]) -> Iterator[Issue]:
-    """Yield overlaps: two pulses may share a mask only as values of one field, a pulse and a level never."""
-    for (first, a), (second, b) in combinations(bits.items(), 2):
-        if not a.mask & b.mask or not (a.pulse or b.pulse):
-            continue
-        if a.mask != b.mask or a.pulse != b.pulse or (a.value == b.value and not _is_shared_stop(first, second)):
-            related = ((*path, first),)
-            yield issue(
-                "overlap", (*path, second), f"{b.mask:04X}H", related=related, other=first, mask=f"{a.mask:04X}H"
-            )
-
-
-def _is_shared_stop(first: str, second: str) -> bool:
-    """Whether both are stops: a jog may end with the ordinary stop."""
-    return {first, second} == {"stop", "jog_stop"}
-
-
-def _check_status_bits(profile: ProfileIn) -> Iterator[Issue]:
-    if profile.status is None:
-        return
-    used_mask = profile.status.reserved_mask
-    for name, mask in profile.status.bits.items():
-        if mask.bit_count() != 1 or mask & used_mask:
-            related: list[KeyPath] = [
-                ("status", "bits", other) for other, bit in profile.status.bits.items() if bit & mask
-            ]
-            related.append(("status", "reserved_mask"))
-            yield issue(
-                "status_bit", ("status", "bits", name), f"{mask:04X}H", related=related, seen=f"{used_mask:04X}H"
-            )
-        used_mask |= mask
+    parameter = profile.parameters.get(setpoint.maximum)
+    if parameter is None or parameter.unit != "Hz" or not parameter.readable or not parameter.scale_published:
+        yield issue("share", ("setpoint", "maximum"), setpoint.maximum)

@@ -39,6 +39,7 @@ from drivebus.profiles.schema import (
     ParameterIn,
     ProfileIn,
     ScaleIn,
+    SetpointIn,
     SignalIn,
     StatusIn,
     ValueIn,
@@ -180,8 +181,8 @@ def _base_path(here: _TomlSource, base: str) -> Path:
     except ProfileError as error:
         if error.params["file"] == str(here.path):
             raise
-        known = ", ".join(models())
-        raise _located_error([here], [issue("no_base", ("extends",), base, known=known)]) from None
+        near = ", ".join(nearest_names(base, models())) or "-"
+        raise _located_error([here], [issue("no_base", ("extends",), base, near=near)]) from None
 
 
 def _read_source(path: Path) -> _TomlSource:
@@ -288,7 +289,8 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         ),
         caveats=tuple(m.Caveat(i, _build_text(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()),
         options=option_values(parsed),
-        setpoint_scale=Scale(parsed.setpoint.factor, 0.0, parsed.setpoint.coding, parsed.setpoint.decimals),
+        setpoint_scale=_build_setpoint_scale(parsed.setpoint),
+        setpoint_share=_build_setpoint_share(parsed.setpoint),
         modbus=_build_modbus(parsed),
         commands=_build_commands(parsed.commands),
         status=_build_status(parsed.status),
@@ -310,7 +312,8 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
 
 def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
     """Return the value of every option."""
-    return {name: option.value for name, option in parsed.options.items()}
+    shared = {m.MAXIMUM_FREQUENCY: 0} if parsed.setpoint.full_scale else {}
+    return shared | {name: option.value for name, option in parsed.options.items()}
 
 
 def parse_evidence(line: str) -> m.Evidence:
@@ -325,6 +328,17 @@ def _build_text(parsed: BilingualTextIn) -> Text:
 
 def _build_scale(parsed: ScaleIn) -> Scale:
     return Scale(parsed.factor, parsed.offset, parsed.coding, parsed.decimals)
+
+
+def _build_setpoint_scale(parsed: SetpointIn) -> Scale:
+    step_hz = parsed.highest_hz / parsed.full_scale if parsed.full_scale else parsed.factor
+    return Scale(step_hz, 0.0, parsed.coding, parsed.decimals)
+
+
+def _build_setpoint_share(parsed: SetpointIn) -> m.SetpointShare | None:
+    if parsed.full_scale is None:
+        return None
+    return m.SetpointShare(parsed.full_scale, parsed.maximum, parsed.maximum_hz, parsed.highest_hz)
 
 
 def _build_serial(parsed: ProfileIn) -> m.SerialDefaults:
@@ -441,7 +455,7 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
         bits={name: _build_bit(bit) for name, bit in parsed.bits.items()},
         setpoint_register=parsed.setpoint_register,
         rewrite_levels_after_pulse=parsed.rewrite_levels_after_pulse,
-        function=parsed.function,
+        values=cast("dict[str, int]", dict(parsed.values)),
         variants=cast("Any", variants),
     )
 
@@ -449,8 +463,16 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
 def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
     if parsed is None:
         return None
-    bits = cast("dict[str, int]", dict(parsed.bits))
-    return m.StatusMap(parsed.register_, bits, parsed.reserved_mask, tuple(parsed.fault_registers))
+    return m.StatusMap(
+        register=parsed.register_,
+        bits=cast("dict[str, int]", dict(parsed.bits)),
+        reserved_mask=parsed.reserved_mask,
+        fault_registers=tuple(parsed.fault_registers),
+        values={int(value): name for value, name in parsed.values.items()},
+        mask=parsed.mask,
+        numbers_fault=parsed.fault_coding == "number",
+        fault_mask=parsed.fault_mask,
+    )
 
 
 def _build_span(parsed: OptionIn) -> tuple[int, int] | None:
@@ -483,7 +505,27 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
         )
         for name, question in parsed.open_questions.items()
     )
-    return (*options, *others)
+    return (*options, *others, *_share_question(parsed.setpoint))
+
+
+def _share_question(parsed: SetpointIn) -> tuple[m.OpenQuestion, ...]:
+    """Return the question for the maximum frequency, which every model with a share has."""
+    if parsed.full_scale is None:
+        return ()
+    text, reason, procedure = (
+        bilingual_text(f"profiles.maximum_frequency_{part}") for part in ("text", "reason", "procedure")
+    )
+    return (
+        m.OpenQuestion(
+            name=m.MAXIMUM_FREQUENCY,
+            value=0,
+            choices=(),
+            text=text,
+            reason=reason,
+            procedure=procedure,
+            span=(0, int(parsed.highest_hz)),
+        ),
+    )
 
 
 def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:

@@ -140,7 +140,9 @@ class CommandMap:
     bits: Mapping[str, CommandBit]
     setpoint_register: int
     rewrite_levels_after_pulse: bool = False
-    function: int = 6
+    values: Mapping[str, int] = field(default_factory=dict)
+    """Whole words of a drive whose command word is a number: start_forward, start_reverse, stop, coast, quick_stop,
+    reset, jog_forward, jog_reverse, jog_stop. Then there are no ``bits``."""
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
     """Option to its values to the bits that apply only under that value."""
 
@@ -152,11 +154,11 @@ class CommandMap:
         return replace(self, bits=bits, variants={})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StatusMap:
-    """Status word of a register-based model: bit masks by name.
+    """Status word of a register-based model: bit masks by name, or the name of each value.
 
-    Names: ready, fault, under_voltage, running, emergency_stopping, paused, speed_search, dc_braking, jogging,
+    Names of bits: ready, fault, under_voltage, running, emergency_stopping, paused, speed_search, dc_braking, jogging,
     set_reverse, output_reverse.
     """
 
@@ -165,6 +167,36 @@ class StatusMap:
     reserved_mask: int = 0
     """Bits that must read 0; otherwise the word is rejected."""
     fault_registers: tuple[int, ...] = ()
+    values: Mapping[int, str] = field(default_factory=dict)
+    """State of each value of a status word that is a number; any other value is rejected."""
+    mask: int = 0xFFFF
+    """Part of the word that ``values`` count."""
+    numbers_fault: bool = False
+    """A fault register holds the number of one fault under ``fault_mask``, 0 for none; otherwise a bit for each."""
+    fault_mask: int = 0xFFFF
+
+    @property
+    def shows_fault(self) -> bool:
+        """Whether the status word itself says that the drive is in fault."""
+        return "fault" in self.bits or "fault" in self.values.values()
+
+
+MAXIMUM_FREQUENCY = "maximum_frequency"
+"""Option of a model whose setpoint is a share: the confirmed maximum frequency in Hz, 0 for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointShare:
+    """Setpoint as a share of the drive's maximum frequency."""
+
+    full_scale: int
+    """Word that means the maximum frequency."""
+    maximum: str | None
+    """Notation of the parameter that holds the maximum frequency in Hz; None where it can't be read."""
+    maximum_hz: float | None
+    """Stated maximum frequency, in force until it is confirmed."""
+    highest_hz: float
+    """Largest maximum frequency of the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +309,8 @@ class DriveProfile:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Values of the undocumented options, e.g. monitor_index, setpoint_coding, direction_field."""
     setpoint_scale: Scale = Scale(0.01, decimals=2)
+    """Steps of Hz; where the setpoint is a share, those under the largest maximum frequency."""
+    setpoint_share: SetpointShare | None = None
     modbus: ModbusFeatures | None = None
     commands: CommandMap | None = None
     status: StatusMap | None = None

@@ -80,9 +80,9 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
     try:
         locator = parse_notation(name, profile.notation, profile.group_sizes)
     except ProfileError as error:
-        by_numbers = _find_by_numbers(profile, name)
-        if by_numbers is not None:
-            return by_numbers
+        placed = _find_by_name(profile, name) or _find_by_numbers(profile, name)
+        if placed is not None:
+            return placed
         if error.key != "profiles.notation":
             raise
         raise _unknown_name_error(profile, name) from None
@@ -96,6 +96,12 @@ def _style(rule: NotationRule) -> NotationStyle:
 def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter | None:
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
     return next((entry for entry in entries if entry.locator == locator), None)
+
+
+def _find_by_name(profile: DriveProfile, name: str) -> Parameter | None:
+    """Find a parameter whose profile entry gives the register of a notation that no style reads (P0-10, A1.05)."""
+    wanted = name.strip().casefold()
+    return next((p for notation, p in profile.parameters.items() if notation.casefold() == wanted), None)
 
 
 def _find_by_numbers(profile: DriveProfile, name: str) -> Parameter | None:

@@ -77,6 +77,33 @@ StatusName = Literal[
     "set_reverse",
     "output_reverse",
 ]
+CommandValueName = Literal[
+    "start_forward",
+    "start_reverse",
+    "stop",
+    "coast",
+    "quick_stop",
+    "reset",
+    "jog_forward",
+    "jog_reverse",
+    "jog_stop",
+]
+StatusValueName = Literal[
+    "not_ready",
+    "stopped",
+    "running",
+    "running_forward",
+    "running_reverse",
+    "jogging",
+    "jogging_forward",
+    "jogging_reverse",
+    "accelerating",
+    "decelerating",
+    "braking",
+    "restarting",
+    "paused",
+    "fault",
+]
 Role = Literal["monitor_selector", "protocol", "address", "baud", "format", "reply_delay"]
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
 OptionValue = str | int | float | bool
@@ -109,10 +136,22 @@ class ScaleIn(StrictTable):
 
 
 class SetpointIn(StrictTable):
-    """Scale of the setpoint. Narrow bounds catch a wrong factor, which could overspeed a motor."""
+    """Scale of the setpoint. Narrow bounds catch a wrong factor, which could overspeed a motor.
+
+    Either steps of ``factor`` Hz, or a share of the drive's maximum frequency (``full_scale``). The maximum is read
+    from the parameter ``maximum``; without one it is the stated ``maximum_hz``, and a cap holds until it is confirmed.
+    """
 
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
     """Hz a step."""
+    full_scale: Annotated[int, Field(ge=100, le=0xFFFF)] | None = None
+    """Word that means the maximum frequency."""
+    maximum: Sentence | None = None
+    """Notation of the readable parameter, in Hz, that holds the maximum frequency."""
+    maximum_hz: Annotated[float, Field(gt=0, le=4000)] | None = None
+    """Factory setting of the maximum frequency, where no parameter of it can be read."""
+    highest_hz: Annotated[float, Field(gt=0, le=4000)] = 600.0
+    """Largest maximum frequency that any drive of the model can be set to; the cap holds under it."""
     coding: Literal["binary", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
     evidence: EvidenceLine = "assumed"
@@ -199,18 +238,27 @@ class BitIn(StrictTable):
 class CommandsIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
-    function: Literal[6, 16] = 6
     rewrite_levels_after_pulse: bool = False
-    bits: dict[CommandName, BitIn]
+    bits: dict[CommandName, BitIn] = {}
+    values: dict[CommandValueName, Word] = {}
+    """Whole words of a drive whose command word is a number; then there are no ``bits``."""
     variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
     evidence: EvidenceLine
 
 
 class StatusIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
-    bits: dict[StatusName, Annotated[int, Field(ge=1, le=0xFFFF)]]
+    bits: dict[StatusName, Annotated[int, Field(ge=1, le=0xFFFF)]] = {}
+    values: dict[str, StatusValueName] = {}
+    """State of each value, as a decimal number, of a status word that is a number; then there are no ``bits``."""
+    mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
+    """Part of the word that ``values`` count."""
     reserved_mask: Word = 0
     fault_registers: list[Word] = []
+    fault_coding: Literal["bits", "number"] = "bits"
+    """A fault register has a bit for each fault, or the number of one fault and 0 for none."""
+    fault_mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
+    """Part of the fault register that is the number."""
     evidence: EvidenceLine
 
 

@@ -82,6 +82,8 @@ class ProtocolFamily:
     """Tuple of ``drives.operations.calibration.CalibrationStep``, in the order of their dependencies."""
     simulated_models: tuple[Any, ...] = ()
     """Mappings of model name to ``simulator.models.SimulatedModel``."""
+    profile_simulator: Any = None
+    """``model -> simulator.models.SimulatedModel | None``, for a profile without a simulated drive of its own."""
     scan_models: tuple[str, ...] = ()
     """Default models of a scan."""
     profiles: Path | None = None

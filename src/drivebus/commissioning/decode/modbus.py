@@ -126,7 +126,8 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
     contradicted = any(caveat.id == "write_only" for caveat in profile.caveats)  # DF800: an example reads 2000H
     if function in (3, 4) and is_write_only and not contradicted:
         notes.append(note("explain.write_only", register=register))
-    if commands and function == 6 and register == commands.setpoint_register:
+    counts_hz = profile.setpoint_share is None
+    if commands and function == 6 and register == commands.setpoint_register and counts_hz:
         hz, limit = profile.setpoint_scale.value(fields["value"]), profile.limits.maximum_hz
         if hz > limit and profile.evidence["limits"].kind == "manual":
             notes.append(note("explain.setpoint_range", frequency_hz=hz, limit_hz=limit))
@@ -159,6 +160,9 @@ def _register_row(profile: DriveProfile, register: int, word: int) -> FieldDict:
 def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDict:
     commands = profile.commands
     if commands and register == commands.setpoint_register:
+        share = profile.setpoint_share
+        if share is not None:
+            return FieldDict(percent_of_maximum=round(100 * word / share.full_scale, 2))
         return FieldDict(frequency_hz=profile.setpoint_scale.value(word))
     if commands and register == commands.register:
         return FieldDict(commands=_command_names(profile, word))
@@ -169,6 +173,8 @@ def _command_names(profile: DriveProfile, word: int) -> list[str]:
     """Return the names of the commands in a command word; levels that are off are not named."""
     if profile.commands is None:
         return []
+    if profile.commands.values:
+        return [name for name, value in profile.commands.values.items() if value == word]
     bits = profile.commands.resolved(profile.options).bits
     names = [name for name, bit in bits.items() if bit.value and word & bit.mask == bit.value]
     return ["jog", *names] if _is_directionless_jog(profile, word) else names

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale
 from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
@@ -292,10 +293,11 @@ def frequency_word(profile: DriveProfile, frequency_hz: float, options: Mapping[
     Raises LimitError where none fits, or where the drive may count in another step by its ``options``.
     """
     try:
-        word = profile.setpoint_scale.raw(frequency_hz)
+        word = setpoint_scale(profile, options).raw(frequency_hz)
     except ValueError as error:
         raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=profile.setpoint_scale.factor) from error
     check_setpoint_step(profile, options, frequency_hz, word)
+    check_setpoint_share(profile, options, frequency_hz, word)
     return word
 
 
@@ -303,12 +305,14 @@ UNNAMED_FAULT_CODE = -1
 """Fault code of a drive that reports a fault without naming it."""
 
 
-def setpoint_matches(readings: ReadingPairs, profile: DriveProfile, frequency_hz: float) -> bool | None:
+def setpoint_matches(
+    readings: ReadingPairs, profile: DriveProfile, frequency_hz: float, options: Mapping[str, Any] = NO_OPTIONS
+) -> bool | None:
     """Return whether two reads of the set frequency match a frequency, to one step of the setpoint."""
     pair = readings.pair("set_frequency")
     if pair is None or "set_frequency" not in profile.signals:
         return None
-    step = profile.setpoint_scale.factor
+    step = setpoint_scale(profile, options).factor
     return all(isinstance(r.value, (int, float)) and abs(r.value - frequency_hz) <= step for r in pair)
 
 

@@ -13,8 +13,8 @@ STOP_BITS = frozenset({"stop", "coast", "quick_stop", "jog_stop"})
 DIRECTION_BITS = frozenset({"forward", "reverse"})
 
 
-class CommandWord:
-    """Command word of a drive, composed and decoded by the profile's map.
+class CommandBits:
+    """Command word whose bits are commands and levels, composed and decoded by the profile's map.
 
     On a VC660 every write sets all levels, so a stop word 0002H also means "forward": ``levels`` keeps what was sent.
     """
@@ -104,3 +104,67 @@ class CommandWord:
         if direction is Direction.FORWARD and direction.value not in self.map.bits:
             return 0
         return self._bit(direction.value)
+
+
+MOTION_VALUES = frozenset({"start_forward", "start_reverse", "jog_forward", "jog_reverse"})
+
+
+class CommandValues:
+    """Command word that is a number: every write is one whole command, and no level is held."""
+
+    def __init__(self, commands: CommandMap) -> None:
+        self.map = commands
+
+    def active_names(self, word: int) -> frozenset[str]:
+        """Return the commands that a word means."""
+        return frozenset(name for name, value in self.map.values.items() if value == word)
+
+    def is_mapped(self, word: int) -> bool:
+        """Return whether a word is one of the commands."""
+        return word in self.map.values.values()
+
+    def effect(self, word: int) -> Effect:
+        """Return the effect of a word. One that no command has may move the motor."""
+        names = self.active_names(word)
+        if not names or names & MOTION_VALUES:
+            return Effect.MOTION
+        return Effect.STOP if names <= STOP_BITS else Effect.SETTING
+
+    def on_sent(self, word: int) -> None:
+        """Nothing is held from one word to the next."""
+
+    def learn_direction(self, reverse: bool) -> None:
+        """Each start names its direction."""
+
+    def start(self, direction: Direction | None) -> tuple[int, ...]:
+        """Return the word of a start, forward where none is given. Raises CapabilityError where the map lacks it."""
+        return (self._value(f"start_{(direction or Direction.FORWARD).value}"),)
+
+    def jog(self, direction: Direction) -> tuple[int, ...]:
+        return (self._value(f"jog_{direction.value}"),)
+
+    def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
+        """Return the word of a stop; a jog without a stop of its own ends with the ordinary one."""
+        name = "jog_stop" if how is StopMode.JOG_STOP and "jog_stop" in self.map.values else how.value
+        name = "stop" if name == StopMode.JOG_STOP.value else name
+        if name not in self.map.values:
+            raise CapabilityError("drives.cannot", model=model, what=how.value)
+        return (self.map.values[name],)
+
+    def reset(self, model: str) -> tuple[int, ...]:
+        if "reset" not in self.map.values:
+            raise CapabilityError("drives.cannot", model=model, what="reset_fault")
+        return (self.map.values["reset"],)
+
+    def _value(self, name: str) -> int:
+        if name not in self.map.values:
+            raise CapabilityError("drives.no_command_bit", what=name)
+        return self.map.values[name]
+
+
+CommandWord = CommandBits | CommandValues
+
+
+def make_command_word(commands: CommandMap) -> CommandWord:
+    """Return the command word of a map, whose options are resolved."""
+    return CommandValues(commands) if commands.values else CommandBits(commands)

@@ -22,10 +22,11 @@ from drivebus.drives.dialects.base import (
     signal_reading,
     signals_by_index,
 )
-from drivebus.drives.dialects.command_word import CommandWord
-from drivebus.drives.dialects.status_word import direction_from_bits, state_from_bits
+from drivebus.drives.dialects.command_word import CommandWord, make_command_word
+from drivebus.drives.dialects.setpoint_share import setpoint_scale
+from drivebus.drives.dialects.status_word import is_valid_status, status_direction, status_state
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import DerivedState, Direction
+from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError, StartInhibited
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
 from drivebus.protocols.codec import Codec, Effect
@@ -39,6 +40,7 @@ from drivebus.protocols.modbus import (
     ReadRegisters,
     RegisterValues,
     WriteRegister,
+    WriteRegisters,
     registers_written,
 )
 from drivebus.serial_settings import StationTiming
@@ -87,6 +89,7 @@ def sync_register_pairs(profile: DriveProfile) -> tuple[int, ...]:
     named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
     wanted = {profile.parameters[n].locator[1] for n in named if n in profile.parameters}
     wanted |= set(signals_by_index(profile, "holding"))
+    wanted |= {profile.status.register} if profile.status else set()
     known = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == "holding"} | wanted
     pairs: list[int] = []
     for index in sorted(known):
@@ -124,10 +127,13 @@ class ModbusDialect:
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
         self.codec: Codec = ascii_codec if encoding == "ascii" else ModbusRtuCodec(form, most)
         self.status_map: StatusMap | None = profile.status
-        self.command_word = CommandWord(profile.commands.resolved(options)) if profile.commands else None
+        self.command_word = make_command_word(profile.commands.resolved(options)) if profile.commands else None
         self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
         self._signals = signals_by_index(profile, "holding")
         self._sync_count = 0
+        status = profile.status
+        self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
+        self.state_names = ("state",) if status is None or status.shows_fault else ("state", *self._fault_names)
         self.station_config = StationConfig(
             address=address,
             codec=self.codec,
@@ -144,7 +150,6 @@ class ModbusDialect:
         return self.status_map is not None
 
     start_includes_setpoint = False
-    state_names: tuple[str, ...] = ("state",)
 
     @property
     def _command_map(self) -> CommandMap:
@@ -242,6 +247,8 @@ class ModbusDialect:
         wanted: dict[int, float] = {}
         if self.status_map is not None:
             wanted[self.status_map.register] = 0.5
+            if not self.status_map.shows_fault:
+                wanted |= dict.fromkeys(self.status_map.fault_registers, 0.5)
         for name in names:
             signal = self.profile.signals.get(name)
             if signal is not None and signal.locator[0] == "holding":
@@ -268,6 +275,10 @@ class ModbusDialect:
         found = {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
         if self.status_map is not None and self.status_map.register in registers:
             found["state"] = missing_reading("drives.read_refused")
+        if self.status_map is not None:
+            for register, name in zip(self.status_map.fault_registers, self._fault_names, strict=True):
+                if register in registers:
+                    found[name] = missing_reading("drives.read_refused")
         return found
 
     def _register_readings(self, register: int, raw: int, at: float | None) -> Readings:
@@ -276,7 +287,7 @@ class ModbusDialect:
         if status is None:
             return found
         if register == status.register:
-            broken = raw & status.reserved_mask
+            broken = not is_valid_status(status, raw)
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
             found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
@@ -290,21 +301,41 @@ class ModbusDialect:
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Two status words of the same state; of two different turning states the newer one counts."""
         pair = readings.raw_pair("state")
-        if self.status_map is None or pair is None:
+        status = self.status_map
+        if status is None or pair is None:
             return None
-        older, newer = (state_from_bits(self.status_map, raw) for raw in pair)
+        older, newer = (status_state(status, raw) for raw in pair)
         if older is not newer and not (older.turning and newer.turning):
             return None
-        direction = direction_from_bits(self.status_map, pair[1]) if newer.turning else None
-        if not pair[1] & self.status_map.bits.get("fault", 0):
+        direction = status_direction(status, pair[1]) if newer.turning else None
+        if not status.shows_fault:
+            return self._with_polled_fault(readings, newer, direction)
+        in_fault = newer is DriveState.FAULT or pair[1] & status.bits.get("fault", 0)
+        if not in_fault:
             return DerivedState(newer, direction)
         first, *further = self._fault_codes(readings) or [UNNAMED_FAULT_CODE]
         return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
 
-    def _fault_codes(self, readings: ReadingPairs) -> list[int]:
-        """Return the bits that are set in the fault words, lowest first."""
+    def _with_polled_fault(
+        self, readings: ReadingPairs, state: DriveState, direction: Direction | None
+    ) -> DerivedState | None:
+        """Add the fault of a model whose status word shows none: unknown until its fault register was read."""
         assert self.status_map is not None
-        words = [readings.agreed_raw(f"fault_{n}") or 0 for n in range(len(self.status_map.fault_registers))]
+        if any(readings.agreed_raw(name) is None for name in self._fault_names):
+            return None
+        codes = self._fault_codes(readings)
+        if not codes:
+            return DerivedState(state, direction)
+        return DerivedState(
+            state if state.turning else DriveState.FAULT, direction, codes[0], further_fault_codes=tuple(codes[1:])
+        )
+
+    def _fault_codes(self, readings: ReadingPairs) -> list[int]:
+        """Return the numbers in the fault registers, or the bits that are set, lowest first."""
+        assert self.status_map is not None
+        words = [readings.agreed_raw(name) or 0 for name in self._fault_names]
+        if self.status_map.numbers_fault:
+            return [word & self.status_map.fault_mask for word in words if word & self.status_map.fault_mask]
         return [16 * place + bit for place, word in enumerate(words) for bit in range(16) if word >> bit & 1]
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
@@ -318,7 +349,7 @@ class ModbusDialect:
         return () if signal is None else (ReadRegisters(self.address, signal.locator[1], 1),)
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
-        return setpoint_matches(readings, self.profile, frequency_hz)
+        return setpoint_matches(readings, self.profile, frequency_hz, self.options)
 
     def can_confirm_speed(self) -> bool:
         return self.reports_run_state and "output_frequency" in self.profile.signals
@@ -335,7 +366,7 @@ class ModbusDialect:
         return frequency_word(self.profile, frequency_hz, self.options)
 
     def setpoint_frequency(self, word: int) -> float:
-        return self.profile.setpoint_scale.value(word)
+        return setpoint_scale(self.profile, self.options).value(word)
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         self._check_direction(direction)
@@ -351,18 +382,20 @@ class ModbusDialect:
             raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
         return self.command_word
 
+    def _write(self, register: int, word: int) -> WriteRegister | WriteRegisters:
+        """Return the write of one register: function 06, or 10H on a model that lacks 06."""
+        if WriteRegister.function in self._rule.functions:
+            return WriteRegister(self.address, register, word)
+        return WriteRegisters(self.address, register, (word,))
+
     def _command_frames(self, words: tuple[int, ...]) -> tuple[CommandFrame, ...]:
         """Return the pulse, which is edge-triggered, then the levels alone."""
-        requests = [WriteRegister(self.address, self._command_map.register, word) for word in words]
+        requests = [self._write(self._command_map.register, word) for word in words]
         classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
         return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
-        return (
-            CommandFrame(
-                WriteRegister(self.address, self._command_map.setpoint_register, word), RetryPolicy.IDEMPOTENT
-            ),
-        )
+        return (CommandFrame(self._write(self._command_map.setpoint_register, word), RetryPolicy.IDEMPOTENT),)
 
     def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
         if word is not None:
@@ -380,7 +413,7 @@ class ModbusDialect:
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
         words = self._require_command_word().stop(mode, self.profile.model)
-        return tuple(WriteRegister(self.address, self._command_map.register, word) for word in words)
+        return tuple(self._write(self._command_map.register, word) for word in words)
 
     def broadcast_stop(self) -> tuple[Any, ...]:
         if self.profile.broadcast is None:
@@ -414,18 +447,21 @@ class ModbusDialect:
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         bit = self.profile.write_support.eeprom_address_bit if save else None
-        request = WriteRegister(self.address, parameter.locator[1] | (bit or 0), raw)
+        request = self._write(parameter.locator[1] | (bit or 0), raw)
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
 
     def set_option(self, option: str, value: Any) -> None:
         self.options[option] = value
-        self.command_word = CommandWord(self.profile.commands.resolved(self.options)) if self.profile.commands else None
+        commands = self.profile.commands
+        self.command_word = make_command_word(commands.resolved(self.options)) if commands else None
 
     def on_sent(self, request: Any) -> None:
         """Record the levels that the drive holds now."""
-        ours = self.command_word is not None and isinstance(request, WriteRegister) and request.address == self.address
-        if ours and self.command_word is not None and request.register == self.command_word.map.register:
-            self.command_word.on_sent(request.value)
+        if not isinstance(request, WriteRegister | WriteRegisters) or request.address != self.address:
+            return
+        if self.command_word is not None and request.register == self.command_word.map.register:
+            word = request.value if isinstance(request, WriteRegister) else request.values[0]
+            self.command_word.on_sent(word)
 
 
 def _is_terminal_word(parameter: Parameter) -> bool:

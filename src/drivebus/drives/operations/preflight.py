@@ -10,7 +10,7 @@ from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError
-from drivebus.profiles.model import Parameter, Precondition
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, Parameter, Precondition
 from drivebus.values import Quality, Text
 
 
@@ -32,6 +32,7 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
             holds.append(condition.notation)
         else:
             missing.append(_unmet(op.dialect, condition, reply))
+    yield from _read_maximum_frequency(op)
     yield from _read_ramp_times(op)
     conditions = yield from get_bus_conditions()
     found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), conditions.now)
@@ -40,12 +41,16 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
 
 
 def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
-    """Return a passed pre-flight check; read it unless that was done. A drive without a run status is read each time.
+    """Return a passed pre-flight check; read it unless that was done.
 
-    Raises PreflightError naming each unmet parameter with its keypad step.
+    A drive without a run status is read each time, and so is one whose setpoint is a share of a maximum that it
+    reports: another maximum makes the same word another speed. Raises PreflightError naming each unmet parameter with
+    its keypad step.
     """
     known = op.drive.preflight
-    fresh = known is not None and known.passed and op.dialect.reports_run_state
+    share = op.dialect.profile.setpoint_share
+    is_lasting = op.dialect.reports_run_state and (share is None or share.maximum is None)
+    fresh = known is not None and known.passed and is_lasting
     found = known if fresh and known is not None else (yield from read_preflight(op))
     if not found.passed:
         refused = all(unmet.found is None for unmet in found.unmet)
@@ -79,6 +84,27 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
     raise PreflightError(
         "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error
+
+
+def _read_maximum_frequency(op: OperationContext) -> DriveOperation[None]:
+    """Read the frequency that full scale of the setpoint means. Raises PreflightError where it stays unknown."""
+    share = op.dialect.profile.setpoint_share
+    if share is None or share.maximum is None:
+        return
+    op.dialect.options[MAXIMUM_FREQUENCY] = 0
+    parameter = op.dialect.profile.parameters[share.maximum]
+    raw = yield from read_raw_parameter(op, parameter)
+    reading = None if raw is None else op.dialect.parameter_reading(parameter, raw, None)
+    found_hz = reading.value if reading is not None and reading.quality is Quality.GOOD else None
+    if not isinstance(found_hz, int | float) or not 0 < found_hz <= share.highest_hz:
+        raise PreflightError(
+            "drives.maximum_unknown",
+            station=op.dialect.address,
+            notation=share.maximum,
+            found=found_hz,
+            limit_hz=share.highest_hz,
+        )
+    op.dialect.options[MAXIMUM_FREQUENCY] = float(found_hz)
 
 
 def _read_ramp_times(op: OperationContext) -> DriveOperation[None]:

@@ -18,7 +18,7 @@ SETPOINT_READ_PAUSE_S = 0.05  # pause before each further try
 def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or StartInhibited before sending."""
     op.drive.require_capability("set_frequency")
-    word, actual_hz = op.check_frequency(frequency_hz)
+    op.check_frequency(frequency_hz)
     yield from op.start_clock()
     error = yield from op.read_verified_state()
     if error is not None and op.dialect.start_includes_setpoint:
@@ -28,6 +28,7 @@ def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[O
         raise StartInhibited("drives.state_forbids", state=op.derived.state, kind=CommandKind.SETPOINT)
     if (yield from ensure_preflight(op)) is not preflight:
         yield from op.read_verified_state()
+    word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.SETPOINT, conditions)
     return (yield from write_setpoint(op, command, word, actual_hz))

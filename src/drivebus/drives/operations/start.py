@@ -48,6 +48,7 @@ def run(
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
     yield from op.start_clock()
     yield from check_readiness(op)
+    word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
     if op.derived.state.turning:
         outcome = yield from _change_running_speed(op, frequency_hz, direction)
     else:

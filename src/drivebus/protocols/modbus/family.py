@@ -112,5 +112,6 @@ FAMILY: Final = ProtocolFamily(
     dialect="drivebus.drives.dialects.modbus:ModbusDialect",
     calibrations="drivebus.drives.operations.direction_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.vc660:MODELS", "drivebus.simulator.models.df800:MODELS"),
+    profile_simulator="drivebus.commissioning.profile_simulator:simulated_model",
     scan_models=("vc660", "df800"),
 )

@@ -16,7 +16,7 @@ LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": Mo
 
 
 def simulated_models() -> dict[str, SimulatedModel]:
-    """Return every simulated model by name."""
+    """Return every simulated drive that was written from its manual, by name of its model."""
     found: dict[str, SimulatedModel] = {}
     for family in protocol_families():
         for models in family.simulated_models:
@@ -34,7 +34,7 @@ def make_station(
 ) -> SimulatedStation:
     """Return one simulated drive; ``options`` of other models are ignored. Raises ConfigurationError."""
     models = simulated_models()
-    chosen = models.get(model)
+    chosen = models.get(model) or _simulated_from_profile(model)
     if chosen is None:
         raise ConfigurationError("sim.model", found=model, expected=", ".join(models))
     addresses = chosen.addresses
@@ -51,6 +51,15 @@ def make_station(
                 raise ConfigurationError("sim.setting", name=name, found=value, expected=expected)
             arguments[name] = value
     return chosen.station(address, motor=Motor(load=LOADS[load]()), **arguments)
+
+
+def _simulated_from_profile(model: str) -> SimulatedModel | None:
+    """Return a drive that does what its profile says: no witness that the profile is right."""
+    for family in protocol_families():
+        found: SimulatedModel | None = resolve(family.profile_simulator)(model) if family.profile_simulator else None
+        if found is not None:
+            return found
+    return None
 
 
 def make_stations(

@@ -1,0 +1,280 @@
+"""Simulated Modbus drive from its profile alone, for models without a simulated drive written from their manual.
+
+It shows that a profile is whole and consistent, and lets its users practise. It is no witness that the profile is
+right: a misread register is misread at both ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, ClassVar
+
+from drivebus.errors import ProtocolError
+from drivebus.profiles.load import load, models
+from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import Codec
+from drivebus.serial_settings import SerialSettings
+from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.motor import Motor, OutputPhase, Trip
+from drivebus.simulator.parameter_memory import ParameterSpec
+from drivebus.simulator.station import SimulatedModel, SimulatedStation
+from drivebus.values import Scale
+
+MODBUS = "modbus"
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+ACCEL_TIME, DECEL_TIME = 0x10000, 0x10001
+"""Keys of ramp times beyond all registers, 0.1 s."""
+DEFAULT_MAXIMUM_HZ = 50.0
+JOG_HZ = 5.0
+REPLY_DELAY_S = 0.005
+FAULT_NUMBERS = {trip: number for number, trip in enumerate(Trip, 1)}
+"""Number, and bit plus 1, of each trip: the simulator's own."""
+SIGNAL_SOURCES: dict[str, Callable[[Motor], float]] = {
+    "output_frequency": lambda motor: abs(motor.output_hz),
+    "output_current": lambda motor: motor.current_a,
+    "output_voltage": lambda motor: motor.voltage_v,
+    "output_power": lambda motor: max(0.0, motor.power_kw),
+    "dc_bus_voltage": lambda motor: motor.bus_v,
+    "temperature": lambda motor: motor.temperature_c,
+    "output_speed": lambda motor: abs(motor.speed_rpm),
+}
+"""Canonical signal to its value; any other signal reads 0."""
+
+
+def simulated_model(model: str) -> SimulatedModel | None:
+    """Return a Modbus model of this name simulated from its profile, None where there is none.
+
+    Raises ProfileError for a faulty file.
+    """
+    if model not in models():
+        return None
+    profile = load(model)
+    if profile.family != MODBUS or profile.commands is None:
+        return None
+    low, high = profile.addresses
+    return SimulatedModel(station=partial(ProfileStation, profile=profile), addresses=range(low, high + 1))
+
+
+class ProfileStation(SimulatedStation):
+    """Simulated drive that does what its profile says."""
+
+    family: ClassVar[str] = MODBUS
+    broadcast: ClassVar[int] = modbus.BROADCAST
+    ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
+
+    def __init__(self, address: int, *, profile: DriveProfile, motor: Motor | None = None) -> None:
+        assert profile.commands is not None
+        self.profile = profile
+        self.commands: CommandMap = profile.commands.resolved(profile.options)
+        super().__init__(address, _parameter_specs(profile), motor)
+        self.is_ascii = profile.encodings[0] == "ascii"
+        self.rule = (
+            FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
+            if self.is_ascii
+            else FramingRule(gap_characters=3.5, ends_by_silence=True)
+        )
+        self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else modbus.ModbusRtuCodec(),)
+        self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
+        self.features = profile.modbus or ModbusFeatures()
+        self.setpoint_word = self.command = 0
+        self._signals = {signal.locator[1]: signal for signal in profile.signals.values()}
+
+    def power_up(self) -> None:
+        self.setpoint_word = self.command = 0
+
+    def reply_delay_s(self, line: SerialSettings) -> float:
+        return max(REPLY_DELAY_S, line.seconds(3.5))
+
+    def elapse(self, dt: float) -> None:
+        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
+        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        super().elapse(dt)
+
+    @property
+    def setpoint_scale(self) -> Scale:
+        """Hz of a setpoint word, by the maximum frequency that its own parameter holds."""
+        share = self.profile.setpoint_share
+        if share is None:
+            return self.profile.setpoint_scale
+        maximum_hz = share.maximum_hz or DEFAULT_MAXIMUM_HZ
+        if share.maximum is not None:
+            parameter = self.profile.parameters[share.maximum]
+            maximum_hz = parameter.scale.value(self.memory[parameter.locator[1]])
+        return Scale(maximum_hz / share.full_scale)
+
+    def handle_request(self, message: Any, codec: Codec) -> Any:
+        function = message.function
+        if function not in self.features.functions and function != modbus.Diagnostics.function:
+            return modbus.ExceptionReply(message.address, function, ILLEGAL_FUNCTION)
+        match message:
+            case modbus.Diagnostics() if self.features.loopback:
+                return modbus.DiagnosticsReply(message.address, message.data)
+            case modbus.ReadRegisters(function=3):
+                return self._read(message)
+            case modbus.WriteRegister():
+                code = self._store(message.register, message.value)
+                acknowledged = message.value
+            case modbus.WriteRegisters():
+                places = enumerate(message.values, message.register)
+                code = next((code for place, value in places if (code := self._store(place, value))), 0)
+                acknowledged = len(message.values)
+            case _:
+                return modbus.ExceptionReply(message.address, function, ILLEGAL_FUNCTION)
+        if code:
+            return modbus.ExceptionReply(message.address, function, code)
+        return modbus.WriteAck(message.address, function, message.register, acknowledged)
+
+    def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
+        if not isinstance(error, modbus.IllegalRequest):
+            return None
+        return modbus.ExceptionReply(error.address, error.function, error.code)
+
+    def trip_code(self, trip: Trip) -> int:
+        number = FAULT_NUMBERS[trip]
+        status = self.profile.status
+        return number if status is not None and status.numbers_fault else number - 1
+
+    # Reading.
+
+    def _read(self, request: modbus.ReadRegisters) -> Any:
+        if request.count > self.features.max_read:
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_VALUE)
+        values = [self._register(request.register + place) for place in range(request.count)]
+        if None in values:
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
+        return modbus.RegisterValues(request.address, request.function, tuple(value or 0 for value in values))
+
+    def _register(self, register: int) -> int | None:
+        status = self.profile.status
+        if status is not None and register == status.register:
+            return self._status_word(status)
+        if status is not None and register in status.fault_registers:
+            return self._fault_word(status, status.fault_registers.index(register))
+        if register in self._signals:
+            return self._signal_word(register)
+        if register == self.commands.setpoint_register:
+            return self.setpoint_word
+        return None if self.memory.read_rejection(register) else self.memory[register]
+
+    def _signal_word(self, register: int) -> int:
+        signal = self._signals[register]
+        if signal.name == "set_frequency":
+            return _clipped(signal.scale, self.setpoint_scale.value(self.setpoint_word))
+        source = SIGNAL_SOURCES.get(signal.name)
+        return 0 if source is None else _clipped(signal.scale, source(self.displayed_motor))
+
+    def _fault_word(self, status: StatusMap, place: int) -> int:
+        trip = self.motor.trip
+        if trip is None or place:
+            return 0
+        return self.trip_code(trip) if status.numbers_fault else 1 << self.trip_code(trip)
+
+    def _status_word(self, status: StatusMap) -> int:
+        if status.values:
+            by_name = {name: value for value, name in reversed(list(status.values.items()))}
+            return int(next(by_name[name] for name in self._state_names() if name in by_name))
+        motor = self.displayed_motor
+        on = {
+            "ready": motor.ready and motor.trip is None,
+            "fault": motor.trip is not None,
+            "under_voltage": not motor.ready,
+            "running": motor.energised,
+            "jogging": self.jogging and motor.energised,
+            "dc_braking": motor.phase is OutputPhase.DC_BRAKING,
+            "set_reverse": self.reverse,
+            "output_reverse": motor.output_hz < 0.0 or (motor.output_hz == 0.0 and self.reverse),
+        }
+        return sum(mask for name, mask in status.bits.items() if on.get(name))
+
+    def _state_names(self) -> Iterable[str]:
+        """Return the names of the state from the most exact to the one that every status word has."""
+        motor = self.displayed_motor
+        if motor.trip is not None:
+            yield "fault"
+        if motor.energised:
+            direction = "reverse" if motor.output_hz < 0.0 or (motor.output_hz == 0.0 and self.reverse) else "forward"
+            if self.jogging:
+                yield from (f"jogging_{direction}", "jogging")
+            yield from (f"running_{direction}", "running")
+        yield "stopped"
+
+    # Writing.
+
+    def _store(self, register: int, value: int) -> int:
+        """Execute a write. Return 0 or the code of the exception."""
+        if register == self.commands.register:
+            return self._execute(value)
+        if register == self.commands.setpoint_register:
+            self.setpoint_word = value
+            if self.running and not self.jogging and not self.motor.stopping:
+                self.run_towards(self.setpoint_scale.value(value))
+            return 0
+        if register not in self.memory.specs:
+            return ILLEGAL_ADDRESS
+        if self.memory.write_rejection(register, value, self.running) is not None:
+            return ILLEGAL_VALUE
+        self.memory.write(register, value, save=True)
+        return 0
+
+    def _execute(self, word: int) -> int:
+        names = self._command_names(word)
+        self.command = word
+        if not names and self.commands.values:
+            return ILLEGAL_VALUE
+        if "reset" in names:
+            self.motor.reset()
+        self._apply_direction(names)
+        if names & {"coast", "quick_stop", "stop", "jog_stop"}:
+            self._stop(names)
+        elif names & {"jog_forward", "jog_reverse"}:
+            self.jogging, self.reverse = True, "jog_reverse" in names
+            self.run_towards(JOG_HZ)
+        elif names & {"start", "start_forward", "start_reverse"}:
+            self.jogging = False
+            self.run_towards(self.setpoint_scale.value(self.setpoint_word))
+        return 0
+
+    def _command_names(self, word: int) -> set[str]:
+        if self.commands.values:
+            return {name for name, value in self.commands.values.items() if value == word}
+        return {name for name, bit in self.commands.bits.items() if word & bit.mask == bit.value}
+
+    def _apply_direction(self, names: set[str]) -> None:
+        if names & {"reverse", "start_reverse"}:
+            self.reverse = True
+        elif names & {"forward", "start_forward"}:
+            self.reverse = False
+
+    def _stop(self, names: set[str]) -> None:
+        if "coast" in names:
+            self.motor.coast()
+        elif "quick_stop" in names:
+            self.motor.stop(min(1.0, self.motor.decel_s))
+        else:
+            self.motor.stop()
+
+
+def _parameter_specs(profile: DriveProfile) -> dict[int, ParameterSpec]:
+    """Return every readable parameter at its factory setting, or where it meets a precondition or the maximum."""
+    found = {ACCEL_TIME: ParameterSpec(100, 1, 36000), DECEL_TIME: ParameterSpec(100, 1, 36000)}
+    accepted = {one.notation: one.accepted[0] for one in profile.preconditions}
+    for notation, parameter in profile.parameters.items():
+        if parameter.readable:
+            found[parameter.locator[1]] = ParameterSpec(accepted.get(notation, _initial_word(profile, parameter)))
+    return found
+
+
+def _initial_word(profile: DriveProfile, parameter: Parameter) -> int:
+    share = profile.setpoint_share
+    if share is not None and share.maximum == parameter.notation:
+        return parameter.scale.raw(parameter.factory or DEFAULT_MAXIMUM_HZ)
+    return 0 if parameter.factory is None else parameter.scale.raw(parameter.factory)
+
+
+def _clipped(scale: Scale, value: float) -> int:
+    try:
+        return scale.raw(value)
+    except ValueError:
+        return 0xFFFF

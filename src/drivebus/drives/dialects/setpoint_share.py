@@ -1,0 +1,61 @@
+"""Setpoint that is a share of the drive's maximum frequency: 10000 means the maximum, whatever that is set to.
+
+A wrong maximum is a wrong speed. It is read from the drive before each frequency where the profile names its parameter.
+Otherwise the profile states it, and a cap holds under the largest maximum that the model allows until the user confirms
+it with the option ``maximum_frequency``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
+from drivebus.errors import LimitError
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, DriveProfile, SetpointShare
+from drivebus.values import Scale
+
+
+def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:
+    """Return the scale of the setpoint word.
+
+    For a share whose maximum is to be read and was not yet, it is that of the largest maximum: a word computed with it
+    never means more than was asked for.
+    """
+    share = profile.setpoint_share
+    if share is None:
+        return profile.setpoint_scale
+    maximum_hz = _known_maximum_hz(options) or (share.maximum_hz if share.maximum is None else None)
+    return Scale((maximum_hz or share.highest_hz) / share.full_scale, decimals=profile.setpoint_scale.decimals)
+
+
+def highest_capped_word(share: SetpointShare) -> int:
+    """Return the largest word that means at most 5 Hz under every maximum of the model."""
+    return int(UNCALIBRATED_CAP_HZ / share.highest_hz * share.full_scale + 1e-9)
+
+
+def check_setpoint_share(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:
+    """Raise LimitError for a frequency above the maximum, or above the cap while the maximum is only stated."""
+    share = profile.setpoint_share
+    if share is None:
+        return
+    maximum_hz = _known_maximum_hz(options)
+    if maximum_hz is not None:
+        if word > share.full_scale:
+            raise LimitError("drives.above_drive_maximum", frequency_hz=frequency_hz, limit_hz=maximum_hz)
+        return
+    cap = highest_capped_word(share)
+    if share.maximum is None and word > cap:
+        raise LimitError(
+            "drives.share_cap",
+            model=profile.model,
+            frequency_hz=frequency_hz,
+            stated_hz=share.maximum_hz,
+            limit_hz=UNCALIBRATED_CAP_HZ,
+            cap_hz=setpoint_scale(profile, options).value(cap),
+        )
+
+
+def _known_maximum_hz(options: Mapping[str, Any]) -> float | None:
+    """Return the maximum frequency that was read or that the user confirmed; 0 stands for none."""
+    return float(options.get(MAXIMUM_FREQUENCY) or 0) or None

@@ -1,0 +1,193 @@
+"""Models whose command and status words are numbers, on drives simulated from their profiles: one story for each."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.bus import Bus
+from drivebus.drives import Drive, create_dialect
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import LimitError, PreflightError
+from drivebus.ports import open_port
+from drivebus.profiles.model import DriveProfile
+from drivebus.protocols import modbus
+from drivebus.protocols.codec import Effect
+from drivebus.simulator.models.catalog import simulated_models
+from drivebus.simulator.motor import Trip
+from drivebus.testing.virtual_time import run
+
+MODELS = [name for name in profiles.models() if name not in simulated_models()]
+NUMBERED = [name for name in MODELS if profiles.load(name).commands.values]  # type: ignore[union-attr]
+
+
+@asynccontextmanager
+async def simulated_drive(model: str | Path, quality: str = "clean") -> AsyncIterator[tuple[Drive, Any]]:
+    """Yield the drive at address 3 and its simulated station, whose ramps take 2 s."""
+    profile = profiles.load(model)
+    port: Any = open_port(f"sim://{profile.model}@3?line_quality={quality}&ramp=2")
+    bus = Bus(port)
+    await bus.open()
+    drive = Drive(bus, model, 3)
+    try:
+        yield drive, port.simulated_bus.stations[0]
+    finally:
+        await bus.close()
+
+
+async def settle(drive: Drive) -> None:
+    """Let the ramp end; the simulated drive computes its motor when it is read."""
+    await asyncio.sleep(3)
+    await drive.status()
+
+
+def story(tell: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    run(tell())
+
+
+@pytest.mark.parametrize("model", NUMBERED)
+def test_of_all_words_only_the_listed_commands_are_sent_and_only_stops_need_no_permit(model: str) -> None:
+    profile = profiles.load(model)
+    assert profile.commands is not None
+    dialect: Any = create_dialect(profile, 3)
+    by_word: dict[int, set[str]] = {}
+    for name, value in profile.commands.values.items():
+        by_word.setdefault(value, set()).add(name)
+    for word in range(0x10000):
+        names = by_word.get(word, set())
+        assert dialect.command_word.is_mapped(word) is bool(names)
+        moves = not names or any(name.startswith(("start", "jog_forward", "jog_reverse")) for name in names)
+        expected = Effect.MOTION if moves else Effect.SETTING if names == {"reset"} else Effect.STOP
+        assert dialect.command_word.effect(word) is expected, (word, names)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_model_runs_both_ways_changes_speed_trips_resets_and_stops(model: str) -> None:
+    async def tell() -> None:
+        async with simulated_drive(model) as (drive, station):
+            able = drive.profile.capabilities
+            assert (await drive.status()).state is DriveState.STOPPED
+            started = await drive.run(10.0)
+            assert started.status is OutcomeStatus.CONFIRMED, started
+            await settle(drive)
+            assert station.motor.output_hz == pytest.approx(10.0, abs=0.1)
+            if "set_frequency" in able:
+                assert (await drive.set_frequency(20.0)).succeeded
+                await settle(drive)
+                assert station.motor.output_hz == pytest.approx(20.0, abs=0.1)
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+            await settle(drive)
+            assert not station.motor.energised
+            if "reverse" in able:
+                assert (await drive.run(10.0, Direction.REVERSE)).status is OutcomeStatus.CONFIRMED
+                await settle(drive)
+                assert station.motor.output_hz == pytest.approx(-10.0, abs=0.1)
+            station.trip(Trip.OVERLOAD)
+            await asyncio.sleep(1)
+            status = await drive.status()
+            assert status.state is DriveState.FAULT and status.fault is not None
+            if "reset_fault" in able:
+                assert (await drive.reset_fault()).succeeded
+                assert (await drive.status()).state is DriveState.STOPPED
+
+    story(tell)
+
+
+def test_the_maximum_frequency_is_read_before_each_frequency() -> None:
+    """Set to 100 Hz at the keypad between two starts, the same word would be twice the speed."""
+
+    async def tell() -> None:
+        async with simulated_drive("skf8000") as (drive, station):
+            await drive.run(20.0)
+            await drive.stop()
+            await asyncio.sleep(3)
+            station.keypad_set(0xF00A, 10000)  # P0-10 = 100.00 Hz
+            assert (await drive.run(20.0)).status is OutcomeStatus.CONFIRMED
+            assert station.setpoint_word == 2000
+            station.keypad_set(0xF00A, 20000)  # while it runs
+            assert (await drive.set_frequency(20.0)).status is OutcomeStatus.CONFIRMED
+            assert station.setpoint_word == 1000
+
+    story(tell)
+
+
+@pytest.mark.parametrize("word", [0, 40000])
+def test_nothing_is_sent_while_the_maximum_frequency_is_unknown(word: int) -> None:
+    async def tell() -> None:
+        async with simulated_drive("skf8000") as (drive, station):
+            station.keypad_set(0xF00A, word)
+            with pytest.raises(PreflightError, match="P0-10"):
+                await drive.run(5.0)
+            assert station.setpoint_word == station.command == 0
+
+    story(tell)
+
+
+def test_a_frequency_above_the_maximum_that_the_drive_is_set_to_is_refused() -> None:
+    async def tell() -> None:
+        async with simulated_drive("skf8000") as (drive, station):
+            station.keypad_set(0xF00A, 3000)  # 30.00 Hz: below what the profile allows
+            with pytest.raises(LimitError, match="30"):
+                await drive.run(40.0)
+            assert station.setpoint_word == station.command == 0
+
+    story(tell)
+
+
+def stated_profile(folder: Path) -> DriveProfile:
+    """Return a profile whose maximum can't be read and is only stated."""
+    own = Path(profiles.load("skf8000").source)
+    base = own.parent.parent / "inovance" / "_md380_map.toml"
+    (folder / base.name).write_text(base.read_text().replace('maximum = "P0-10"', "maximum_hz = 50.0"))
+    file = folder / own.name
+    file.write_text(own.read_text().replace("../inovance/", "./"))
+    return profiles.load(file)
+
+
+def test_a_stated_maximum_caps_the_frequency_until_it_is_confirmed(tmp_path: Path) -> None:
+    """At most 5 Hz under 320 Hz, the largest maximum of the model: word 156."""
+    dialect: Any = create_dialect(stated_profile(tmp_path), 3)
+    assert dialect.setpoint_word(0.78) == 156
+    with pytest.raises(LimitError, match="maximum_frequency"):
+        dialect.setpoint_word(0.79)
+    confirmed: Any = create_dialect(stated_profile(tmp_path), 3, options={"maximum_frequency": 50})
+    assert confirmed.setpoint_word(25.0) == 5000
+    with pytest.raises(LimitError):
+        confirmed.setpoint_word(50.1)
+
+
+@pytest.mark.parametrize("raw", [0, 4, 0xFFFF])
+def test_a_status_value_that_no_manual_lists_is_no_state(raw: int) -> None:
+    dialect: Any = create_dialect(profiles.load("skf8000"), 3)
+    reading = dialect.decode_readings(modbus.ReadRegisters(3, 0x3000, 1), modbus.RegisterValues(3, 3, (raw,)), 1.0)
+    assert reading["state"].reason == "drives.reserved_bits"
+
+
+def test_the_state_is_unknown_until_the_fault_register_was_read() -> None:
+    """The status word of this map has no value for a fault: a tripped drive reports "stopped"."""
+
+    async def tell() -> None:
+        async with simulated_drive("skf8000") as (drive, station):
+            station.trip(Trip.OVERCURRENT_RUNNING)
+            status = await drive.status()
+            assert status.state is DriveState.FAULT
+            assert status.fault is not None and status.fault.code == station.trip_code(Trip.OVERCURRENT_RUNNING)
+            dialect: Any = drive.dialect
+            names = dialect.state_names
+            assert names == ("state", "fault_0")
+
+    story(tell)
+
+
+def test_a_jog_without_a_stop_of_its_own_ends_with_the_ordinary_stop() -> None:
+    dialect: Any = create_dialect(profiles.load("skf8000"), 3)
+    assert [one.value for one in dialect.stop(StopMode.JOG_STOP)] == [6]
+    assert [one.value for one in dialect.stop(StopMode.COAST)] == [5]
