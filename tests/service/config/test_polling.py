@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from drivebus.bus import Bus
 from drivebus.bus.prepared_request import Poll
 from drivebus.drives import Drive
 from drivebus.drives.monitor import Monitor
+from drivebus.errors import ConfigurationError
 from drivebus.ports import open_port
 from drivebus.service import config
 from drivebus.service.config.model import DriveConfig, PlantConfig
@@ -90,3 +92,43 @@ def test_a_bus_keeps_the_estimated_refresh(model: str, count: int) -> None:
     gaps = virtual_time.run(longest_gaps(setting, 40 * period_s))
     assert gaps.keys() == {one.id for one in setting.drives}
     assert period_s <= max(gaps.values()) <= promised_s
+
+
+def test_drives_with_periods_of_their_own_are_paced_too() -> None:
+    """The state of 30 drives twice a second was 533 % of the bus, although the file asks for one value in 10 s."""
+    paced = plant("vc660", 30, "signals = { output_current = 10.0 }")
+    bus = config.bus_loads(paced)[0]
+    assert bus.load_percent <= 100
+    assert {one.periods["output_current"] for one in bus.drives} == {10.0}
+    polls = config.polls_of(paced.drives[0], config.dialect_of(paced.drives[0]))
+    assert max(poll.period_s for poll in polls) == 10.0
+    assert min(poll.period_s for poll in polls) == paced.drives[0].min_poll_interval_s > 1.0
+
+
+def test_the_chosen_interval_never_lengthens_a_configured_period() -> None:
+    """One drive is read quickly; the others share what is left."""
+    text = (
+        'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://vc660@1-30"\n'
+        '[drive.fast]\nbus = "a"\naddress = 1\nmodel = "vc660"\nsignals = { output_current = 1.0 }\n'
+    ) + "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "vc660"\n' for n in range(2, 31))
+    fast, *others = config.loads(text).drives
+    assert fast.min_poll_interval_s == 1.0
+    assert min(one.min_poll_interval_s for one in others) > 10.0
+
+
+def overload_of(model: str, count: int, more: str, line: str = "") -> str:
+    with pytest.raises(ConfigurationError) as found:
+        plant(model, count, more, line)
+    return str(found.value)
+
+
+def test_the_interval_that_an_overload_names_is_accepted() -> None:
+    more = "signals = { output_current = 0.5 }"
+    named = re.search(r"write (min_poll_interval_s = [\d.]+) in each", overload_of("vc660", 30, more))
+    assert named is not None
+    assert config.bus_loads(plant("vc660", 30, f"{more}\n{named[1]}"))[0].load_percent <= 100
+
+
+def test_an_overload_that_no_interval_mends_names_none_to_write() -> None:
+    text = overload_of("c320", 30, "", "?baud=1200")
+    assert "more drives than the bus can carry" in text and "write min_poll_interval_s" not in text

@@ -150,9 +150,9 @@ def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
     )
 
 
-def drives_without_periods(parsed: ParsedPlant) -> frozenset[str]:
-    """Return the drives without configured periods: they share what their bus has left."""
-    return frozenset(id for id, one in parsed.file.drive.items() if not one.signals and one.min_poll_interval_s is None)
+def drives_without_interval(parsed: ParsedPlant) -> frozenset[str]:
+    """Return the drives without a configured poll interval: they share what their bus has left."""
+    return frozenset(id for id, one in parsed.file.drive.items() if one.min_poll_interval_s is None)
 
 
 def drives_on_bus(parsed: ParsedPlant, bus: BusConfig) -> list[DriveConfig]:
@@ -163,7 +163,7 @@ def drives_on_bus(parsed: ParsedPlant, bus: BusConfig) -> list[DriveConfig]:
         if id in parsed.dialects
     ]
     return (
-        with_sufficient_interval(drives, serial_settings_of(bus, drives[0][1].profile), drives_without_periods(parsed))
+        with_sufficient_interval(drives, serial_settings_of(bus, drives[0][1].profile), drives_without_interval(parsed))
         if drives
         else []
     )

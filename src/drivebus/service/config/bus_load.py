@@ -24,7 +24,7 @@ from drivebus.values import Text
 
 FULL_LOAD_PERCENT = 100.0
 CANDIDATE_INTERVALS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 60.0)
-"""Intervals tried for drives without periods; few, so that one more drive seldom changes those of the others."""
+"""Intervals tried for drives without a configured one; few, so that one more drive seldom changes the others."""
 
 
 def profile_of(drive: DriveConfig) -> DriveProfile:
@@ -97,10 +97,17 @@ def polling_load(drives: Iterable[tuple[DriveConfig, Dialect]], line: SerialSett
 def with_sufficient_interval(
     drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings, free: frozenset[str]
 ) -> list[DriveConfig]:
-    """Return the drives; those in ``free``, which have no periods, get the shortest interval that the bus can carry."""
+    """Return the drives; those in ``free`` get the shortest interval that the bus can carry.
+
+    It is never longer than a drive's own periods: a configured signal keeps its period, and its state and faults are
+    as fresh as it is.
+    """
     for pace_s in (0.0, *CANDIDATE_INTERVALS_S):
         tried = [
-            (replace(drive, min_poll_interval_s=pace_s) if drive.id in free else drive, way) for drive, way in drives
+            (replace(drive, min_poll_interval_s=min([pace_s, *drive.signals.values()])), way)
+            if drive.id in free
+            else (drive, way)
+            for drive, way in drives
         ]
         if not free or polling_load(tried, line).load_percent <= FULL_LOAD_PERCENT:
             break

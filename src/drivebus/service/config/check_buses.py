@@ -281,8 +281,10 @@ def _check_load(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTabl
     paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, setting)]
     load = polling_load(paced, line).load_percent
     if load > FULL_LOAD_PERCENT and not found:
-        least = sufficient_interval(paced, line)
-        yield issue("overload", ("bus", bus), f"{load:.0f} %", line=str(line), drives=len(paced), least=least)
+        least_s = sufficient_interval_s(paced, line)
+        kind = "overload" if least_s is not None else "too_many_drives"
+        shown = f"{least_s or CANDIDATE_INTERVALS_S[-1]:g}"
+        yield issue(kind, ("bus", bus), f"{load:.0f} %", line=str(line), drives=len(paced), least=shown)
 
 
 def _check_periods(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
@@ -301,13 +303,13 @@ def _poll_time_s(dialect: Dialect, name: str, line: SerialSettings) -> float:
     return max((estimate_bus_load([(dialect.station_config, [poll])], line).cycle_s for poll in polls), default=0.0)
 
 
-def sufficient_interval(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> str:
-    """Return the ``min_poll_interval_s`` with which the bus could carry all these drives."""
+def sufficient_interval_s(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> float | None:
+    """Return the ``min_poll_interval_s`` with which the bus could carry all these drives; None if none suffices."""
     for pace_s in CANDIDATE_INTERVALS_S:
         paced = [
             (replace(drive, min_poll_interval_s=max(pace_s, drive.min_poll_interval_s)), dialect)
             for drive, dialect in drives
         ]
         if polling_load(paced, line).load_percent <= FULL_LOAD_PERCENT:
-            return f"{pace_s:g}"
-    return f"> {CANDIDATE_INTERVALS_S[-1]:g}"
+            return pace_s
+    return None
