@@ -106,7 +106,7 @@ def test_drives_with_periods_of_their_own_are_paced_too() -> None:
 
 
 def test_the_chosen_interval_never_lengthens_a_configured_period() -> None:
-    """One drive is read quickly; the others share what is left."""
+    """A drive with a period of 1 s keeps it; the other drives of the bus share the remaining time."""
     text = (
         'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://vc660@1-30"\n'
         '[drive.fast]\nbus = "a"\naddress = 1\nmodel = "vc660"\nsignals = { output_current = 1.0 }\n'
