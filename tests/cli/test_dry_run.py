@@ -146,6 +146,7 @@ SENDS_NOTHING = {
     "acceptance",
     "comm-loss-test",
     "release",
+    "waive",
 }
 """Commands that send nothing, or only to simulated drives of their own, or have steps of their own."""
 PLANT_COMMANDS = {"init", "check", "serve", "user", "audit"}

@@ -27,6 +27,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.control import comm_loss_test
 from fixtures.child_process import ENVIRONMENT, lines_until, running_command
 from fixtures.running_service import RunningService, http_service, token
+from fixtures.service import remote_actor
 
 FAN = ("--drive", "fan-1")
 
@@ -330,6 +331,30 @@ def test_release_permits_starts_again_after_a_bus_stop(plant: RunningService, se
     assert [json.loads(line)["released"] for line in result.stdout.splitlines()] == others
     assert run_command(service, "release", "--all") == {"released": None}
     run_command(service, "reset", *FAN)
+
+
+def test_equal_refusals_of_several_drives_are_one_sentence_with_their_names(
+    plant: RunningService, service: str
+) -> None:
+    run_command(service, "stop", "--all")
+    other = remote_actor("bob")
+    for drive in ("fan-1", "fan-2"):
+        plant.run_in_loop(lambda drive=drive: plant.kit.call("lease.take", other, drive=drive))  # type: ignore[misc]
+    result = CliRunner().invoke(cli, ["release", "--service", service, "--all", "--json"])
+    *released, refused = map(json.loads, result.stdout.splitlines())
+    assert result.exit_code == 1 and [one["released"] for one in released] == ["pump-1", "pump-2"]
+    assert refused["refused"] == ["fan-1", "fan-2"] and refused["error"] == "bob has control of fan-1, fan-2"
+    for drive in ("fan-1", "fan-2"):
+        plant.kit.service.plant.leases.remove_drive(drive)
+    assert CliRunner().invoke(cli, ["release", "--service", service, "--group", "fans"]).exit_code == 0
+    assert run_command(service, "release", code=2)["error"]["key"] == "release.which"
+
+
+def test_waive_records_a_waiver_for_each_drive_of_a_group_that_has_none(plant: RunningService, service: str) -> None:
+    plant.run_in_loop(lambda: plant.kit.call("waiver.revoke", drive="fan-2"))
+    assert run_command(service, "waive", "--group", "fans", "--reason", "watched bench") == {"waived": "fan-2"}
+    assert run_command(service, "waive", "--all", "--reason", "watched bench") == {"waived": None}
+    assert rest(plant, "/drives/fan-2")["comm_loss"]["waiver"].startswith("watched bench")
 
 
 def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningService, service: str) -> None:

@@ -94,6 +94,21 @@ def service_drive_option() -> click.Option:
     return Option(["--drive"], metavar="NAME", example="--drive fan-1")
 
 
+def selection_options(all_key: str) -> list[click.Option]:
+    """Return ``--drive``, ``--group`` and ``--all`` of a service; ``all_key``: text of the last."""
+    return [
+        Option(["--drive", "drives"], multiple=True, metavar="NAME", key="help.option.drives"),
+        Option(["--group"], metavar="NAME", key="help.option.group"),
+        Option(["--all", "everything"], is_flag=True, key=all_key),
+    ]
+
+
+def required(option: click.Option) -> click.Option:
+    """Return an option after making it a required one."""
+    option.required = True
+    return option
+
+
 def dry_run_option() -> click.Option:
     return Option(["--dry-run"], is_flag=True)
 

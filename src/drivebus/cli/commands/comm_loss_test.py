@@ -79,17 +79,12 @@ def _print_result(name: str, found: Json | None) -> ExitCode:
     return ExitCode.FAILED if tested["result"] == "runs_on" else ExitCode.DONE
 
 
-def _required(option: click.Option) -> click.Option:
-    option.required = True
-    return option
-
-
 command = CliCommand(
     "comm-loss-test",
     callback=_test,
     params=[
-        _required(options.service_option()),
-        _required(options.service_drive_option()),
+        options.required(options.service_option()),
+        options.required(options.service_drive_option()),
         Option(["--frequency"], type=options.FREQUENCY, required=True, metavar="HZ"),
         Option(["--silence"], type=options.NumberType(2.0, 300.0), metavar="SECONDS", key="help.option.silence"),
         Option(["--yes"], is_flag=True, key="help.option.comm_loss_yes"),

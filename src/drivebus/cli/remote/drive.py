@@ -31,7 +31,6 @@ from drivebus.service.api.operations.drives import (
     LEASE_TAKE,
     PARAMETERS_READ,
     PARAMETERS_WRITE,
-    START_INHIBIT_RELEASE,
 )
 from drivebus.types import Json
 
@@ -121,11 +120,6 @@ class RemoteDrive:
         """Start a communication-loss test; its result appears in ``comm_loss`` of the drive."""
         params = {"frequency_hz": frequency_hz, "silence_s": silence_s, **await self.arm("comm_loss_test")}
         return await self.call(COMM_LOSS_TEST, **params)
-
-    async def release_start_inhibit(self) -> None:
-        """Permit starts again after a bus stop. Raises ControlNotHeld."""
-        await self.take_control()
-        await self.call(START_INHIBIT_RELEASE)
 
     async def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
         return await self._call_with_control(PARAMETERS_WRITE, values=dict(values), save=save, force=force)

@@ -1,0 +1,60 @@
+"""Commands to a selection of drives of a service: one request, a result for each drive, equal refusals in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from drivebus.cli import output
+from drivebus.cli.errors import ExitCode
+from drivebus.types import Json
+
+if TYPE_CHECKING:
+    from drivebus.errors import DrivebusError
+    from drivebus.service.api.operations import Operation
+
+
+def call_on_selection(
+    service: str, operation: Operation, drives: Iterable[str], group: str | None, everything: bool, **params: Any
+) -> Json:
+    """Execute an operation on drives; return the outcome or error of each. Raises ConfigurationError for no drive."""
+    from drivebus.cli.remote.client import call_once
+    from drivebus.errors import ConfigurationError
+
+    selection: Json = {"drives": list(drives), "group": group, "all": everything}
+    if not any(selection.values()):
+        raise ConfigurationError("release.which")
+    found: Json = call_once(service, operation.name, selection | params)["outcomes"]
+    return found
+
+
+def print_results(outcomes: Mapping[str, Json], verb: str, done_key: str, nothing_key: str) -> ExitCode:
+    """Print what was done and what was refused; ``verb`` is the key of a drive's id in the JSON output."""
+    done = [drive for drive, one in outcomes.items() if one.get("status") == "done"]
+    refused = {drive: one for drive, one in outcomes.items() if "code" in one}
+    for drive in done:
+        output.print_json({verb: drive}, stream=True)
+    if done:
+        output.print_message(done_key, drive=", ".join(done))
+    elif not refused:
+        output.print_json({verb: None}, stream=True)
+        output.print_message(nothing_key)
+    for drives, error in grouped_errors(refused):
+        output.print_json({"refused": drives, "error": error.text("en"), "key": error.key}, stream=True)
+        output.print_message("release.refused", why=error)
+    return ExitCode.FAILED if refused else ExitCode.DONE
+
+
+def grouped_errors(errors: Mapping[str, Json]) -> list[tuple[list[str], DrivebusError]]:
+    """Return equal errors of several drives as one whose ``drive`` names them all."""
+    from drivebus.service.api.errors import error_from_json
+
+    groups: dict[str, tuple[list[str], DrivebusError]] = {}
+    for drive, found in errors.items():
+        error = error_from_json(found)
+        alike = repr((error.key, sorted((k, v) for k, v in found["params"].items() if k != "drive")))
+        groups.setdefault(alike, ([], error))[0].append(drive)
+    for drives, error in groups.values():
+        if "drive" in error.params:
+            error.params = error.params | {"drive": ", ".join(drives)}
+    return list(groups.values())
