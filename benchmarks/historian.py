@@ -217,7 +217,7 @@ def _rollup(level: ResolutionLevel, tag: int, start: int, per_point: int, values
         high=[round(value + 0.5, 2) for value in middle],
         quality=bytes(len(times)),
     )
-    return Block(level, tag, start, 0, encode_points(start, grain.width_ms, points))
+    return Block(level, tag, start, 0, encode_points(points))
 
 
 SPANS_MS = {

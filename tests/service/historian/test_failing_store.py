@@ -19,7 +19,7 @@ from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as historian_module
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import WriteQueue
-from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, trend
+from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, samples_of, trend
 
 HOUR = 3_600_000
 
@@ -187,13 +187,38 @@ async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> No
     assert (tmp_path / "history.db").read_bytes() == b"no database" * 100
 
 
-async def test_tables_of_a_later_version_are_left_alone(database: HistoryDatabase) -> None:
+@pytest.mark.parametrize(("version", "named"), [(99, "later version"), (1, "earlier version")])
+async def test_tables_of_another_version_are_left_alone(database: HistoryDatabase, version: int, named: str) -> None:
+    """Blocks of another version would be misread, and blocks of this one mixed in with them."""
     async with database.historian() as historian:
         connection = historian.writer._store.connection  # type: ignore[attr-defined]
-        await historian._on_writer_thread(lambda: connection.execute("UPDATE meta SET value = 99 WHERE key = 'schema'"))
+        change = f"UPDATE meta SET value = {version} WHERE key = 'schema'"
+        await historian._on_writer_thread(lambda: connection.execute(change))
     async with database.historian() as historian:
-        assert not historian.ok
-        assert "later version" in historian.status()["problem"]
+        historian.append(samples([1.0]))
+        with pytest.raises(ServiceUnavailable):
+            await historian.flush()
+        assert named in historian.status()["problem"]
+
+
+async def test_a_damaged_block_is_named_and_hides_nothing_else(database: HistoryDatabase) -> None:
+    """A trend and an export of its hour fail with its place; the other tag and the other hour are still read."""
+    hour = 3_600_000
+    async with database.historian() as historian:
+        for tag, start_ms in (("a.x", NOON_MS), ("a.x", NOON_MS + hour), ("b.x", NOON_MS)):
+            historian.append(samples([1.0, 2.0], tag=tag, start_ms=start_ms))
+        await compact_all(historian)
+        connection = historian.writer._store.connection  # type: ignore[attr-defined]
+        (id,) = historian.queries.tag_ids(["a.x"]).values()
+        change = "UPDATE block SET data = ? WHERE tag = ? AND start_ms = ? AND level = 0"
+        await historian._on_writer_thread(lambda: connection.execute(change, b"\4garbled", id, NOON_MS))
+        with pytest.raises(ServiceUnavailable, match=f"block 0 {id} {NOON_MS}"):
+            await trend(historian, NOON_MS, NOON_MS + 5000, tag="a.x")
+        with pytest.raises(ServiceUnavailable, match=f"block 0 {id} {NOON_MS}"):
+            await samples_of(historian, "a.x", NOON_MS, NOON_MS + 5000)
+        assert (await trend(historian, NOON_MS, NOON_MS + 5000, tag="b.x"))["mean"] == [1.0, 2.0]
+        later = await trend(historian, NOON_MS + hour, NOON_MS + hour + 5000, tag="a.x")
+        assert later["mean"] == [1.0, 2.0]
 
 
 async def test_a_server_that_restarts_loses_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:

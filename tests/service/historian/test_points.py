@@ -85,7 +85,7 @@ def test_compacted_blocks_contain_every_sample_and_rollup(rows: Rows) -> None:
     raw = [block for block in made.blocks if block.level is ResolutionLevel.RAW]
     numbers = [block.number for block in raw]
     assert numbers == sorted(numbers)
-    decoded = [blocks.decode_samples(block.start_ms, block.data) for block in raw]
+    decoded = [blocks.decode_samples(block.data) for block in raw]
     assert [time for column in decoded for time in column[0]] == columns(rows)[0]
     assert repr([value for column in decoded for value in column[1]]) == repr(columns(rows)[1])
     assert b"".join(column[2] for column in decoded) == columns(rows)[2]
@@ -93,16 +93,16 @@ def test_compacted_blocks_contain_every_sample_and_rollup(rows: Rows) -> None:
         resolution = RESOLUTIONS[fine]
         level_blocks = [block for block in made.blocks if block.level is fine]
         assert all(block.number == (0 if resolution.merged else 100) for block in level_blocks)
-        found = [blocks.decode_points(block.start_ms, resolution.width_ms, block.data) for block in level_blocks]
+        found = [blocks.decode_points(block.data) for block in level_blocks]
         check(points.concat(found), rows, resolution.width_ms)
 
 
 def test_a_steady_signal_takes_a_few_bytes_a_sample() -> None:
     time = [NOON_MS + 1000 * n for n in range(3600)]
     value = [25.0 + (n % 7) / 100 for n in range(3600)]
-    data = blocks.encode_samples(NOON_MS, time, value, bytes(3600))
-    assert len(data) < 3600
-    assert blocks.decode_samples(NOON_MS, data) == (time, value, bytes(3600))
+    data = blocks.encode_samples(time, value, bytes(3600))
+    assert len(data) < 2400
+    assert blocks.decode_samples(data) == (time, value, bytes(3600))
 
 
 @given(SAMPLES)
@@ -115,19 +115,19 @@ def test_a_batch_is_decoded_as_encoded(rows: Rows) -> None:
 def test_damaged_bytes_are_reported() -> None:
     """The checksum of deflate detects a changed byte, unless it changes nothing, and every missing one."""
     time, value = [NOON_MS + n for n in range(50)], [float(n) for n in range(50)]
-    good = blocks.encode_samples(NOON_MS, time, value, bytes(50))
+    good = blocks.encode_samples(time, value, bytes(50))
     damaged = 0
     for at in range(len(good)):
         flipped = good[:at] + bytes([good[at] ^ 0x10]) + good[at + 1 :]
         try:
-            assert blocks.decode_samples(NOON_MS, flipped) == (time, value, bytes(50))
+            assert blocks.decode_samples(flipped) == (time, value, bytes(50))
         except DamagedBlock:
             damaged += 1
         with pytest.raises(DamagedBlock):
-            blocks.decode_samples(NOON_MS, good[:at])
+            blocks.decode_samples(good[:at])
     assert damaged >= len(good) - 1
     with pytest.raises(DamagedBlock):
-        blocks.decode_points(NOON_MS, 1000, good)
+        blocks.decode_points(good)
     batch = blocks.encode_batch([(1, 0, (time, value, bytes(50)))])
     for at in range(len(batch)):
         with pytest.raises(DamagedBlock):

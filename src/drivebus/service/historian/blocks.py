@@ -1,107 +1,88 @@
-"""Binary encoding of stored rows: columns, packed and deflated, little-endian.
+"""Binary encoding of stored rows: columns, packed and deflated, little-endian. ``columns`` describes packed columns.
 
-A block of raw samples: ``<BI`` version 1, n; deflated: n × int32 time steps in ms (the first from the partition's
-start; negative where the clock was set back), n × float64 values (NaN: a gap), n × uint8 qualities.
-A block of a rollup: ``<BI`` 2, n; deflated: n × uint32 point numbers in the partition, n × uint32 counts, n × uint8
-qualities, n × float64 mean, low, high. If low = mean = high in all points: version 3, without low and high.
+A block of raw samples: ``<BI`` version 4, n; deflated: packed times (UTC ms), packed values (NaN: a gap), n × uint8
+qualities.
+A block of a rollup: ``<BI`` 5, n; deflated: packed times (UTC ms), packed counts, n × uint8 qualities, packed means,
+lows and highs. If low = mean = high in all points: version 6, without lows and highs.
+Versions 1 to 3 are in tables of version 1, which ``HistoryStore.open`` refuses.
 """
 
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
-from array import array
 from collections.abc import Iterable, Sequence
-from itertools import accumulate
-from operator import sub
 
+from drivebus.service.historian.columns import (
+    ColumnReader,
+    DamagedBlock,
+    pack,
+    pack_floats,
+    pack_integers,
+    unpack,
+    unpack_floats,
+)
 from drivebus.service.historian.points import Points
 
 _BLOCK_HEADER = struct.Struct("<BI")
-_RAW, _ROLLED, _FLAT = 1, 2, 3
+_RAW, _ROLLED, _FLAT = 4, 5, 6
 _DEFLATE_LEVEL = 1
-"""A higher level saves a tenth and takes twice the time (values with two decimals, 1,700 a block)."""
+"""A higher level saves a hundredth and takes a fifth more time (values with two decimals, 3,600 a block)."""
 
-SampleColumns = tuple[list[int], list[float], bytes]
+SampleColumns = tuple[Sequence[int], Sequence[float], bytes]
 """Times (UTC ms), values (NaN: a gap), quality codes; in order of arrival."""
 
 
-class DamagedBlock(ValueError):
-    """The bytes of a row are not a valid block."""
+def encode_samples(time: Sequence[int], value: Sequence[float], quality: bytes) -> bytes:
+    return _pack_block(_RAW, len(time), pack_integers(time) + pack_floats(value) + quality)
 
 
-def pack(code: str, numbers: Iterable[float]) -> bytes:
-    """Return numbers of one ``array`` type code as little-endian bytes."""
-    found = array(code, numbers)
-    if sys.byteorder == "big":
-        found.byteswap()
-    return bytes(found.tobytes())
-
-
-def unpack(code: str, data: bytes) -> list[int]:
-    found = array(code)
-    found.frombytes(data)
-    if sys.byteorder == "big":
-        found.byteswap()
-    return found.tolist()
-
-
-def unpack_floats(data: bytes) -> list[float]:
-    return unpack("d", data)  # type: ignore[return-value]
-
-
-def encode_samples(start_ms: int, time: Sequence[int], value: Sequence[float], quality: bytes) -> bytes:
-    """Encode samples of the partition that starts at ``start_ms``."""
-    steps = map(sub, time, [start_ms, *time[:-1]])
-    body = pack("i", steps) + pack("d", value) + quality
-    return _BLOCK_HEADER.pack(_RAW, len(time)) + zlib.compress(body, _DEFLATE_LEVEL)
-
-
-def decode_samples(start_ms: int, data: bytes) -> SampleColumns:
+def decode_samples(data: bytes) -> SampleColumns:
     """Decode samples. Raises DamagedBlock."""
-    _, n, body = _unpack_block(data, {_RAW: 13})
-    time = list(accumulate(unpack("i", body[: 4 * n]), initial=start_ms))[1:]
-    return time, unpack_floats(body[4 * n : 12 * n]), body[12 * n :]
+    _, n, columns = _unpack_block(data, {_RAW})
+    samples = columns.integers(), columns.floats(), columns.take(n)
+    columns.close()
+    return samples
 
 
-def encode_points(start_ms: int, width_ms: int, points: Points) -> bytes:
-    """Encode points of ``width_ms`` of the partition that starts at ``start_ms``."""
-    places = pack("I", [(time - start_ms) // width_ms for time in points.time])
+def encode_points(points: Points) -> bytes:
+    body = pack_integers(points.time) + pack_integers(points.count) + points.quality + pack_floats(points.mean)
+    if _is_flat(points):
+        return _pack_block(_FLAT, len(points), body)
+    return _pack_block(_ROLLED, len(points), body + pack_floats(points.low) + pack_floats(points.high))
+
+
+def _is_flat(points: Points) -> bool:
+    """Return whether low, mean and high are the same, bit by bit."""
+    if points.low is points.mean is points.high:
+        return True
     low, mean, high = (pack("d", column) for column in (points.low, points.mean, points.high))
-    flat = low == mean == high
-    body = places + pack("I", points.count) + points.quality + mean + (b"" if flat else low + high)
-    return _BLOCK_HEADER.pack(_FLAT if flat else _ROLLED, len(points)) + zlib.compress(body, _DEFLATE_LEVEL)
+    return low == mean == high
 
 
-def decode_points(start_ms: int, width_ms: int, data: bytes) -> Points:
+def decode_points(data: bytes) -> Points:
     """Decode points. Raises DamagedBlock."""
-    kind, n, body = _unpack_block(data, {_ROLLED: 33, _FLAT: 17})
-    time = _point_times(start_ms, width_ms, unpack("I", body[: 4 * n]))
-    mean = unpack_floats(body[9 * n : 17 * n])
-    low, high = (mean, mean) if kind == _FLAT else (unpack_floats(body[17 * n : 25 * n]), unpack_floats(body[25 * n :]))
-    return Points(
-        time=time, count=unpack("I", body[4 * n : 8 * n]), low=low, mean=mean, high=high, quality=body[8 * n : 9 * n]
-    )
+    kind, n, columns = _unpack_block(data, {_ROLLED, _FLAT})
+    time, count, quality, mean = columns.integers(), columns.integers(), columns.take(n), columns.floats()
+    low, high = (mean, mean) if kind == _FLAT else (columns.floats(), columns.floats())
+    columns.close()
+    return Points(time=time, count=count, low=low, mean=mean, high=high, quality=quality)
 
 
-def _point_times(start_ms: int, width_ms: int, places: list[int]) -> list[int]:
-    first, last = places[0], places[-1]
-    if last - first == len(places) - 1:
-        return list(range(start_ms + first * width_ms, start_ms + last * width_ms + 1, width_ms))
-    return [start_ms + place * width_ms for place in places]
+def _pack_block(kind: int, n: int, body: bytes) -> bytes:
+    return _BLOCK_HEADER.pack(kind, n) + zlib.compress(body, _DEFLATE_LEVEL)
 
 
-def _unpack_block(data: bytes, sizes: dict[int, int]) -> tuple[int, int, bytes]:
-    """Return kind, number of points and inflated bytes. ``sizes``: bytes a point of the allowed kinds."""
+def _unpack_block(data: bytes, kinds: set[int]) -> tuple[int, int, ColumnReader]:
+    """Return kind, number of points and columns of a block of one of these kinds."""
     try:
         kind, n = _BLOCK_HEADER.unpack_from(data)
         body = zlib.decompress(data[_BLOCK_HEADER.size :])
     except (struct.error, zlib.error) as error:
         raise DamagedBlock(str(error)) from error
-    if n == 0 or sizes.get(kind, -1) * n != len(body):
-        raise DamagedBlock(f"kind {kind}: {len(body)} bytes for {n} points")
-    return kind, n, body
+    if n == 0 or kind not in kinds:
+        raise DamagedBlock(f"kind {kind} with {n} points")
+    return kind, n, ColumnReader(body, n)
 
 
 _BATCH_GROUP = struct.Struct("<qqq")
@@ -125,7 +106,7 @@ def decode_batch(data: bytes) -> list[tuple[int, int, SampleColumns]]:
     at = 4 + _BATCH_GROUP.size * rows
     if at + 17 * sum(n for _, _, n in heads) != len(data):
         raise DamagedBlock(f"{len(data)} bytes for {rows} groups")
-    found = []
+    found: list[tuple[int, int, SampleColumns]] = []
     for tag, first, n in heads:
         values, qualities, end = at + 8 * n, at + 16 * n, at + 17 * n
         samples = unpack("q", data[at:values]), unpack_floats(data[values:qualities]), data[qualities:end]

@@ -11,7 +11,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
 from threading import Lock
 
 from drivebus.service.config.model import HistoryConfig
@@ -23,6 +22,7 @@ from drivebus.service.historian.points import (
     RESOLUTIONS,
     Points,
     ResolutionLevel,
+    bucket_ranges,
     concat,
     points_of_samples,
     roll_up,
@@ -128,12 +128,10 @@ def _raw_blocks(tag: int, first: int, samples: SampleColumns) -> Iterator[Block]
     """Yield raw blocks in order of arrival: a clock that jumps to another hour and back makes a block each time."""
     time, value, quality = samples
     length = RESOLUTIONS[ResolutionLevel.RAW].partition_ms
-    index = 0
-    for hour, run in groupby(moment // length for moment in time):
-        end = index + sum(1 for _ in run)
-        data = blocks.encode_samples(hour * length, time[index:end], value[index:end], quality[index:end])
-        yield Block(ResolutionLevel.RAW, tag, hour * length, first + index, data)
-        index = end
+    for begin, end in bucket_ranges(time, length):
+        start_ms = time[begin] // length * length
+        data = blocks.encode_samples(time[begin:end], value[begin:end], quality[begin:end])
+        yield Block(ResolutionLevel.RAW, tag, start_ms, first + begin, data)
 
 
 def _rollup_blocks(
@@ -143,10 +141,8 @@ def _rollup_blocks(
     for start_ms, part in split_partitions(points, resolution.partition_ms):
         stored = find_block(level, tag, start_ms) if resolution.merged else None
         if stored is not None:
-            part = roll_up(
-                concat([blocks.decode_points(start_ms, resolution.width_ms, stored), part]), resolution.width_ms
-            )
-        data = blocks.encode_points(start_ms, resolution.width_ms, part)
+            part = roll_up(concat([blocks.decode_points(stored), part]), resolution.width_ms)
+        data = blocks.encode_points(part)
         yield Block(level, tag, start_ms, 0 if resolution.merged else first, data)
 
 

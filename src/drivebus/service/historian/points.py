@@ -89,7 +89,9 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
 
     A bad sample becomes a gap whatever its value, so that no stale value is shown as live.
     """
-    known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
+    known = [1] * len(time)
+    if BAD in quality or not math.isfinite(sum(value)):
+        known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
     if 0 in known:
         value = [number if one else math.nan for number, one in zip(value, known, strict=True)]
     return sorted_by_time(Points(time=time, count=known, low=value, mean=value, high=value, quality=quality))
@@ -133,14 +135,16 @@ def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
 
 def _slice(points: Points, a: int, b: int) -> Points:
     time, count, low, mean, high, quality = points.columns()
-    return Points(time=time[a:b], count=count[a:b], low=low[a:b], mean=mean[a:b], high=high[a:b], quality=quality[a:b])
+    lows = low[a:b]
+    means, highs = (lows, lows) if low is mean is high else (mean[a:b], high[a:b])
+    return Points(time=time[a:b], count=count[a:b], low=lows, mean=means, high=highs, quality=quality[a:b])
 
 
-def _bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
-    """Return begin and end index of each bucket of ``width_ms`` in a sorted column."""
+def bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
+    """Return begin and end index of each run of neighbours in the same bucket of ``width_ms``."""
     if not time:
         return []
-    if (time[-1] - time[0]) // width_ms * 8 > len(time):
+    if (time[-1] - time[0]) // width_ms * 8 > len(time) or time != sorted(time):
         keys = [moment // width_ms for moment in time]
         changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
         return list(zip([0, *changes], [*changes, len(keys)], strict=True))
@@ -155,10 +159,12 @@ def _bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
 def roll_up(points: Points, width_ms: int) -> Points:
     """Roll up sorted points to one point for each non-empty bucket of ``width_ms``, counted from 1970."""
     time, count, low, mean, high, quality = points.columns()
-    runs = _bucket_ranges(time, width_ms)
+    if len(time) <= 1 or (time[-1] - time[0]) // (len(time) - 1) * 2 > width_ms:  # perhaps one in each bucket
+        starts = [moment // width_ms * width_ms for moment in time]
+        if all(map(ne, starts, starts[1:])):
+            return Points(time=starts, count=count, low=low, mean=mean, high=high, quality=quality)
+    runs = bucket_ranges(time, width_ms)
     starts = [time[begin] // width_ms * width_ms for begin, _ in runs]
-    if len(runs) == len(time):
-        return Points(time=starts, count=count, low=low, mean=mean, high=high, quality=quality)
     rolled = _roll_up_complete if 0 not in count else _roll_up_with_gaps
     counts, lows, means, highs = rolled(runs, count, low, mean, high)
     all_good = quality.count(GOOD) == len(quality)
@@ -212,7 +218,7 @@ def _combined_quality(codes: bytes) -> int:
 
 def split_partitions(points: Points, width_ms: int) -> Iterable[tuple[int, Points]]:
     """Yield the start (ms) and the points of each partition of ``width_ms``; ``points`` are sorted."""
-    for a, b in _bucket_ranges(points.time, width_ms):
+    for a, b in bucket_ranges(points.time, width_ms):
         yield points.time[a] // width_ms * width_ms, _slice(points, a, b)
 
 

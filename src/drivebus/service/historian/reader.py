@@ -7,10 +7,12 @@ shows which copied samples became blocks in between, so that none is missing and
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivebus.service.historian import blocks
-from drivebus.service.historian.blocks import DamagedBlock, SampleColumns
+from drivebus.service.historian.blocks import SampleColumns
+from drivebus.service.historian.columns import DamagedBlock
 from drivebus.service.historian.compaction import OpenBlocks
 from drivebus.service.historian.points import (
     RESOLUTIONS,
@@ -77,7 +79,7 @@ class HistoryReader:
         """Return the samples of each tag with their numbers, in order of arrival."""
         found = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
         fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
-        runs = [(row.tag, row.number, blocks.decode_samples(row.start_ms, row.data)) for row in rows]
+        runs = [(row.tag, row.number, _decode_samples(row)) for row in rows]
         for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=_run_order):
             found[tag] = _append_in_range(found[tag], first, samples, from_ms, to_ms)
         return found
@@ -114,10 +116,22 @@ def _skip_compacted(first: int, samples: SampleColumns, first_uncompacted: int) 
 
 
 def _decode_block(row: Block) -> Points:
+    if row.level is ResolutionLevel.RAW:
+        return points_of_samples(*_decode_samples(row))
+    with _damage_named(row):
+        return blocks.decode_points(row.data)
+
+
+def _decode_samples(row: Block) -> SampleColumns:
+    with _damage_named(row):
+        return blocks.decode_samples(row.data)
+
+
+@contextmanager
+def _damage_named(row: Block) -> Iterator[None]:
+    """Turn DamagedBlock into a StoreError that names the row."""
     try:
-        if row.level is ResolutionLevel.RAW:
-            return points_of_samples(*blocks.decode_samples(row.start_ms, row.data))
-        return blocks.decode_points(row.start_ms, RESOLUTIONS[row.level].width_ms, row.data)
+        yield
     except DamagedBlock as error:
         raise StoreError(f"block {row.level} {row.tag} {row.start_ms}: {error}") from error
 
@@ -128,5 +142,5 @@ def _append_in_range(
     time, value, quality = samples
     wanted = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
     number = found.number + [first + n for n in wanted]
-    times, values = found.samples[0] + [time[n] for n in wanted], found.samples[1] + [value[n] for n in wanted]
+    times, values = [*found.samples[0], *(time[n] for n in wanted)], [*found.samples[1], *(value[n] for n in wanted)]
     return NumberedSamples(number, (times, values, found.samples[2] + bytes([quality[n] for n in wanted])))

@@ -14,8 +14,8 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from drivebus.service.historian.points import ResolutionLevel
 
-SCHEMA_VERSION = 1
-"""Version of the tables; a store of a later version is not touched."""
+SCHEMA_VERSION = 2
+"""Version of the tables and of the encoding of their rows; a store of another version is not touched."""
 
 
 class StoreError(Exception):
@@ -200,6 +200,11 @@ class HistoryStore:
         version = self.connection.version()
         if version > SCHEMA_VERSION:
             raise StoreError(f"made by a later version of drivebus (tables {version}, known {SCHEMA_VERSION})")
+        if 0 < version < SCHEMA_VERSION:
+            raise StoreError(
+                f"made by an earlier version of drivebus (tables {version}, known {SCHEMA_VERSION}): move it away, "
+                "and a new history begins"
+            )
         if version == 0 and not self._reader:
             self._make_tables()
         columns = ("id", "name", "unit", "en", "zh", "first_uncompacted")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from array import array
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -19,7 +20,8 @@ from threading import Lock
 from drivebus import clock
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
-from drivebus.service.historian.blocks import DamagedBlock, SampleColumns, decode_batch, encode_batch
+from drivebus.service.historian.blocks import SampleColumns, decode_batch, encode_batch
+from drivebus.service.historian.columns import DamagedBlock
 from drivebus.service.historian.compaction import OpenBlocks, compact_samples
 from drivebus.service.historian.points import CODE_BY_QUALITY
 from drivebus.service.historian.store import (
@@ -128,10 +130,12 @@ class WriteQueue:
             return taken
 
 
-def sample_value(sample: Sample) -> float:
-    """Return a sample's value; NaN, which stands for a gap, if it has none."""
-    value = sample.value
-    return value if value is not None and math.isfinite(value) else math.nan
+def sample_values(samples: Sequence[Sample]) -> array[float]:
+    """Return the samples' values; NaN, which stands for a gap, for one that has none or is infinite."""
+    values = [sample.value for sample in samples]
+    if None not in values and math.isfinite(sum(values)):  # type: ignore[arg-type]
+        return array("d", values)  # type: ignore[arg-type]
+    return array("d", [math.nan if value is None or math.isinf(value) else value for value in values])
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +203,9 @@ class BatchBuilder:
 
 
 def _sample_columns(samples: list[Sample]) -> SampleColumns:
-    time_ms = [sample.time_ms for sample in samples]
     return (
-        time_ms,
-        [sample_value(sample) for sample in samples],
+        array("q", [sample.time_ms for sample in samples]),
+        sample_values(samples),
         bytes([CODE_BY_QUALITY[sample.quality] for sample in samples]),
     )
 
