@@ -20,6 +20,7 @@ from generator import (
     profile_tables,
     python_reference,
     rest_reference,
+    security,
     verification,
 )
 from verification import ids
@@ -53,6 +54,9 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
     page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
     yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
+    page = root / "docs" / "explanation" / f"security{suffix}.md"
+    standards = {name: security.requirements(name, language) for name in ("asvs", "iec62443")}
+    yield page, _fill_marks(page, standards | {"attacks": security.attacks(language)})
     page = root / "docs" / "explanation" / f"timing{suffix}.md"
     yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
     page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"

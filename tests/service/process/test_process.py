@@ -171,6 +171,29 @@ def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_r
     assert any(f"{state} can't be written: Read-only file system" in line for line in log.splitlines())
 
 
+def test_a_reload_signal_during_the_start_ends_nothing(tmp_path: Path) -> None:
+    """It ended the process, and systemd, which counts that as a clean end, did not start it again."""
+    file = write(tmp_path)
+    code = (
+        "import os, signal, sys\n"
+        "import drivebus.service.config.load\n"
+        "module = sys.modules['drivebus.service.config.load']\n"
+        "real = module.load\n"
+        "module.load = lambda source: os.kill(os.getpid(), signal.SIGHUP) or real(source)\n"
+        "from drivebus.cli.main import main\n"
+        f"sys.argv = ['drivebus', 'serve', {str(file)!r}, '--without', 'web']\n"
+        "main()\n"
+    )
+    process = subprocess.Popen([sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None and process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
 def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: Path) -> None:
     """A closed terminal ends the service; otherwise it would keep running with its port."""
     file, (master, slave) = write(tmp_path), os.openpty()

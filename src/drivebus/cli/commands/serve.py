@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 from typing import TYPE_CHECKING
 
 from drivebus.cli import output
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 
 def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # a reload during the start; systemd counts an end by it as clean
     from drivebus.service.config.gateways import installed_gateways
     from drivebus.service.config.load import load
     from drivebus.service.process.logging_setup import configure_logging

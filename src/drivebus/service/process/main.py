@@ -127,6 +127,8 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
     for one in TERMINATION_SIGNALS:
         loop.add_signal_handler(one, ending.set)
     loop.add_signal_handler(signal.SIGHUP, lambda: ending.set() if terminal_is_gone() else reload())
+    if terminal_is_gone():  # during the start, when SIGHUP is ignored
+        ending.set()
     try:
         yield reloads
     finally:

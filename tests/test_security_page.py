@@ -1,0 +1,86 @@
+"""Data of the security page: complete, in both languages, and each named test exists."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from drivebus.service.auth.devices import DEVICE_KEY_FILE
+from drivebus.service.auth.rights import Right, Role
+from drivebus.service.auth.service import SETUP_SECRET_FILE, AuthService
+from drivebus.service.auth.sessions import SessionStore, secret_digest
+from drivebus.service.auth.users import USER_FILE, Token, User, UserDatabase
+from fixtures.web_app import FAST_HASHER
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "docs" / "security"
+LEVELS = {"asvs": {"1": 70, "2": 183}, "iec62443": {"1": 34, "2": 19}}
+"""Requirements of each level: ASVS 5.0.0, and IEC 62443-4-2 for a software application."""
+CHINESE = re.compile(r"[\u3000-\u9fff\uff00-\uffef]")
+MAX_NAME_LENGTH = 24  # argon2id, no-store, 4xx: names that are the same in both languages
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    with (FOLDER / f"{name}.tsv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
+
+
+@pytest.mark.parametrize("name", ["asvs", "iec62443", "attacks"])
+def test_each_named_test_exists(name: str) -> None:
+    for row in rows(name):
+        path, _, test = row["evidence"].partition("::")
+        if path:
+            text = (ROOT / path).read_text(encoding="utf-8")
+            assert not test or re.search(rf"^(async )?def {test}\(", text, re.MULTILINE), row
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_every_requirement_is_listed_once_with_its_state(name: str) -> None:
+    found = rows(name)
+    assert Counter(row["level"] for row in found) == LEVELS[name]
+    assert len({row["number"] for row in found}) == len(found)
+    assert {row["state"] for row in found} == {"met", "na", "missing"}
+    assert [row["number"] for row in found if (row["state"] == "met") is not bool(row["evidence"])] == []
+    assert [row["number"] for row in found if row["state"] != "met" and not row["reason_en"]] == []
+
+
+@pytest.mark.parametrize("name", ["asvs", "iec62443", "attacks"])
+def test_every_text_is_in_both_languages(name: str) -> None:
+    for row in rows(name):
+        for column in (key.removesuffix("_en") for key in row if key.endswith("_en")):
+            en, zh = row[f"{column}_en"], row[f"{column}_zh"]
+            assert bool(en) is bool(zh), row
+            assert not CHINESE.search(en), row
+            assert CHINESE.search(zh) or (en == zh and len(zh) <= MAX_NAME_LENGTH), row
+
+
+@pytest.mark.parametrize("page", ["security.md", "security.zh.md"])
+def test_every_key_of_the_state_directory_is_on_the_page(page: str) -> None:
+    text = (ROOT / "docs" / "explanation" / page).read_text(encoding="utf-8")
+    for file in (USER_FILE, SessionStore(ROOT).path.name, DEVICE_KEY_FILE, SETUP_SECRET_FILE, "NAME.audit.key"):
+        assert f"`{file}`" in text
+
+
+def test_a_token_outlives_a_new_password_and_rests_while_its_user_is_disabled(tmp_path: Path) -> None:
+    """It belongs to a program; the page says so, and how to withdraw it."""
+    auth = AuthService(tmp_path)
+    user = User("report", Role.VIEWER, FAST_HASHER.hash("first"), 0)
+    token = Token(
+        id="t",
+        name="t",
+        user="report",
+        rights=(Right.VIEW,),
+        digest=secret_digest("dbt_secret"),
+        created_ms=0,
+        expires_ms=auth.wall_ms() + 60_000,
+    )
+    auth.user_file.change(lambda _: UserDatabase().with_user(user).with_token(token))
+    for password, disabled, valid in (("second", False, True), ("second", True, False), ("second", False, True)):
+        changed = User("report", Role.VIEWER, FAST_HASHER.hash(password), 0, disabled)
+        auth.user_file.change(lambda database, changed=changed: database.with_changed_user(changed))  # type: ignore[misc]
+        found = auth.token_credential("dbt_secret", "10.0.0.9")
+        assert (found is not None and Right.VIEW in found.actor.rights) is valid
