@@ -10,12 +10,14 @@ from typing import Any
 
 import pytest
 
-from drivebus.capture.dbcap import read_capture
+from drivebus.capture.dbcap import CaptureHeader, read_capture
 from drivebus.drives import MemoryStore
 from drivebus.errors import NotFound
+from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.app import Service
 from drivebus.service.incidents import IncidentStore
+from drivebus.service.incidents.store import MAX_NOTES
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.testing.virtual_time import run
@@ -73,6 +75,10 @@ def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: 
             assert 20 < len(incident["frames"]) <= 200
             assert [item["text"]["en"] for item in incident["events"] if item["kind"] == "command"]
             assert {"F0.1", "F9.3", "F9.4"} <= incident["parameters"].keys()
+            assert incident["parameters"]["F0.1"]["text"]["en"]
+            shown = await kit.call("parameters.read", drive="fan-1", names=["F9.4"])
+            assert incident["parameters"]["F9.4"] == shown["parameters"]["F9.4"], "the drive's page shows the same"
+            assert shown["parameters"]["F9.4"]["reason"] == "drives.item_not_echoed", "not a rejection: 0 in a fault"
             (tmp_path / "x.dbcap").write_text(incident["capture"]["text"])
             assert len(read_capture(tmp_path / "x.dbcap").records) > 20
 
@@ -104,6 +110,35 @@ def test_acknowledged_and_shelved_alarms_are_in_the_log_after_a_restart(tmp_path
                 await kit.call("incidents.get", incident="000009-fan-1")
 
     run(scenario())
+
+
+def test_a_note_on_an_incident_keeps_its_author_and_time_over_a_restart(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with service_with_logs(tmp_path) as kit:
+            id = (await trip(kit))["incident"]
+            assert (await kit.call("incidents.get", incident=id))["notes"] == []
+            await kit.call("incident.note", remote_actor(), incident=id, note="bearing seized")
+            found = await kit.call("incident.note", incident=id, note="bearing exchanged")
+            assert [(note["by"], note["text"]) for note in found["notes"]] == [
+                ("ann", "bearing seized"),
+                ("tester", "bearing exchanged"),
+            ]
+            assert kit.trail.outcomes("incident.note") == ["requested", "done", "requested", "done"]
+            with pytest.raises(NotFound):
+                await kit.call("incident.note", incident="000009-fan-1", note="nothing here")
+        async with service_with_logs(tmp_path) as kit:
+            assert (await kit.call("incidents.get", incident=id))["notes"] == found["notes"]
+
+    run(scenario())
+
+
+def test_the_notes_of_an_incident_are_bounded(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path)
+    id = store.write("fan-1", {"time_ms": 0, "drive": "fan-1"}, {}, CaptureHeader(SerialSettings(), "", "", ""), [])
+    for n in range(MAX_NOTES + 1):
+        store.add_note(id, {"text": str(n)})
+    notes = store.get(id)["notes"]
+    assert (len(notes), notes[0]["text"], notes[-1]["text"]) == (MAX_NOTES, "1", str(MAX_NOTES))
 
 
 def test_a_failing_incident_store_is_an_alarm_until_it_works_again(tmp_path: Path) -> None:

@@ -101,6 +101,10 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
     with page.expect_download() as saved:
         page.get_by_role("button", name=word("save_capture")).click()
     assert saved.value.suggested_filename.endswith(".dbcap") and saved.value.path().stat().st_size > 200
+    page.locator(".notes input").fill("bearing exchanged")
+    page.locator(".notes button[type=submit]").click()
+    expect(page.locator(".notes li")).to_contain_text(["bearing exchanged"])
+    expect(page.locator(".notes li b")).to_have_text("operator")
     page.route("**/api/v1/incidents/*", unread)
     page.reload()
     parameters = page.get_by_role("region", name=word("incident_parameters")).locator("tbody tr")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from drivebus.drives.dialects.base import without_item_echo
 from drivebus.drives.operations.context import OperationContext, with_note
@@ -69,9 +70,15 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
         return missing_reading("drives.no_answer", parameter.unit)
     raw = op.dialect.parameter_raw(answer.reply)
     if raw is None:
-        return missing_reading("drives.read_refused", parameter.unit)
+        return missing_reading(_missing_reason(op, answer.reply), parameter.unit)
     reading = op.dialect.parameter_reading(parameter, raw, answer.received_at)
     return reading if op.dialect.names_parameter(answer.reply) else without_item_echo(reading)
+
+
+def _missing_reason(op: OperationContext, reply: Any) -> str:
+    """Return why a reply has no value. In a fault a C320 replies 0 also to a read that it did not execute."""
+    is_named = op.dialect.names_parameter(reply) or op.dialect.rejection(reply) is not None
+    return "drives.read_refused" if is_named else "drives.item_not_echoed"
 
 
 def write_values(

@@ -44,7 +44,7 @@ from drivebus.types import Json
 
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
-TARGET_PARAMS = ("drive", "group", "alarm", "bus")
+TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")
 
 
 class Dispatcher:

@@ -105,16 +105,17 @@ def reading_json(reading: Reading) -> Json:
 
 
 def readings_json(profile: DriveProfile, found: Mapping[str, Reading]) -> Json:
-    """Return readings by the names under which they were read, each with its wire address."""
-    return {name: reading_json(one) | {"address_hex": address_hex(profile, name)} for name, one in found.items()}
+    """Return readings by the names under which they were read, each with its wire address and its text."""
+    return {name: reading_json(one) | _entry_json(profile, name) for name, one in found.items()}
 
 
-def address_hex(profile: DriveProfile, name: str) -> str | None:
-    """Return the wire address of a parameter or signal by any of its names; None for an unknown name."""
+def _entry_json(profile: DriveProfile, name: str) -> Json:
+    """Return wire address and text of a parameter or signal by any of its names; null for an unknown name."""
     try:
-        return locator_hex(find_entry(profile, name).locator)
+        entry = find_entry(profile, name)
     except ProfileError:
-        return None
+        return {"address_hex": None, "text": None}
+    return {"address_hex": locator_hex(entry.locator), "text": text_json(entry.text)}
 
 
 def locator_hex(locator: Locator) -> str:

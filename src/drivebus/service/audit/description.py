@@ -106,8 +106,9 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield Text("…", "…")
     if params.get("save") is True:
         yield bilingual_text("audit.detail.save")
-    if isinstance(params.get("reason"), str):
-        yield bilingual_text("audit.detail.reason", value=params["reason"])
+    for name in ("reason", "note"):
+        if isinstance(params.get(name), str):
+            yield bilingual_text(f"audit.detail.{name}", value=params[name])
     if isinstance(params.get("what"), str):
         yield action_name(params["what"])
 

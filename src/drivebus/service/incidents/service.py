@@ -8,7 +8,13 @@ from collections.abc import Mapping, Sequence
 from drivebus.service.alarms import Alarm, AlarmChange
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
-from drivebus.service.api.operations.alarms import INCIDENTS_GET, INCIDENTS_LIST, IncidentParams
+from drivebus.service.api.operations.alarms import (
+    INCIDENT_NOTE,
+    INCIDENTS_GET,
+    INCIDENTS_LIST,
+    IncidentNoteParams,
+    IncidentParams,
+)
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.profile_json import readings_json
 from drivebus.service.auth.actor import Actor
@@ -98,3 +104,8 @@ class IncidentService(PlantListener):
     @handles(INCIDENTS_GET)
     async def _get_incident(self, params: IncidentParams, actor: Actor) -> Json:
         return await asyncio.to_thread(self._store.get, params.incident)
+
+    @handles(INCIDENT_NOTE)
+    async def _add_note(self, params: IncidentNoteParams, actor: Actor) -> Json:
+        note = {"time_ms": self._plant.wall_ms(), "by": actor.name, "text": params.note}
+        return {"notes": await asyncio.to_thread(self._store.add_note, params.incident, note)}

@@ -25,6 +25,9 @@ MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
 """All incidents together; beyond it the oldest are deleted."""
 CAPTURE_FILE: Final = "frames.dbcap"
+NOTES_FILE: Final = "notes.json"
+MAX_NOTES: Final = 100
+"""Notes of one incident."""
 WireFrames = Sequence[tuple[float, bool, bytes]]
 """Monotonic second, whether drivebus sent it, its bytes."""
 
@@ -59,8 +62,19 @@ class IncidentStore:
         """Add parameters read from the drive afterwards. Raises NotFound, OSError."""
         atomic_write_private(self._path(id) / "parameters.json", _encode(dict(parameters)))
 
+    def add_note(self, id: str, note: Json) -> list[Json]:
+        """Add a note and return all, oldest first; beyond ``MAX_NOTES`` the oldest is dropped.
+
+        Raises NotFound, OSError.
+        """
+        with self._lock:
+            path = self._path(id) / NOTES_FILE
+            notes = [*_read_notes(path), note][-MAX_NOTES:]
+            atomic_write_private(path, _encode({"notes": notes}))
+            return notes
+
     def get(self, id: str) -> Json:
-        """Return an incident, with ``parameters`` (None if not read) and the bus's frames as ``capture``.
+        """Return an incident, with ``parameters`` (None if not read), ``notes`` and the bus's frames as ``capture``.
 
         Raises NotFound.
         """
@@ -69,7 +83,8 @@ class IncidentStore:
         if found is None:
             raise NotFound("alarms.no_incident", incident=id)
         capture = {"name": f"{id}.dbcap", "text": (path / CAPTURE_FILE).read_text(encoding="utf-8")}
-        return found | {"parameters": _read_json(path / "parameters.json"), "capture": capture}
+        notes = _read_notes(path / NOTES_FILE)
+        return found | {"parameters": _read_json(path / "parameters.json"), "notes": notes, "capture": capture}
 
     def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
@@ -130,6 +145,11 @@ def _read_json(path: Path) -> Json | None:
     except (OSError, ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) else None
+
+
+def _read_notes(path: Path) -> list[Json]:
+    notes: list[Json] = (_read_json(path) or {}).get("notes", [])
+    return notes
 
 
 def _write_capture(path: Path, header: CaptureHeader, frames: WireFrames) -> None:

@@ -39,6 +39,12 @@ class IncidentParams(OperationParams):
     incident: Annotated[Name, Field(examples=["incident-17"])]
 
 
+class IncidentNoteParams(IncidentParams):
+    """Note on an incident: what was found, what was done."""
+
+    note: Reason
+
+
 class ActiveAlarmsResponse(ApiObject):
     """All active alarms."""
 
@@ -119,6 +125,16 @@ INCIDENTS_GET = Operation(
     path="/incidents/{incident}",
     params=IncidentParams,
     summary=Text("One incident with everything recorded around it", "一次故障停机及当时的全部记录"),
+)
+
+INCIDENT_NOTE = Operation(
+    name="incident.note",
+    right=Right.OPERATE,
+    method="POST",
+    path="/incidents/{incident}/notes",
+    params=IncidentNoteParams,
+    audit=Audit.BEST_EFFORT,
+    summary=Text("Add a note to an incident", "为故障停机记录添加备注"),
 )
 
 AUDIT_LIST = Operation(

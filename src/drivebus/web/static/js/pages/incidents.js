@@ -1,11 +1,13 @@
 // Incident: the record of a trip with the signals of the last minute, states, parameters and frames.
-import { html, useMemo } from "../lib.js";
+import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment, quantity, signalName } from "../format.js";
+import { isLive } from "../live.js";
 import { href } from "../router.js";
+import { may } from "../session.js";
 import { styled } from "../style.js";
-import { Button, ErrorNote, Loading, Notice, Table, useLoaded } from "../ui.js";
+import { Button, ErrorNote, Field, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
 import { faultText } from "../drive/faults.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { saveText } from "../parts/save.js";
@@ -16,6 +18,8 @@ import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
 
 await styled("pages");
+
+const MIN_NOTE_LENGTH = 3;
 
 export function Page({ id }) {
   if (id === null) return html`<h1>${t("page.incidents")}</h1><${IncidentList} />`;
@@ -33,7 +37,7 @@ function IncidentDetails({ id }) {
         null, 1))}>${t("page.save_incident")}<//>
       ${found.capture && html`<${Button} icon="download" title=${t("page.save_capture_help")}
         onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("page.save_capture")}<//>`}</div>
-    <${Trip} found=${found} />
+    <${Trip} found=${found} /><${Notes} key=${id} found=${found} />
     <section class="panel stack"><h2>${t("page.incident_signals")}</h2><${Signals} found=${found} /></section>
     <section class="panel stack"><h2>${t("page.incident_states")}</h2><${States} found=${found} /></section>
     <section class="panel stack"><h2>${t("page.incident_parameters")}</h2><${Parameters}
@@ -50,6 +54,28 @@ function Trip({ found }) {
     ${fault && !localized(found.text).includes(localized(fault.text)) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
     ${texts.map(([name, text]) => html`<p key=${name}>
       <b>${t(`page.fault_${name}`)}</b>${t("page.colon")}${localized(text)}</p>`)}<//>`;
+}
+
+/** Notes of people, oldest first, and the field for another one. */
+function Notes({ found }) {
+  const [notes, setNotes] = useState(found.notes ?? []);
+  const [text, setText] = useState("");
+  const [run, busy, error] = useRequest();
+  const send = async (event) => {
+    event.preventDefault();
+    const answer = await run(() => api.post(`/incidents/${encodeURIComponent(found.id)}/notes`, { note: text.trim() }));
+    if (answer) { setNotes(answer.notes); setText(""); }
+  };
+  return html`<section class="panel stack notes"><h2>${t("page.incident_notes")}</h2>
+    ${notes.length === 0 && html`<p class="help">${t("page.no_notes")}</p>`}
+    <ol class="plain">${notes.map((note, n) => html`<li key=${n}><b>${note.by}</b> <time>${moment(note.time_ms)}</time>
+      <p>${note.text}</p></li>`)}</ol>
+    ${may("operate") && html`<form class="row" onSubmit=${send}>
+      <${Field} label=${t("page.note_new")} help=${t("page.note_help")}><input value=${text} maxlength="500"
+        onInput=${(event) => setText(event.target.value)} /><//>
+      <button class="button main" type="submit" disabled=${busy || !isLive.value
+        || text.trim().length < MIN_NOTE_LENGTH}>${t("page.note_add")}</button></form>`}
+    <${ErrorNote} error=${error} /></section>`;
 }
 
 /** States of the drive, in seconds before the trip. */
@@ -80,7 +106,8 @@ function Parameters({ parameters }) {
   if (!parameters) return html`<p class="help">${t("page.parameters_not_read")}</p>`;
   const rows = Object.entries(parameters ?? {});
   const columns = [
-    [t("page.parameter"), ([name]) => html`<code>${name}</code>`],
+    [t("page.notation"), ([name]) => html`<code>${name}</code>`],
+    [t("page.parameter"), ([, one]) => localized(one.text), "wide"],
     [t("page.wire_address_title"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
     [t("page.value"), ([, one]) => valueOrReason(one), "right"],
     [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],
