@@ -8,10 +8,12 @@ import { isLive } from "./live.js";
 /** Ignore the key repeat of Enter: a held key presses a button once. */
 const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
-/** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited. */
-export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", ...rest }) {
-  return html`<button type="button" class=${`button ${kind} ${more}`} disabled=${disabled || busy}
-    aria-busy=${busy ? "true" : undefined} onKeyDown=${ignoreRepeat} ...${rest}>
+/** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited: the button
+ * does nothing but keeps the focus, which a disabled one loses. */
+export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", onClick, ...rest }) {
+  return html`<button type="button" class=${`button ${kind} ${more}`} disabled=${disabled}
+    aria-busy=${busy ? "true" : undefined} aria-disabled=${busy ? "true" : undefined} onKeyDown=${ignoreRepeat}
+    onClick=${busy ? undefined : onClick} ...${rest}>
     ${icon && html`<${Icon} name=${icon} />`}${children}</button>`;
 }
 

@@ -1,0 +1,50 @@
+"""Keyboard focus, and whether what can be pressed looks like it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus import i18n
+from fixtures.browser import Stage
+
+FOCUSED = "() => document.activeElement.closest('section, dialog')?.className ?? document.activeElement.tagName"
+
+
+def test_the_focus_stays_in_the_control_panel_while_its_buttons_come_and_go(stage: Stage, visit: Any) -> None:
+    """After Take control, Cancel of a start and Release the next Tab leads on from there; no button is focused."""
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1")
+    page.locator("[data-do=take]").press("Enter")
+    page.wait_for_selector(".lease.own")
+    assert "control" in page.evaluate(FOCUSED)
+    assert page.evaluate("document.activeElement.tagName") == "SECTION"
+    page.fill(".control .frequency input[inputmode=decimal]", "20")
+    page.locator("[data-step=first]").press("Enter")
+    page.locator(".confirm").press("Escape")
+    page.locator("[data-step=first]").wait_for()
+    assert "control" in page.evaluate(FOCUSED)
+    page.locator(".lease .button").press("Enter")
+    page.wait_for_selector("[data-do=take]")
+    assert "control" in page.evaluate(FOCUSED)
+    page.mouse.click(2, 400)  # the ground of the page: the focus does not jump back
+    page.wait_for_timeout(50)
+    assert page.evaluate("document.activeElement.tagName") == "MAIN"
+
+
+def test_a_window_returns_the_focus_and_its_opener_looks_like_an_action(stage: Stage, visit: Any) -> None:
+    page = visit("#/drive/fan-1")
+    opener = page.get_by_role("button", name=i18n.text("page.limits_change", "en"))
+    opener.wait_for()
+    assert opener.evaluate("one => getComputedStyle(one).textDecorationLine") == "underline"
+    opener.press("Enter")
+    page.keyboard.press("Escape")
+    page.locator("dialog").wait_for(state="detached")
+    assert opener.evaluate("one => one === document.activeElement")
+
+
+def test_a_check_box_keeps_its_size_beside_a_long_label(visit: Any) -> None:
+    page = visit("#/settings?tab=configuration", role="administrator", size=(360, 740))
+    box = page.locator(".check input").first
+    box.wait_for()
+    box.evaluate("one => one.parentElement.append(' a label of many words that wrap on a phone'.repeat(3))")
+    assert box.bounding_box()["width"] == 20
