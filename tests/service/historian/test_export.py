@@ -142,3 +142,49 @@ async def test_a_parquet_export_continues_only_at_its_last_part(database: Histor
         with pytest.raises(InvalidParameters):
             await historian.queries.export(export_params(format="parquet", cursor=started[0]["next"]))
         await historian.queries.export(export_params(format="parquet", cursor=started[-1]["next"]))
+
+
+async def test_a_wide_export_has_one_column_a_tag_and_one_row_a_time(database: HistoryDatabase) -> None:
+    """A sample of another time leaves the cell empty, and so does a value of bad quality."""
+    async with database.historian() as historian:
+        await fill(historian)
+        found = await rows(historian, layout="wide")
+    assert [[*row.values()] for row in found[:3]] == [
+        ["2026-01-01T12:00:00.000Z", "-1.5", ""],
+        ["2026-01-01T12:00:00.500Z", "", "20.0"],
+        ["2026-01-01T12:00:01.000Z", "", ""],
+    ]
+    assert [*found[0]] == ["time", TAGS[0], f"{TAGS[1]} [=cmd|'/C calc'!A0]"]
+
+
+async def test_a_wide_export_of_rollups_joins_the_means_of_one_time(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        await fill(historian)
+        found = await rows(historian, layout="wide", resolution="1s")
+    assert [[*row.values()] for row in found] == [
+        ["2026-01-01T12:00:00.000Z", "-1.5", "20.0"],
+        ["2026-01-01T12:00:01.000Z", "", "21.0"],
+        ["2026-01-01T12:00:02.000Z", "3.25", ""],
+        ["2026-01-01T13:00:00.000Z", "9.0", ""],
+    ]
+
+
+async def test_the_parts_of_a_wide_export_are_the_whole_file(
+    database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with database.historian() as historian:
+        await fill(historian)
+        whole = await rows(historian, layout="wide")
+        monkeypatch.setattr(export, "CSV_ROWS_PER_PART", 2)
+        assert len(await parts(historian, layout="wide")) > 2
+        assert await rows(historian, layout="wide") == whole
+
+
+async def test_an_export_in_local_time_names_its_zone_in_the_heading(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        await fill(historian)
+        found = await rows(historian, timezone="Asia/Shanghai")
+        assert found[1]["time (Asia/Shanghai)"] == "2026-01-01 20:00:00.500"
+        for wrong in ({"timezone": "Asia/Nowhere"}, {"format": "parquet", "layout": "wide"}):
+            with pytest.raises(InvalidParameters):
+                await parts(historian, **wrong)

@@ -256,13 +256,13 @@ def test_records_are_joined_to_deeds_by_the_number_of_the_request(visit: Any) ->
     page = visit("#/audit")
     numbers = page.evaluate(
         """async () => {
-          const { joinDeeds } = await import("/static/js/pages/audit.js");
+          const m = await import("/static/js/pages/audit.js");
           const record = (n, what, outcome, of = null) => ({ n, what, outcome, of, target: "x", who: { name: "ann" } });
           const entries = [record(9, "drive.run", "requested"), record(8, "user.add", "done"),
             record(7, "drive.stop", "failed", 4), record(6, "user.add", "requested"),
             record(5, "drive.stop", "confirmed"),
             record(4, "drive.stop", "requested"), record(3, "user.add", "requested")];
-          return joinDeeds(entries).map(({ entry, request }) => [entry.n, request?.n ?? null]);
+          return m.joinDeeds(entries).map(({ entry, request }) => [entry.n, request?.n ?? null]);
         }"""
     )
     assert numbers == [[9, None], [8, 6], [7, 4], [5, None], [3, None]]

@@ -321,7 +321,12 @@ def test_signals_are_chosen_stored_in_the_address_and_exported_as_a_file(stage: 
     with page.expect_download() as saved:
         page.click("[data-export=save]")
     assert saved.value.suggested_filename.endswith(".csv")
-    assert "pump-2.output_current" in saved.value.path().read_text()
+    assert "pump-2.output_current [A]" in saved.value.path().read_text().splitlines()[0]  # one column a signal
+    page.get_by_role("button", name=i18n.text("page.export_format_csv")).click()
+    page.locator(".export").get_by_role("button", name="UTC", exact=True).click()
+    with page.expect_download() as saved:
+        page.click("[data-export=save]")
+    assert saved.value.path().read_text().startswith("time,tag,")
 
 
 def test_a_value_of_a_lost_bus_is_not_shown_as_live(stage: Stage, visit: Any) -> None:

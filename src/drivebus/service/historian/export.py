@@ -5,18 +5,22 @@ from __future__ import annotations
 import csv
 import io
 from base64 import b64encode
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from drivebus.errors import ConfigurationError, InvalidParameters
 from drivebus.service.api.errors import param_fault
+from drivebus.service.api.operations.history import UTC as UTC_NAME
 from drivebus.service.api.operations.history import ExportParams
 from drivebus.service.api.paging import decode_cursor, encode_cursor
 from drivebus.service.historian.points import LEVEL_BY_NAME, QUALITY_BY_CODE, RESOLUTIONS, ResolutionLevel
 from drivebus.service.historian.reader import HistoryReader
 from drivebus.service.historian.store import Tag
 from drivebus.types import Json
+from drivebus.values import Quality
 
 ExportRow = tuple[Any, ...]
 
@@ -41,6 +45,44 @@ def escape_formula(text: str) -> str:
 
 def iso_time(time_ms: int) -> str:
     return datetime.fromtimestamp(time_ms / 1000, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def local_time(time_ms: int, zone: ZoneInfo) -> str:
+    """Return a time as spreadsheets read it, without offset: the heading names the zone."""
+    return datetime.fromtimestamp(time_ms / 1000, zone).replace(tzinfo=None).isoformat(" ", "milliseconds")
+
+
+def time_format(timezone: str) -> Callable[[int], str]:
+    """Return the function that writes a time. Raises InvalidParameters for a zone that this computer does not know."""
+    if timezone == UTC_NAME:
+        return iso_time
+    try:
+        return partial(local_time, zone=ZoneInfo(timezone))
+    except (ValueError, OSError, ZoneInfoNotFoundError) as error:
+        raise InvalidParameters(
+            "plant.params", faults=[param_fault("timezone", timezone, "unknown_timezone")]
+        ) from error
+
+
+def wide_rows(rows: Sequence[ExportRow], names: Sequence[str], *, is_raw: bool) -> list[ExportRow]:
+    """Return one row for each time with a column for each tag, empty where it has no value of this time.
+
+    Of two samples of one time the later one counts.
+    """
+    column = {name: at for at, name in enumerate(names, 1)}
+    found: dict[int, list[Any]] = {}
+    for row in rows:
+        value = row[3] if not is_raw else None if row[4] == str(Quality.BAD) else row[2]
+        found.setdefault(row[0], [row[0], *[None] * len(names)])[column[row[1]]] = value
+    return [tuple(line) for line in found.values()]
+
+
+def csv_heading(params: ExportParams, tags: Mapping[str, Tag]) -> list[str]:
+    time = "time" if params.timezone == UTC_NAME else f"time ({params.timezone})"
+    if params.layout == "wide":
+        units = {name: f" [{tag.unit}]" if tag.unit else "" for name, tag in tags.items()}
+        return [time, *(escape_formula(name + units[name]) for name in tags)]
+    return [time, *EXPORT_COLUMNS[params.resolution == "raw"][1:]]
 
 
 def export_windows(
@@ -94,7 +136,10 @@ class HistoryExporter:
 
     def next_part(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Return one part; ``next`` is None in the last. Raises InvalidParameters, ConfigurationError, StoreError."""
-        name = f"history-{params.resolution}-{iso_time(params.from_ms)[:10]}.{params.format}"
+        if params.format != "csv" and (params.layout, params.timezone) != ("long", UTC_NAME):
+            raise InvalidParameters("plant.params", faults=[param_fault("format", params.format, "csv_only")])
+        wide = "-wide" if params.layout == "wide" else ""
+        name = f"history-{params.resolution}{wide}-{iso_time(params.from_ms)[:10]}.{params.format}"
         made = self._csv(params, tags) if params.format == "csv" else self._parquet(params, tags)
         return {"file": name, **made}
 
@@ -103,12 +148,14 @@ class HistoryExporter:
         text = io.StringIO()
         writer = csv.writer(text)
         at, skip = (params.from_ms, 0) if params.cursor is None else decode_cursor(params.cursor, 2)
+        shown_time, is_raw = time_format(params.timezone), params.resolution == "raw"
         if params.cursor is None:
-            writer.writerow(EXPORT_COLUMNS[params.resolution == "raw"])
+            writer.writerow(csv_heading(params, tags))
         rows_left = CSV_ROWS_PER_PART
-        for start, rows in export_windows(self._reader, params, tags, at):
+        for start, samples in export_windows(self._reader, params, tags, at):
+            rows = wide_rows(samples, [*tags], is_raw=is_raw) if params.layout == "wide" else samples
             part = rows[skip : skip + rows_left]
-            writer.writerows([iso_time(row[0]), *map(_csv_cell, row[1:])] for row in part)
+            writer.writerows([shown_time(row[0]), *map(_csv_cell, row[1:])] for row in part)
             rows_left -= len(part)
             if skip + len(part) < len(rows):
                 return {"text": text.getvalue(), "next": encode_cursor(start, skip + len(part))}

@@ -26,6 +26,10 @@ ToMs = Annotated[TimeMs, Field(examples=[1_700_003_600_000])]
 Tags = Annotated[list[Name], Field(min_length=1, max_length=50, examples=[["fan-1.output_frequency"]])]
 
 
+UTC = "UTC"
+"""Time zone of an export that names none."""
+
+
 class TrendParams(OperationParams):
     """A trend: tags, time range in milliseconds since 1970, greatest number of points."""
 
@@ -36,13 +40,19 @@ class TrendParams(OperationParams):
 
 
 class ExportParams(OperationParams):
-    """A part of an export. ``cursor`` is ``next`` of the part before; all parts one after another are the file."""
+    """A part of an export. ``cursor`` is ``next`` of the part before; all parts one after another are the file.
+
+    ``layout`` and ``timezone`` are for CSV. ``wide`` has one column a tag (rollups: the mean) and one row a time,
+    without values of bad quality. ``timezone`` is the IANA name of the zone of the times, such as Asia/Shanghai.
+    """
 
     tags: Tags
     from_ms: FromMs
     to_ms: ToMs
     resolution: Literal["raw", "1s", "1min", "1h"] = Field(default="raw", examples=["1s"])
     format: Literal["csv", "parquet"] = Field(default="csv", examples=["csv"])
+    layout: Literal["long", "wide"] = Field(default="long", examples=["wide"])
+    timezone: str = Field(default=UTC, pattern=r"^[A-Za-z][A-Za-z0-9_+/-]{0,63}$", examples=[UTC])
     cursor: Cursor | None = None
 
 
