@@ -36,6 +36,17 @@ def test_a_poll_keeps_its_period_exactly() -> None:
     assert times == pytest.approx([0.1 + 0.25 * number for number in range(20)])
 
 
+def test_a_poll_that_is_made_due_is_sent_once_at_once_and_a_period_after_that() -> None:
+    """Another poll of the same subscription keeps its times."""
+    script = make_script(FakeStation())
+    slow, other = read(), read(register=0x4000)
+    script.start_polling(1, [Poll(slow, 60.0, phase_s=0.5), Poll(other, 60.0, phase_s=1.0)])
+    script.run_until(10)
+    script.make_polls_due({slow})
+    script.run_until(75)
+    assert [at for at, _ in script.sent] == pytest.approx([0.5, 1.0, 10.0, 61.0, 70.0])
+
+
 def test_phases_are_spread() -> None:
     stations = [FakeStation(address=address) for address in range(1, 11)]
     script = make_script(*stations)

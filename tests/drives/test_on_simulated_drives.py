@@ -553,6 +553,26 @@ def test_what_was_read_before_the_port_was_lost_is_bad_at_once_and_until_it_is_r
     run_virtual(scenario())
 
 
+def test_a_value_hidden_by_a_fault_is_read_as_soon_as_the_fault_is_over() -> None:
+    """The C320 does not repeat the item in a fault; its module temperature is polled only once a minute."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            bench.station().trip(Trip.OVERHEAT)
+            with bench.drive().monitor() as monitor:
+                await asyncio.sleep(65)
+                status = monitor.status()
+                assert status.state is DriveState.FAULT
+                assert status.readings["last_fault_temperature"].reason == "drives.item_not_echoed"
+                bench.station().motor.reset()
+                await asyncio.sleep(2)
+                status = monitor.status()
+                assert status.state is DriveState.STOPPED
+                assert status.readings["last_fault_temperature"].reason != "drives.item_not_echoed"
+
+    run_virtual(scenario())
+
+
 def test_a_polled_state_that_is_unknown_has_the_reason_of_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
     async def scenario() -> None:
         async with SimulatedDrives("vc660") as bench:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from math import inf
 from types import TracebackType
 from typing import Any
@@ -33,11 +33,21 @@ MIN_READER_PAUSE_S = 0.001  # pausing the reader costs a system call, so it must
 class PollSubscription:
     """Subscription to the polls of one ``Bus.start_polling``."""
 
-    __slots__ = ("_stop", "on_result")
+    __slots__ = ("_make_due", "_stop", "on_result")
 
-    def __init__(self, stop: Callable[[PollSubscription], None], on_result: Callable[[BusResult], None]) -> None:
+    def __init__(
+        self,
+        stop: Callable[[PollSubscription], None],
+        make_due: Callable[[PollSubscription, Collection[Any]], None],
+        on_result: Callable[[BusResult], None],
+    ) -> None:
         self._stop = stop
+        self._make_due = make_due
         self.on_result = on_result
+
+    def make_due(self, requests: Collection[Any]) -> None:
+        """Send the polls of these requests now instead of at the end of their period."""
+        self._make_due(self, requests)
 
     def cancel(self) -> None:
         """End the polls; no further result is delivered. Idempotent."""
@@ -219,12 +229,15 @@ class Bus:
         self, address: int, polls: Sequence[Poll], on_result: Callable[[BusResult], None]
     ) -> PollSubscription:
         """Send these polls until cancelled; ``on_result`` gets each result. Raises KeyError, ValueError."""
-        subscription = PollSubscription(self._stop_polling, on_result)
+        subscription = PollSubscription(self._stop_polling, self._make_polls_due, on_result)
         self._perform(self.core.start_polling(address, polls, subscription, self.now()))
         return subscription
 
     def _stop_polling(self, subscription: PollSubscription) -> None:
         self._perform(self.core.stop_polling(subscription, self.now()))
+
+    def _make_polls_due(self, subscription: PollSubscription, requests: Collection[Any]) -> None:
+        self._perform(self.core.make_polls_due(subscription, requests, self.now()))
 
     def statistics(self) -> BusStatistics:
         """Return load, rates, reply times, errors and bytes, of the bus and of each station."""

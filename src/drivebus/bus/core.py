@@ -49,7 +49,7 @@ Why no late reply can be credited to another request:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
@@ -265,6 +265,11 @@ class BusCore:
             prepared_polls.append(prepared)
         for prepared in prepared_polls:
             schedule.add(prepared)
+        return self._advance(now)
+
+    def make_polls_due(self, token: Any, requests: Collection[Any], now: float) -> list[CoreCommand]:
+        """Send these polls of a token next, each once; they wait for everything that goes before polls."""
+        self.scheduler.poll_schedule.make_due(lambda poll: poll.token is token and poll.request in requests, now)
         return self._advance(now)
 
     def stop_polling(self, token: Any, now: float) -> list[CoreCommand]:

@@ -88,6 +88,14 @@ class PollSchedule:
         for poll in self.suspended.pop(station, ()):
             self.add(poll, now)
 
+    def make_due(self, wanted: Callable[[PreparedPoll], bool], now: float) -> None:
+        """Make polls due now that are due later; their periods count from now."""
+        for place, (due_at, count, poll) in enumerate(self.heap):
+            if due_at > now and wanted(poll):
+                poll.due_at = poll.phase_at = now
+                self.heap[place] = (now, count, poll)
+        heapify(self.heap)
+
     def cancel_if(self, unwanted: Callable[[PreparedPoll], bool]) -> None:
         """Remove polls, suspended ones too."""
         for _, _, poll in self.heap:

@@ -15,7 +15,7 @@ from drivebus.drives.dialects.base import Dialect, reported_fault
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.values import Reading
+from drivebus.values import Quality, Reading
 
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
@@ -51,6 +51,8 @@ class Monitor:
         self._on_change = on_change
         self.last_error: Exception | None = None
         self._validity_s: dict[str, float] = {}
+        self._requests: dict[str, Any] = {}
+        """Poll that each reading comes from."""
         polls = status_polls(dialect, self._names, period_s)
         self._poll_validity_s: dict[Any, float] = {poll.request: self._validity_of(poll) for poll in polls}
         self._state_validity_s = min(self._poll_validity_s.values(), default=MIN_READING_VALIDITY_S)
@@ -89,14 +91,24 @@ class Monitor:
         facts = self._dialect.decode_readings(request, answer.reply, answer.received_at)
         limit = self._poll_validity_s.get(request, MIN_READING_VALIDITY_S)
         self._validity_s |= {name: limit for name in facts if name in self._names or name not in self._validity_s}
+        self._requests |= dict.fromkeys(facts, request)
         self._apply(facts)
 
     def _apply(self, facts: Readings) -> None:
         self._reading_pairs.add(facts)
         derived = self._dialect.derive_state(self._reading_pairs)
         if derived is not None:
+            is_fault_over = self._derived.state is DriveState.FAULT and derived.state is not DriveState.FAULT
             self._derived = derived
+            if is_fault_over:
+                self._read_hidden_values()
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
+
+    def _read_hidden_values(self) -> None:
+        """Read at once what could not be read or not be verified during the fault: some polls have a period of 60 s."""
+        hidden = [name for name, reading in self._reading_pairs.latest.items() if reading.quality is not Quality.GOOD]
+        if self._watch is not None:
+            self._watch.make_due({self._requests[name] for name in hidden if name in self._requests})
 
     def status(self) -> DriveStatus:
         """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""

@@ -6,7 +6,7 @@ A *wire* is a function: (frame, second of its last bit) → the reply, as (secon
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from heapq import heappop, heappush
 from typing import Any
 
@@ -51,6 +51,10 @@ class BusScript:
     def start_polling(self, address: int, polls: Sequence[Poll], token: Any = "polls") -> None:
         """Start polls; their results are in ``results`` under ``token``."""
         self._perform(self.core.start_polling(address, polls, token, self.now))
+
+    def make_polls_due(self, requests: Collection[Any], token: Any = "polls") -> None:
+        """Make the polls of these requests due now."""
+        self._perform(self.core.make_polls_due(token, requests, self.now))
 
     def receive(self, data: bytes, *, at: float | None = None, line_errors: int = 0) -> None:
         """Let the bus receive bytes at that second, now if None."""
