@@ -357,6 +357,21 @@ def test_the_actions_of_a_row_are_visible_on_a_phone(stage: Stage, visit: Any, t
     assert box["x"] + box["width"] <= edge["x"] + edge["width"] <= 360
 
 
+def test_a_user_ends_another_session_and_this_one(visit: Any, expect: Any) -> None:
+    lost = visit("#/fleet", role="operator")
+    page = visit("#/settings", role="operator")
+    rows = page.locator("section.panel").last.locator("tbody tr")
+    others = rows.filter(has_not_text=word("this_session"))
+    others.first.wait_for()
+    for row in (others.last, rows.filter(has_text=word("this_session"))):
+        row.get_by_role("button").click()
+        page.fill("dialog input", PASSWORD)
+        page.locator("dialog button[type=submit]").click()
+        page.locator("dialog").wait_for(state="detached")
+    for one in (page, lost):
+        expect(one.get_by_role("button", name=word("log_in"), exact=True)).to_be_visible()
+
+
 def test_a_password_is_changed_with_the_current_one(visit: Any, expect: Any) -> None:
     page = visit("#/settings", role="viewer")
     old, new, again = (page.locator("input[type=password]").nth(n) for n in range(3))

@@ -280,6 +280,44 @@ def test_a_users_sessions_and_tokens_are_counted_as_the_users_own(tmp_path: Path
     run(scenario())
 
 
+def test_a_user_sees_and_ends_the_own_sessions_with_the_password(tmp_path: Path) -> None:
+    """The session of a lost telephone could be ended only together with all others."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        lost, mine = await harness.log_in("operator"), await harness.log_in("operator")
+        other = await harness.log_in("engineer")
+        harness.clock.now += 60.0
+        found = (await done(mine, "GET", "/sessions"))["sessions"]
+        assert [one["current"] for one in found] == [False, True]
+        assert {one["opened_ms"] for one in found} == {harness.clock.wall_ms() - 60_000}
+        assert {one["address"] for one in found} == {"127.0.0.1"}
+        path = f"/api/v1/sessions/{found[0]['id']}/end"
+        assert (await mine.post(path, json={"password": "wrong password"})).status_code == 403
+        assert (await other.post(path, json={"password": PASSWORD})).status_code == 404
+        assert (await lost.get("/api/v1/drives")).status_code == 200
+        await done(mine, "POST", f"/sessions/{found[0]['id']}/end", {"password": PASSWORD})
+        assert (await lost.get("/api/v1/drives")).status_code == 401
+        assert [one["id"] for one in (await done(mine, "GET", "/sessions"))["sessions"]] == [found[1]["id"]]
+        assert ("operator", "session.end", found[0]["id"], {}, "done") in audit_entries(harness, "login")
+        await done(mine, "POST", f"/sessions/{found[1]['id']}/end", {"password": PASSWORD})
+        assert (await mine.get("/api/v1/drives")).status_code == 401
+
+    run(scenario())
+
+
+def test_a_session_that_is_too_old_is_not_listed(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        await harness.log_in("operator")
+        harness.clock.now += SESSION_LIFETIME_S
+        client = await harness.log_in("operator")
+        assert len((await done(client, "GET", "/sessions"))["sessions"]) == 1
+
+    run(scenario())
+
+
 def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 

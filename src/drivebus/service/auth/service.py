@@ -15,7 +15,7 @@ from drivebus.atomic_write import atomic_write_private
 from drivebus.clock import Clock, wall_ms
 from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.devices import DeviceCookies
-from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, TooManyAttempts
+from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound, TooManyAttempts
 from drivebus.service.auth.names import normalized_name
 from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
 from drivebus.service.auth.rights import Role
@@ -188,6 +188,17 @@ class AuthService:
         """End this session."""
         session.end("logout")
         await self.keep()
+
+    async def end_session(self, own: Session, id: str, password: str) -> None:
+        """End the session ``id`` of the user of the session ``own``, after a check of the password.
+
+        Raises ResourceNotFound, AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
+        """
+        await self._verify_own_password(own, password)
+        found = next((one for one in self.sessions.of_user(own.user) if one.id == id), None)
+        if found is None:
+            raise ResourceNotFound("auth.no_such_session", id=id)
+        await self.logout(found)
 
     async def end_sessions(self, user: str, reason: str) -> int:
         """End every session of a user and return their number."""

@@ -176,6 +176,12 @@ class SessionTable:
         for one in stored:
             self._by_digest[one.digest] = Session(**one.fields())
 
+    def open_sessions(self, user: str, now: float) -> list[Session]:
+        """Return the open sessions of a user; those that are too old end."""
+        for session in self._by_digest.values():
+            session.expire(now)
+        return self.of_user(user)
+
     def of_user(self, user: str) -> list[Session]:
         return [session for session in self._by_digest.values() if session.user == user and session.end_reason is None]
 

@@ -55,6 +55,13 @@ class PasswordParams(OperationParams):
     new: Secret
 
 
+class SessionParams(OperationParams):
+    """Session of the user that the operation ends, by its id, and the user's password."""
+
+    session: Annotated[str, Field(min_length=1, max_length=64, examples=["s-5b1f0c52d1aa94e0"])]
+    password: Secret
+
+
 class SessionResponse(ApiObject):
     """User, rights and CSRF token; ``setup`` is true while there is no administrator. A session of a browser also has
     ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page.
@@ -64,6 +71,22 @@ class SessionResponse(ApiObject):
     user: str | None
     rights: list[str]
     csrf: str | None
+
+
+class OwnSession(ApiObject):
+    """A session of the user who asks; ``current`` is the one that asks."""
+
+    id: str
+    address: str
+    opened_ms: int
+    active_ms: int
+    current: bool
+
+
+class SessionsResponse(ApiObject):
+    """Open sessions of the user who asks."""
+
+    sessions: list[OwnSession]
 
 
 class LogoutResponse(ApiObject):
@@ -144,6 +167,25 @@ LOGOUT = Operation(
     response=LogoutResponse,
     audit=Audit.SESSION,
     summary=Text("End this session, or every session of the user", "结束本会话，或该用户的全部会话"),
+)
+
+SESSIONS_LIST = Operation(
+    name="sessions.list",
+    right=AccessLevel.SESSION,
+    method="GET",
+    path="/sessions",
+    response=SessionsResponse,
+    summary=Text("One's own open sessions", "自己的会话"),
+)
+
+SESSION_END = Operation(
+    name="session.end",
+    right=AccessLevel.SESSION,
+    method="POST",
+    path="/sessions/{session}/end",
+    params=SessionParams,
+    audit=Audit.SESSION,
+    summary=Text("End one of one's own sessions, with the password", "输入密码，结束自己的一个会话"),
 )
 
 PASSWORD = Operation(

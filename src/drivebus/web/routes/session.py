@@ -29,13 +29,16 @@ from drivebus.web.operations.account import (
     LOGOUT,
     PASSWORD,
     SESSION_ACTIVITY,
+    SESSION_END,
     SESSION_GET,
+    SESSIONS_LIST,
     SET_UP,
     UNLOCK,
     CodeLoginParams,
     LoginParams,
     LogoutParams,
     PasswordParams,
+    SessionParams,
     SetUpParams,
     UnlockParams,
 )
@@ -107,6 +110,34 @@ async def change_password(request: Request, params: PasswordParams) -> JSONRespo
     session = SessionCredential(opened.session, context.auth.context)
     response = JSONResponse(_session_json(context, session))
     return with_session_cookie(request, response, opened.secret)
+
+
+@handles(SESSIONS_LIST)
+async def list_sessions(request: Request, params: NoParams) -> Json:
+    auth, own = context_of(request).auth, _session_credential(request).session
+    now, now_ms = auth.clock(), auth.wall_ms()
+    return {
+        "sessions": [
+            {
+                "id": one.id,
+                "address": one.address,
+                "opened_ms": now_ms - round(1000 * (now - one.opened)),
+                "active_ms": now_ms - round(1000 * (now - one.active)),
+                "current": one is own,
+            }
+            for one in auth.sessions.open_sessions(own.user, now)
+        ]
+    }
+
+
+@handles(SESSION_END)
+async def end_session(request: Request, params: SessionParams) -> Json:
+    """End a session of the same user; another user's is answered as one that does not exist."""
+    context, credential = context_of(request), _session_credential(request)
+    await context.auth.end_session(credential.session, params.session, params.password)
+    entry = audit_entry(SESSION_END.name, params.session, outcome="done")
+    await try_record(context.client, entry, credential.actor)
+    return {}
 
 
 def _session_credential(request: Request) -> SessionCredential:

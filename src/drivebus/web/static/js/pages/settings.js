@@ -9,6 +9,7 @@ import { topic } from "../store.js";
 import { styled } from "../style.js";
 import { Choice, Tabs } from "../ui.js";
 import { Configuration } from "../parts/configuration.js";
+import { OwnSessions } from "../parts/own-sessions.js";
 import { Password } from "../parts/password.js";
 import { Tokens } from "../parts/tokens.js";
 import { Users } from "../parts/users.js";
@@ -41,7 +42,7 @@ function OwnAccount() {
       ${role && html`<dt>${t("page.role")}</dt><dd>${t(`page.role_${role}`)}</dd>`}
       <dt>${t("page.rights")}</dt>
         <dd>${rights.map((right) => t(`page.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
-    <${Password} /></div>`;
+    <${Password} /><${OwnSessions} /></div>`;
 }
 
 function gatewayState({ id, running, exit_code: code }) {

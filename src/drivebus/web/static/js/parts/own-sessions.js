@@ -1,0 +1,46 @@
+// The user's own sessions. One of them is ended with the password.
+import { html, useState } from "../lib.js";
+import { t } from "../i18n.js";
+import { api } from "../api.js";
+import { moment } from "../format.js";
+import { loadSession } from "../session.js";
+import { Button, Dialog, ErrorNote, Field, Loading, Table, useLoaded, useRequest } from "../ui.js";
+
+export function OwnSessions() {
+  const [found, error, reload] = useLoaded(() => api.get("/sessions"), []);
+  const [ending, setEnding] = useState(null);
+  if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
+  const columns = [
+    [t("page.network_address"), (one) => (one.current ? `${one.address} (${t("page.this_session")})` : one.address)],
+    [t("page.logged_in_since"), (one) => moment(one.opened_ms)],
+    [t("page.last_active"), (one) => moment(one.active_ms)],
+    [t("page.end_session"), (one) => html`<${Button} onClick=${() => setEnding(one)}>${t("page.end_session")}<//>`,
+      "act"],
+  ];
+  const close = async (ended) => {
+    setEnding(null);
+    if (ended?.current) await loadSession();
+    else if (ended) reload();
+  };
+  return html`<section class="panel stack"><h2>${t("page.own_sessions")}</h2>
+    <p class="help">${t("page.own_sessions_help")}</p>
+    <${Table} caption=${t("page.own_sessions")} columns=${columns} rows=${found.sessions} keyOf=${(one) => one.id} />
+    ${ending && html`<${EndSession} ending=${ending} onClose=${close} />`}</section>`;
+}
+
+function EndSession({ ending, onClose }) {
+  const [password, setPassword] = useState("");
+  const [run, busy, error] = useRequest();
+  const send = async (event) => {
+    event.preventDefault();
+    if (await run(() => api.post(`/sessions/${encodeURIComponent(ending.id)}/end`, { password }))) onClose(ending);
+  };
+  return html`<${Dialog} title=${t("page.end_session_title")} onClose=${() => onClose(null)}><form class="stack"
+    onSubmit=${send}>
+    <${Field} label=${t("page.own_password")} help=${t("page.end_session_help")}><input type="password" data-first
+      autocomplete="current-password" value=${password} onInput=${(event) => setPassword(event.target.value)} /><//>
+    <${ErrorNote} error=${error} />
+    <div class="row end"><${Button} onClick=${() => onClose(null)}>${t("page.cancel")}<//>
+      <button class="button main" type="submit" disabled=${busy || !password}>${t("page.end_session")}</button></div>
+    </form><//>`;
+}
