@@ -128,6 +128,7 @@ KINDS = {
     "manual": Text("manual", "手册"),
     "computed": Text("computed", "计算"),
     "sister": Text("related model", "相关型号"),
+    "program": Text("program", "程序"),
     "assumed": Text("assumed", "假定"),
     "user": Text("user", "用户"),
     "measured": Text("measured", "实测"),

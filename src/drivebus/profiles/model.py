@@ -20,7 +20,7 @@ from drivebus.values import Scale, Text
 class Evidence:
     """Origin of a fact."""
 
-    kind: Literal["manual", "computed", "sister", "assumed", "user", "measured"]
+    kind: Literal["manual", "computed", "sister", "program", "assumed", "user", "measured"]
     source: str
 
 
@@ -287,8 +287,8 @@ class DriveProfile:
     family: str
     """Name of its ``ProtocolFamily``."""
     grade: Literal["draft", "simulated", "verified"]
-    """draft: from the manual of a related model only; simulated: every worked frame of its manual passes and a
-    simulated drive exists; verified: tried on hardware."""
+    """draft: from one source, or from the manual of a related model; simulated: every worked frame of its manual passes
+    and a simulated drive exists; verified: tried on hardware."""
     encodings: tuple[str, ...]
     """The first is the default."""
     addresses: tuple[int, int]

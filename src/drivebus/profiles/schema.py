@@ -112,7 +112,7 @@ Baud = Annotated[int, Field(ge=50, le=4_000_000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 Sentence = Annotated[str, StringConstraints(min_length=1)]
 EvidenceLine = Annotated[
-    str, StringConstraints(pattern=r"^(manual|computed|sister|assumed|user|measured)([,:]? \S.*)?$")
+    str, StringConstraints(pattern=r"^(manual|computed|sister|program|assumed|user|measured)([,:]? \S.*)?$")
 ]
 """Kind of evidence, then its location."""
 
