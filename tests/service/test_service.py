@@ -9,7 +9,15 @@ import pytest
 
 from drivebus import profiles
 from drivebus.drives.state import DriveState
-from drivebus.errors import ArmRequired, ControlNotHeld, InvalidParameters, NotFound, PermissionDenied, WaiverRequired
+from drivebus.errors import (
+    ArmRequired,
+    CapabilityError,
+    ControlNotHeld,
+    InvalidParameters,
+    NotFound,
+    PermissionDenied,
+    WaiverRequired,
+)
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right, Role
 from drivebus.testing.virtual_time import run
@@ -181,6 +189,23 @@ def test_parameters_are_read_with_their_wire_address_and_written_only_with_contr
                 await kit.call(
                     "parameters.write", remote_actor(role=Role.ENGINEER), drive="fan-1", values={"F0.1": 2.0}
                 )
+
+    run(scenario())
+
+
+def test_the_identity_of_a_c320_is_read_and_a_model_without_one_is_refused() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            found = await kit.call("identity.read", drive="fan-1")
+            assert (found["voltage_class_v"], found["power_kw"]) == (380, 2.2)
+            assert set(found["digits"]) == {"model", "series", "version", "control"}
+            assert found["host_controls"] in (True, False) and found["host_sets_frequency"] is True
+            other = next(
+                one.id for one in kit.service.plant.drives.values() if "identify" not in one.profile.capabilities
+            )
+            with pytest.raises(CapabilityError):
+                await kit.call("identity.read", drive=other)
 
     run(scenario())
 

@@ -166,3 +166,12 @@ def test_the_browser_example_of_the_api_page_prints_the_states_of_a_drive(visit:
     with page.expect_console_message(lambda message: message.text.startswith("fan-1 ")) as found:
         page.evaluate(f"() => {{ {program} }}")
     assert found.value.text in ("fan-1 stopped", "fan-1 running")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_identity_of_a_c320_is_read_on_the_page(visit: Any, language: str) -> None:
+    page = visit("#/drive/fan-1?tab=profile", language=language, role="operator")
+    page.click("[data-do=read-identity]")
+    page.wait_for_selector("[data-text=identity]:has-text('380 V')")
+    assert "page." not in page.locator("[data-text=identity]").inner_text()
+    page.locator("[data-text=identity]").scroll_into_view_if_needed()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivebus.errors import CapabilityError
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.alarms import AUDIT_LIST, AUDIT_VERIFY
@@ -11,6 +12,7 @@ from drivebus.service.api.operations.drives import (
     DRIVES_LIST,
     DRIVES_PROFILE,
     DRIVES_STATISTICS,
+    IDENTITY_READ,
     PARAMETERS_READ,
     DriveParams,
     ParameterReadParams,
@@ -105,6 +107,20 @@ class Queries:
         return {
             "frames": [frame_json(bus, one) async for one in iter_cooperatively(frames[-params.limit :])],
             "last": last,
+        }
+
+    @handles(IDENTITY_READ)
+    async def read_identity(self, params: DriveParams, actor: Actor) -> Json:
+        runtime = self.plant.drive_runtime(params.drive)
+        if "identify" not in runtime.profile.capabilities:
+            raise CapabilityError("drives.cannot", model=runtime.profile.model, what="identify")
+        found = await runtime.drive.identify()
+        return {
+            "voltage_class_v": found.voltage_class_v,
+            "power_kw": found.power_kw,
+            "digits": dict(found.digits),
+            "host_controls": found.host_controls,
+            "host_sets_frequency": found.host_sets_frequency,
         }
 
     @handles(PARAMETERS_READ)

@@ -229,6 +229,16 @@ class ParametersResponse(ApiObject):
     parameters: dict[str, dict[str, Any]]
 
 
+class IdentityResponse(ApiObject):
+    """Identity that the drive reports: voltage class, power, the digits of each part, and what the bus controls."""
+
+    voltage_class_v: int | None
+    power_kw: float | None
+    digits: dict[str, str]
+    host_controls: bool | None
+    host_sets_frequency: bool | None
+
+
 class LeaseResponse(ApiObject):
     """A control lease and its full duration in seconds."""
 
@@ -298,6 +308,16 @@ PARAMETERS_READ = Operation(
     params=ParameterReadParams,
     response=ParametersResponse,
     summary=Text("Read parameters over the bus", "通过总线读参数"),
+)
+
+IDENTITY_READ = Operation(
+    name="identity.read",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/identity/read",
+    params=DriveParams,
+    response=IdentityResponse,
+    summary=Text("Read over the bus what the drive reports about itself", "通过总线读取变频器的机型信息"),
 )
 
 PARAMETERS_WRITE = Operation(

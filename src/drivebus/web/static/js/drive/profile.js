@@ -1,7 +1,10 @@
 // Profile of the model: capabilities, caveats, keypad settings, wiring, open questions.
-import { html } from "../lib.js";
+import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { Notice, Table } from "../ui.js";
+import { api, drivePath } from "../api.js";
+import { isLive } from "../live.js";
+import { may } from "../session.js";
+import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
 
 const CAPABILITIES = [
   "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write", "write_ram",
@@ -23,8 +26,28 @@ function Facts({ profile }) {
     <dt>${t("page.can")}</dt><dd>${listed(can)}</dd><dt>${t("page.can_not")}</dt><dd>${listed(not)}</dd></dl>`;
 }
 
-export function ProfileTab({ profile }) {
+/** What the drive itself reports: it is read on demand, because reading takes bus time. */
+function Identity({ id }) {
+  const [found, setFound] = useState(null);
+  const [run, busy, error] = useRequest();
+  const read = () => run(async () => setFound(await api.post(drivePath(id, "/identity/read"))));
+  const facts = found && [
+    ["page.identity_rating", [found.voltage_class_v && `${found.voltage_class_v} V`,
+      found.power_kw !== null && `${found.power_kw} kW`].filter(Boolean).join(t("page.comma"))],
+    ...Object.entries(found.digits).map(([part, digits]) => [`page.identity_${part}`, html`<code>${digits}</code>`]),
+    ["page.identity_host_controls", found.host_controls === null ? "–" : t(found.host_controls ? "page.yes" : "page.no")],
+    ["page.identity_host_frequency",
+      found.host_sets_frequency === null ? "–" : t(found.host_sets_frequency ? "page.yes" : "page.no")],
+  ];
+  return html`<h3>${t("page.identity")}</h3>${facts && html`<dl class="facts" data-text="identity">
+    ${facts.map(([key, value]) => html`<dt>${t(key)}</dt><dd>${value || "–"}</dd>`)}</dl>`}<${ErrorNote} error=${error} />
+    <div class="row"><${Button} busy=${busy} disabled=${!isLive.value} onClick=${read} data-do="read-identity">
+      ${t("page.identity_read")}<//></div>`;
+}
+
+export function ProfileTab({ view, profile }) {
   return html`<div class="stack"><${Facts} profile=${profile} />
+    ${profile.capabilities.includes("identify") && may("operate") && html`<${Identity} key=${view.id} id=${view.id} />`}
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
       <${Notice} key=${one.id} kind="warning" title=${one.id}><p>${localized(one.text)}</p>
       <p class="soft">${t("page.evidence", {
