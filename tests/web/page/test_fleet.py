@@ -86,6 +86,24 @@ def test_without_a_connection_no_value_is_known(scripts: Any) -> None:
     assert call(scripts, "spark-points", added.replace("LIVE", "false")) == [0]
 
 
+def test_a_drive_that_the_history_does_not_know_takes_no_sparkline_from_the_others(visit: Any) -> None:
+    """The historian refuses a request with an unknown tag as a whole."""
+    page = visit("#/settings")
+    page.route("**/api/v1/history/tags", without_pump)
+    page.reload()
+    page.wait_for_selector(".line.live")
+    with page.expect_request("**/history/trend?*") as requested:
+        page.evaluate("location.hash = '#/fleet'")
+    assert requested.value.url.count("tags=") == 4
+    assert "pump-1" not in requested.value.url
+
+
+def without_pump(route: Any) -> None:
+    answer = route.fetch()
+    kept = [one for one in answer.json()["tags"] if one["drive"] != "pump-1"]
+    route.fulfill(response=answer, json={"tags": kept})
+
+
 def test_all_tiles_in_view_share_one_request_of_the_history(stage: Stage, visit: Any) -> None:
     """Values of the last minutes are drawn at once, and the bar and the line end with the connection."""
     page = visit("#/settings")

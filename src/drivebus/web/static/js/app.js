@@ -5,11 +5,10 @@ import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
 import { openAlarms } from "./alarm-list.js";
 import { startAlarmSound } from "./alarm-sound.js";
-import { api } from "./api.js";
-import { addSignalNames } from "./format.js";
 import { connection, isLive, start } from "./live.js";
 import { startLeaseRenewal } from "./control-leases.js";
 import { keepFocus } from "./focus.js";
+import { loadHistoryTags } from "./history-tags.js";
 import { go, route } from "./router.js";
 import { topic } from "./store.js";
 import { watchTakeovers } from "./control-taken.js";
@@ -81,7 +80,7 @@ async function connectToServer() {
 function loadSignalNames() {
   const isReady = computed(() => loggedIn.value && isLive.value);
   isReady.subscribe((isIn) => {
-    if (isIn) api.get("/history/tags").then(({ tags }) => addSignalNames(tags), () => null);
+    if (isIn) loadHistoryTags();
   });
 }
 

@@ -2,6 +2,7 @@
 // live values.
 import { signal } from "../lib.js";
 import { api } from "../api.js";
+import { withHistory } from "../history-tags.js";
 import { isLive } from "../live.js";
 import { drive, serviceNow } from "../store.js";
 import { POINT_COUNT, POINT_MS, addReading, joined, pointNumber } from "./spark-points.js";
@@ -75,9 +76,11 @@ async function fetchWaiting() {
   while (waiting.size > 0) {
     const some = [...waiting].slice(0, MAX_TAGS);
     some.forEach((one) => waiting.delete(one));
+    const tags = await withHistory(some.map((one) => one.tag));
+    if (tags.length === 0) continue;
     const to = serviceNow();
     const from = (pointNumber(to) - POINT_COUNT + 1) * POINT_MS;
-    const query = { tags: some.map((one) => one.tag), from_ms: from, to_ms: to, points: POINT_COUNT + 1 };
+    const query = { tags, from_ms: from, to_ms: to, points: POINT_COUNT + 1 };
     const answer = await api.get("/history/trend", query).catch(() => null);
     for (const one of some) if (answer?.series?.[one.tag]) one.take(answer.series[one.tag]);
   }

@@ -56,13 +56,15 @@ export function Tile({ id }) {
   const known = stateOf(view);
   const [, tone] = appearanceOf(known);
   const name = titleOf(view);
+  const isDense = size.value === "dense";
   return html`<article class=${`tile tone-${tone} ${isLive.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename" title=${name}>${
-        size.value === "dense" ? shortened(name, DENSE_NAME_LENGTH) : name}</span>
+        isDense ? shortened(name, DENSE_NAME_LENGTH) : name}</span>
         <${HighestPriority} alarms=${view.alarms} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
-      <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief />
+      <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief
+        digits=${isDense ? 1 : undefined} />
         <${Sparkline} id=${id} /></span><${LimitBar} view=${view} />
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
         ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
