@@ -639,3 +639,27 @@ def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
             assert kit.service.plant.now() - started_at <= 3.0
 
     run(scenario())
+
+
+def test_the_last_stop_of_a_drive_names_its_user_and_kind_until_the_drive_is_started_again() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            ann = remote_actor("ann")
+
+            async def last_stop(drive: str = "fan-1") -> tuple[str, str] | None:
+                found = (await kit.call("drives.get", drive=drive))["last_stop"]
+                return None if found is None else (found["kind"], found["actor"])
+
+            assert await last_stop() is None
+            await kit.call("drive.stop", ann, drive="fan-1")
+            assert await last_stop() == ("drive", "ann")
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert await last_stop() is None, "it was started again"
+            await kit.call("group.stop", ann, group="fans")
+            assert (await last_stop(), await last_stop("fan-2")) == (("group", "ann"), ("group", "ann"))
+            await kit.call("plant.stop", remote_actor("bob"))
+            assert await last_stop("pump-1") == ("all", "bob")
+
+    run(scenario())

@@ -133,12 +133,17 @@ class DriveCommands:
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
         """Await a motion; ``started_by_service`` stays as it was where no frame can have left."""
         before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
+        last_stop = runtime.last_stop
         try:
-            return await motion
+            outcome = await motion
         except DrivebusError as error:
             if error.outcome is None:
                 runtime.started_by_service = before
             raise
+        else:
+            if runtime.last_stop is last_stop:  # else it was stopped during the start
+                runtime.last_stop = None
+            return outcome
         finally:
             runtime.last_motion_at = self.plant.now()
 
@@ -187,7 +192,7 @@ class DriveCommands:
     async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive_runtime(params.drive)
-        self.plant.note_stop(runtime)
+        self.plant.note_stop(runtime, by=actor.name, kind="drive")
         ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
 

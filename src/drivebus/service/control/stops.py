@@ -36,7 +36,7 @@ class StopCommands:
     async def stop_all(self, params: NoParams, actor: Actor) -> Json:
         """Stop all buses at once, each by broadcast and then drive by drive; starts stay inhibited."""
         plant = self.plant
-        plant.note_stop(*plant.drives.values())
+        plant.note_stop(*plant.drives.values(), by=actor.name, kind="all")
         everything = [
             (bus_runtime.config.id, bus_runtime, list(bus_runtime.drives.values()))
             for bus_runtime in plant.buses.values()
@@ -94,7 +94,7 @@ class StopCommands:
     async def stop_many(self, runtimes: Iterable[DriveRuntime], actor: Actor) -> Json:
         """Stop drives at once; return the outcome or error of each."""
         wanted = list(runtimes)
-        self.plant.note_stop(*wanted)
+        self.plant.note_stop(*wanted, by=actor.name, kind="group")
         many = len(wanted)
         found = await asyncio.gather(*(self._stop_one(runtime, actor, many) for runtime in wanted))
         return {runtime.id: answer for runtime, answer in zip(wanted, found, strict=True)}
@@ -117,7 +117,7 @@ class StopCommands:
         own = [runtime for runtime in everything if runtime.runs_for_service]
         runtimes = [runtime for runtime in own if runtime.config.on_service_stop is OnServiceStop.STOP]
         left = {runtime: key for runtime in everything if runtime not in runtimes and (key := _left_running(runtime))}
-        self.plant.note_stop(*runtimes)
+        self.plant.note_stop(*runtimes, by=actor.name, kind="service")
         stops = {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(runtimes))) for runtime in runtimes}
         if stops:
             await asyncio.wait(stops.values(), timeout=SERVICE_STOP_TIMEOUT_S)

@@ -81,6 +81,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         comm_loss=runtime.comm_loss,
         lease=None if lease is None else lease.view(plant.clock),
         start_inhibited=runtime.bus.start_inhibited(config.address),
+        last_stop=runtime.last_stop,
         stop_pending=runtime.drive.stop_pending,
         start_blockers=tuple(start_blockers_json(plant, runtime)),
         alarms=dict(plant.alarms.counts(runtime.id)),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from drivebus.drives.state import Fault
 from drivebus.profiles.model import FaultEntry
@@ -97,6 +98,23 @@ class CommLossView:
         }
 
 
+StopKind = Literal["drive", "group", "all", "jog", "test", "service"]
+"""Kind of a stop: of one drive, its group, everything, a jog, a communication-loss test, the service's own end."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopView:
+    """Last stop request of a drive, until it is started again."""
+
+    kind: StopKind
+    actor: str
+    """User that made it, or the service itself."""
+    time_ms: int
+
+    def as_json(self) -> Json:
+        return {"kind": self.kind, "actor": self.actor, "time_ms": self.time_ms}
+
+
 @dataclass(frozen=True, slots=True)
 class LeaseView:
     """Session that may command the drive now."""
@@ -137,6 +155,8 @@ class DriveView:
     lease: LeaseView | None = None
     start_inhibited: bool = False
     """Whether a bus stop inhibits every start until it is released."""
+    last_stop: StopView | None = None
+    """Its last stop request by drivebus, None: none since its last start."""
     stop_pending: bool = False
     """Whether a stop is not confirmed yet and is being repeated."""
     start_blockers: tuple[Json, ...] = ()
@@ -180,6 +200,7 @@ class DriveView:
             "directions": list(self.directions),
             "groups": list(self.groups),
             "comm_loss": self.comm_loss.as_json(),
+            "last_stop": None if self.last_stop is None else self.last_stop.as_json(),
             "lease": None if self.lease is None else self.lease.as_json(),
             "start_blockers": list(self.start_blockers),
             "alarms": dict(self.alarms),

@@ -19,7 +19,7 @@ from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
 from drivebus.service.control.waivers import CommLossWaiver
-from drivebus.service.live.views import CommLossTestView, CommLossView, Sample
+from drivebus.service.live.views import CommLossTestView, CommLossView, Sample, StopView
 from drivebus.values import Quality, Reading, Text
 
 COMM_LOSS_NOT_READ = Text(**localized("plant.comm_loss_not_read"))
@@ -71,6 +71,8 @@ class DriveRuntime:
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
         self.waiver_of_another: CommLossWaiver | None = None
         """Waiver that was recorded under this name for another drive: it allows nothing."""
+        self.last_stop: StopView | None = None
+        """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
         self.started_by_service = False
         """Started by this service and not reported at standstill since."""

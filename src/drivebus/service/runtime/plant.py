@@ -25,7 +25,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
 from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
-from drivebus.service.live.views import DriveView, Sample
+from drivebus.service.live.views import DriveView, Sample, StopKind, StopView
 from drivebus.service.process.logging_setup import log_event
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
@@ -282,11 +282,12 @@ class Plant:
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
             )
 
-    def note_stop(self, *runtimes: DriveRuntime) -> None:
-        """Count a stop request and revoke the arm tokens of these drives and their groups."""
+    def note_stop(self, *runtimes: DriveRuntime, by: str, kind: StopKind) -> None:
+        """Count and name a stop request, and revoke the arm tokens of these drives and their groups. ``by``: a user."""
         for runtime in runtimes:
             groups = (f"group:{group.id}" for group in self.groups_of(runtime.id))
             self.arm_tokens.revoke(runtime.id, arm_target_of_test(runtime.id), *groups)
+            runtime.last_stop = StopView(kind, by, self.wall_ms())
             self.stop_counts[runtime.id] += 1
             self.stop_counters.requested += 1
 

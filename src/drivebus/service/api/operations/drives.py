@@ -19,6 +19,7 @@ from drivebus.service.api.operations.operation import (
     Reason,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.service.live.views import StopKind
 from drivebus.values import Text
 
 Direction = Literal["forward", "reverse"]
@@ -177,6 +178,14 @@ class CommLossObject(ApiObject):
     test: dict[str, Any] | None = None
 
 
+class StopObject(ApiObject):
+    """Last stop request of a drive by drivebus, until it is started again; ``actor``: its user, or ``drivebus``."""
+
+    kind: StopKind
+    actor: str
+    time_ms: int
+
+
 class LeaseObject(ApiObject):
     """The session that may command the drive."""
 
@@ -208,6 +217,7 @@ class DriveObject(ApiObject):
     comm_loss: CommLossObject
     lease: LeaseObject | None
     start_inhibited: bool
+    last_stop: StopObject | None
     stop_pending: bool
     start_blockers: list[dict[str, Any]]
     alarms: dict[str, int]
