@@ -9,11 +9,13 @@ import { route } from "./router.js";
 import { may } from "./session.js";
 import { drive, group, idsOf } from "./store.js";
 import { nameOf, stop, stops } from "./stops.js";
+import { ReleaseButton } from "./parts/selection.js";
 
 const menuOpen = signal(false);
 
 function StopButton({ kind, id, children, ...rest }) {
-  return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}>
+  return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}
+    title=${t(kind === "all" ? "page.stop_holds" : "page.stop_holds_not")}>
     <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span>
       </button>`;
 }
@@ -88,6 +90,6 @@ export function StopBar() {
     <div class="stops">
       ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titleOf(view) : id}<//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
-      <${StopButton} kind="all">${t("page.stop_scope_all")}<//>
-    </div><${StopStatus} /></footer>`;
+      <${StopButton} kind="all">${t("page.stop_scope_all_held")}<//>
+    </div>${may("operate") && html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`}<${StopStatus} /></footer>`;
 }

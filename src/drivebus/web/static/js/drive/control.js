@@ -4,10 +4,10 @@ import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Choice, Dialog, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
 import { isLive } from "../live.js";
-import { idle, isMine, may } from "../session.js";
+import { idle, isMine, may, session } from "../session.js";
 import { releaseControl, hasControl, takeControl } from "../control-leases.js";
 import { stop } from "../stops.js";
-import { number, numberOf } from "../format.js";
+import { moment, number, numberOf } from "../format.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
 import { ArmStart } from "../parts/arm-start.js";
 import { JogPanel } from "./jog.js";
@@ -30,7 +30,8 @@ function TakeOver({ view, onClose }) {
   const [run, busy, error] = useRequest();
   const go = async () => { if (await run(() => takeControl(view.id))) onClose(); };
   return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
-    <p>${t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titleOf(view) })}</p><${ErrorNote}
+    <p>${view.lease?.owner === session.value?.user ? t("page.take_over_ask_window", { name: titleOf(view) })
+      : t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titleOf(view) })}</p><${ErrorNote}
       error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
       <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
@@ -42,7 +43,8 @@ function ControlLease({ view }) {
   const [asking, setAsking] = useState(false);
   const mine = isMine(view.lease);
   const can = isLive.value && may("operate");
-  const other = t("page.lease_other", { owner: view.lease?.owner ?? "" });
+  const owner = view.lease?.owner ?? "";
+  const other = owner === session.value?.user ? t("page.lease_other_window") : t("page.lease_other", { owner });
   const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
   // A lease lasts ten seconds: without a connection its owner is unknown.
   return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${words}
@@ -119,6 +121,13 @@ function StartBlockers({ view }) {
     <li key=${one.key}>${localized(one.text)}</li>`)}</ul><//>`;
 }
 
+/** Who stopped the drive, and how, until it is started again. */
+function LastStop({ view: { last_stop } }) {
+  if (!last_stop) return null;
+  const { kind, actor, time_ms } = last_stop;
+  return html`<p class="soft" data-stop-by=${kind}>${t(`page.last_stop_${kind}`, { actor, time: moment(time_ms) })}</p>`;
+}
+
 export function ControlPanel({ view }) {
   const why = controlBlocker(view);
   const disabled = why !== null;
@@ -127,7 +136,7 @@ export function ControlPanel({ view }) {
     ${t("page.control")}</h2>
     <${ControlLease} view=${view} />${why && hasControl(view) && html`<${Notice}>${why}<//>`}
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
-    ${may("stop") && html`<${Stops} view=${view} />`}
+    <${LastStop} view=${view} />${may("stop") && html`<${Stops} view=${view} />`}
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
     ${view.state === "fault" && !view.fault && html`<${Reset} view=${view} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"

@@ -1,7 +1,7 @@
 // A group: progress, start in two steps, setpoint. Its stop is in the stop bar.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { api, drivePath } from "../api.js";
+import { api } from "../api.js";
 import { number, numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { hasControl, takeControl } from "../control-leases.js";
@@ -10,6 +10,7 @@ import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError } from "./frequency.js";
 import { ArmStart } from "./arm-start.js";
+import { ReleaseButton, WaiverButton, mergeSentences, nameOf } from "./selection.js";
 
 const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
 const GROUP_TIMEOUT_MS = 300_000;
@@ -21,13 +22,15 @@ function commonLimits(views) {
   };
 }
 
-const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
+const Merged = ({ ids, text }) => html`<li><b>${ids.map(nameOf).join(t("page.comma"))}</b>${t("page.colon")}${text}</li>`;
 
-/** Outcome of each drive of a group. */
+/** Outcome of each drive of a group; equal refusals are one. */
 function Outcomes({ outcomes }) {
-  return html`<${Notice} live><ul>${Object.entries(outcomes).map(([id, one]) => html`<li key=${id}>
-    <b>${nameOf(id)}</b>${t("page.colon")}${one.status ? t(`page.outcome_${one.status}`) + t("page.colon") : ""}${localized(one.text)}</li>`)}
-    </ul><//>`;
+  const entries = Object.entries(outcomes);
+  const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
+  return html`<${Notice} live><ul>${entries.filter(([, one]) => one.status).map(([id, one]) => html`<li key=${id}>
+    <b>${nameOf(id)}</b>${t("page.colon")}${t(`page.outcome_${one.status}`)}${t("page.colon")}${localized(one.text)}</li>`)}
+    ${refused.map((one) => html`<${Merged} key=${one.ids[0]} ...${one} />`)}</ul><//>`;
 }
 
 /** Button of an action on several drives, one after the other. */
@@ -39,15 +42,12 @@ function ActionForAll({ views, act, text, ...rest }) {
     <${ErrorNote} error=${error} /></div>`;
 }
 
-const release = (id) => api.post(drivePath(id, "/start-inhibit/release"));
-
 function Blocked({ views }) {
   const blocked = views.filter((view) => view.start_blockers.length > 0);
   if (blocked.length === 0) return null;
-  return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${blocked.map((view) => html`
-    <li key=${view.id}><b>${titleOf(view)}</b>${t("page.colon")}${view.start_blockers.map((one) => localized(one.text)).join("; ")}
-      </li>`)}
-    </ul><//>`;
+  const merged = mergeSentences(blocked.flatMap((view) => view.start_blockers.map((one) => ({ ...one, id: view.id }))));
+  return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((one) => html`
+    <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
 }
 
 function Controls({ id, views }) {
@@ -64,7 +64,7 @@ function Controls({ id, views }) {
       <span>${t("page.group_not_controlled", { n: others })}</span>
       <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
         </div>`}
-    <${ActionForAll} views=${views.filter((view) => view.start_inhibited && hasControl(view))} act=${release} text="page.release_all" />
+    <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits} onEnter=${() => !off && !busy && set()}

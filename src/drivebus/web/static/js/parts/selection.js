@@ -1,0 +1,90 @@
+// A command to selected drives: its dialog, and results in which equal refusals are one sentence.
+import { html, useState } from "../lib.js";
+import { localized, t, titleOf } from "../i18n.js";
+import { api } from "../api.js";
+import { isLive } from "../live.js";
+import { drive } from "../store.js";
+import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
+
+const MIN_REASON_LENGTH = 3;
+
+export const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
+
+/** Parameters of a sentence that name the drive; all others must be equal for sentences to be one. */
+const OWN = ["drive", "station", "address"];
+
+/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result [{ids, text}]. */
+export function mergeSentences(items) {
+  const groups = new Map();
+  for (const one of items) {
+    const others = Object.entries(one.params ?? {}).filter(([name]) => !OWN.includes(name));
+    const alike = JSON.stringify([one.key, others]);
+    groups.set(alike, [...(groups.get(alike) ?? []), one]);
+  }
+  return [...groups.values()].map((alike) => ({ ids: alike.map(({ id }) => id), text: mergedText(alike) }));
+}
+
+function mergedText(alike) {
+  const [{ params, text }] = alike;
+  const found = OWN.find((name) => params?.[name] !== undefined && localized(text).includes(String(params[name])));
+  if (alike.length === 1 || !found) return localized(text);
+  const names = alike.map((one) => String(one.params[found])).join(t("page.comma"));
+  return localized(text).replace(String(params[found]), () => names);
+}
+
+/** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
+export function SelectionResults({ outcomes }) {
+  const entries = Object.entries(outcomes);
+  const done = entries.filter(([, one]) => one.status === "done").map(([id]) => nameOf(id));
+  const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
+  return html`<${Notice} live kind=${refused.length ? "warning" : undefined}><ul>
+    ${done.length > 0 && html`<li>${t("page.selection_done", { names: done.join(t("page.comma")) })}</li>`}
+    ${refused.map((one) => html`<li key=${one.ids[0]}>${one.text}</li>`)}
+    ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
+}
+
+/** Dialog with the drives to choose from, all chosen at first; `withReason` asks for a reason as well. */
+function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) {
+  const [offered] = useState(views); // a released drive stays in the list, beside its result
+  const [left, setLeft] = useState([]);
+  const [reason, setReason] = useState("");
+  const [run, busy, error, result] = useRequest();
+  const drives = offered.map((view) => view.id).filter((id) => !left.includes(id));
+  const toggle = (id) => setLeft(left.includes(id) ? left.filter((one) => one !== id) : [...left, id]);
+  const send = (event) => {
+    event.preventDefault();
+    run(() => api.post(path, { drives, ...(withReason ? { reason: reason.trim() } : {}) }));
+  };
+  const off = busy || !isLive.value || drives.length === 0;
+  return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>
+    <div class="row">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
+      checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>
+    ${withReason && html`<${Field} label=${t("page.waiver_reason")}><input value=${reason} maxlength="500" required
+      minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
+    <${ErrorNote} error=${error} />${result?.outcomes && html`<${SelectionResults} outcomes=${result.outcomes} />`}
+    <div class="row end"><${Button} onClick=${onClose}>${t(result ? "page.close" : "page.cancel")}<//>
+      ${!result && html`<button type="submit" class="button main" disabled=${off} data-do="selection">${act}</button>`}
+      </div></form><//>`;
+}
+
+/** Button that opens the dialog; null without drives. */
+export function SelectionButton({ views, text, ...rest }) {
+  const [open, setOpen] = useState(false);
+  if (views.length === 0 && !open) return null;
+  return html`${views.length > 0 && html`<${Button} disabled=${!isLive.value} onClick=${() => setOpen(true)}
+    data-select=${rest.path}>${t(text, { n: views.length })}…<//>`}${open && html`<${SelectionDialog} views=${views} ...${rest}
+      onClose=${() => setOpen(false)} />`}`;
+}
+
+/** Release of those of these drives whose start a bus stop inhibits. */
+export function ReleaseButton({ views }) {
+  return html`<${SelectionButton} views=${views.filter((view) => view.start_inhibited)} text="page.release_all"
+    title=${t("page.release")} ask=${t("page.release_ask")} path="/start-inhibits/release" act=${t("page.release")} />`;
+}
+
+/** Waivers of those of these drives that need one and have none. */
+export function WaiverButton({ views }) {
+  const needing = views.filter(({ comm_loss }) => comm_loss.kind !== "trips" && !comm_loss.waiver);
+  return html`<${SelectionButton} views=${needing} text="page.waiver_record_all" title=${t("page.waiver")} withReason
+    ask=${t("page.waiver_ask_all")} path="/waivers" act=${t("page.waiver_record")} />`;
+}

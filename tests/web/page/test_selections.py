@@ -1,0 +1,43 @@
+"""Release of many drives, the last stop, a second window, and the communication-loss test, on a real plant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus import i18n
+from fixtures.browser import Stage
+
+
+def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage, visit: Any) -> None:
+    page = visit("#/drive/pump-1")
+    every = [view["id"] for view in stage.call("drives.list")["drives"]]
+    page.click(".stop[data-stop=all]")
+    page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
+    page.click(".stopbar [data-select]")
+    assert page.locator("dialog input[type=checkbox]").count() == len(every)
+    page.locator("dialog input[type=checkbox]").first.uncheck()
+    page.click("[data-do=selection]")
+    page.locator("dialog .notice li").wait_for()
+    assert [id for id in every if stage.view(id)["start_inhibited"]] == every[:1]
+
+
+def test_the_same_user_in_a_second_window_is_named_as_you(stage: Stage, visit: Any) -> None:
+    first, second = visit("#/drive/pump-1"), visit("#/drive/pump-1", language="zh")
+    first.click("[data-do=take]")
+    text = i18n.text("page.lease_other_window", "zh")
+    second.locator(".lease .holder", has_text=text).wait_for()
+
+
+def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence(stage: Stage, visit: Any) -> None:
+    page = visit("#/drive/pump-1")
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.click("[data-do=test-comm-loss]")
+    page.click("dialog [data-step=first]")
+    page.click("dialog [data-step=second]")
+    stage.wait(lambda: (stage.view("pump-1")["comm_loss"]["test"] or {}).get("phase") == "silent", "no silence")
+    page.locator("[data-do=read-now]").wait_for()
+    page.click(".stop[data-stop=drive]")
+    stage.wait(lambda: stage.view("pump-1")["comm_loss"]["test"] is None, "the test goes on after a stop")
+    page.locator("[data-do=test-comm-loss]").wait_for()
+    assert stage.view("pump-1")["comm_loss"]["tested"] is None
