@@ -13,7 +13,7 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     every = [view["id"] for view in stage.call("drives.list")["drives"]]
     page.click(".stop[data-stop=all]")
     page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
-    page.click(".stopbar [data-select]")
+    page.locator(".stopbar [data-select]", has_text=str(len(every))).click()
     assert page.locator("dialog input[type=checkbox]").count() == len(every)
     page.locator("dialog input[type=checkbox]").first.uncheck()
     page.click("[data-do=selection]")
