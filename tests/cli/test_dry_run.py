@@ -181,3 +181,27 @@ def test_a_parameter_is_compared_before_it_is_saved_and_not_before_a_ram_write(
     """The comparison saves EEPROM writes; a write to RAM needs none."""
     found = dry("write", "F1.10=16", *C320, *save)["frames"]
     assert [frame["purpose"] for frame in found][frames_before] == "write a parameter"
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ("0106200113 88DE9C", ("set-frequency", "50", "--model", "eds300")),  # EDS300 manual 7.7.3
+        ("010620000006 0208", ("stop", "--model", "eds300")),  # EDS300 manual 7.7.2
+        ("010321000001 8E36", ("status", "--model", "eds300")),  # EDS300 manual 7.7.4
+        ("010321000001 8E36", ("status", "--model", "gd350")),  # Goodrive300-LIFT manual 10.4.8.1
+        ("0106100201F4 2CDD", ("set-frequency", "50", "--model", "e300_modbus")),  # E300 manual page 66
+    ],
+)
+def test_models_with_numbers_for_commands_send_the_frames_of_their_makers_manuals(
+    frame: str, words: tuple[str, ...]
+) -> None:
+    assert frame.replace(" ", "") in [one.replace(" ", "") for one in frames(*words, "--address", "1")]
+
+
+def test_the_plan_of_a_share_reads_the_maximum_frequency_and_says_which_one_it_assumes() -> None:
+    document = dry("run", "--frequency", "20", "--model", "skf8000", "--address", "3")
+    sent = [one["hex"].replace(" ", "") for one in document["frames"]]
+    assert any(one.startswith("0303F00A0001") for one in sent)  # P0-10
+    assert any(one.startswith("030610000FA0") for one in sent)  # 4000 of 10000
+    assert "P0-10, shown for 50 Hz" in " ".join(document["notes"])

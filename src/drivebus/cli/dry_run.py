@@ -13,6 +13,7 @@ from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from drivebus.drives.dialects.base import Dialect
+    from drivebus.profiles.model import SetpointShare
     from drivebus.protocols.codec import Codec
     from drivebus.serial_settings import SerialSettings, StationTiming
 
@@ -91,11 +92,14 @@ class DryRun:
         self.frames: list[PlannedFrame] = []
         self._notes: list[tuple[str, dict[str, Any]]] = []
 
-    def assume_setpoint_step(self) -> None:
-        """Show frequencies in the named model's step, with a note, where the step of the drive is not stated."""
+    def assume_setpoint_scale(self) -> None:
+        """Show frequencies in the named model's step or share, with a note, where that of the drive is not stated."""
         from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
 
         profile = self.dialect.profile
+        if profile.setpoint_share is not None:
+            self._assume_maximum(profile.setpoint_share)
+            return
         steps_hz = possible_steps_hz(profile, self.dialect.options)
         if len(steps_hz) == 1:
             return
@@ -103,6 +107,17 @@ class DryRun:
         cap = scale.value(highest_safe_word(steps_hz))
         self.dialect.set_option(SETPOINT_STEP, f"{scale.factor:g}")
         self._notes.append(("dry.note.step", {"model": profile.model, "step_hz": scale.factor, "cap_hz": cap}))
+
+    def _assume_maximum(self, share: SetpointShare) -> None:
+        """Show the share of a maximum frequency that a plan can't read."""
+        from drivebus.profiles.model import MAXIMUM_FREQUENCY
+
+        if self.dialect.options.get(MAXIMUM_FREQUENCY):
+            return
+        factory = self.dialect.profile.parameters[share.maximum].factory if share.maximum else None
+        assumed_hz = share.maximum_hz or factory or self.dialect.profile.limits.maximum_hz
+        self.dialect.options[MAXIMUM_FREQUENCY] = assumed_hz
+        self._notes.append(("dry.note.maximum", {"notation": share.maximum or MAXIMUM_FREQUENCY, "hz": assumed_hz}))
 
     def add(self, purpose: str, requests: Iterable[Any]) -> None:
         """Add requests in the order of sending."""

@@ -230,12 +230,17 @@ def _note(drive: DetectedDrive) -> str:
         return output.text("scan.no_valid_reply")
     if not drive.doubtful:
         return ""
-    models_by_step: dict[float, list[str]] = {}
+    models_by_step: dict[float | None, list[str]] = {}
     for model, step in drive.setpoint_steps_hz.items():
         models_by_step.setdefault(step, []).append(model)
     if len(models_by_step) == 1:
         return output.text("scan.alike")
-    steps = [output.text("scan.step", models=", ".join(names), step=f"{hz:g}") for hz, names in models_by_step.items()]
+    steps = [
+        output.text("scan.share", models=", ".join(names))
+        if hz is None
+        else output.text("scan.step", models=", ".join(names), step=f"{hz:g}")
+        for hz, names in models_by_step.items()
+    ]
     return output.text("scan.alike_steps", steps="; ".join(steps))
 
 

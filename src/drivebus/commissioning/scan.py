@@ -179,8 +179,8 @@ class DetectedDrive:
 
     models: tuple[str, ...]
     """Models that fit, the most likely first; related models with the same frames can't be distinguished."""
-    setpoint_steps_hz: Mapping[str, float]
-    """Model to the step in which it counts its frequency."""
+    setpoint_steps_hz: Mapping[str, float | None]
+    """Model to the step in Hz in which it counts its frequency; None for a share of its maximum frequency."""
     family: str
     encoding: str
     address: int
@@ -341,7 +341,9 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
-        setpoint_steps_hz={c.profile.model: c.profile.setpoint_scale.factor for c in candidates},
+        setpoint_steps_hz={
+            c.profile.model: None if c.profile.setpoint_share else c.profile.setpoint_scale.factor for c in candidates
+        },
         family=scan_pass.candidates[0].profile.family,
         encoding=scan_pass.candidates[0].encoding,
         address=address,

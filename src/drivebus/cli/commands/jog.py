@@ -115,7 +115,7 @@ def _plan(dry: DryRun, frequency: float | None) -> ExitCode:
 
     dialect: Any = dry.dialect
     if frequency is not None:
-        dry.assume_setpoint_step()
+        dry.assume_setpoint_scale()
     word = None if frequency is None else dialect.setpoint_word(frequency)
     dry.add("jog", [frame.request for frame in dialect.jog(Direction.FORWARD, word)])
     dry.add("jog_stop", dialect.stop(StopMode.JOG_STOP))

@@ -214,8 +214,11 @@ async def _print_comm_loss(drive: Drive) -> None:
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     dialect = dry.dialect
-    dry.assume_setpoint_step()
-    wanted = [dialect.profile.parameters.get(one.notation) for one in dialect.profile.preconditions]
+    dry.assume_setpoint_scale()
+    share = dialect.profile.setpoint_share
+    names = [one.notation for one in dialect.profile.preconditions]
+    names += [share.maximum] if share is not None and share.maximum is not None else []
+    wanted = [dialect.profile.parameters.get(name) for name in names]
     dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
     dry.add("state", dialect.state_reads())
     for purpose, frames in start_frames(dialect, frequency, _direction(reverse)):

@@ -24,7 +24,7 @@ def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
     from drivebus.drives.readings import ReadingPairs
     from drivebus.errors import StartInhibited
 
-    dry.assume_setpoint_step()
+    dry.assume_setpoint_scale()
     word, as_if = dry.dialect.setpoint_word(frequency_hz), False
     try:
         frames = dry.dialect.set_frequency(word, ReadingPairs())
