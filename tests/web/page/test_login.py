@@ -55,13 +55,19 @@ def test_a_login_code_pasted_into_the_open_page_logs_in(stage: Stage, visit: Any
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
 
 
-def test_a_wrong_password_shows_an_error_and_no_data(stage: Stage, visit: Any) -> None:
+def test_a_wrong_password_shows_an_error_and_no_data_and_is_counted_at_the_next_login(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet", role=None)
     page.fill("input[name=name]", "operator")
     page.fill("input[name=password]", PASSWORD + "?")
     page.click("button[type=submit]")
     page.locator(f".notice.bad:has-text('{i18n.text('auth.wrong_password', 'en')}')").wait_for()
     assert page.locator(".tile, .stopbar").count() == 0
+    page.fill("input[name=password]", PASSWORD)
+    page.click("button[type=submit]")
+    notice = page.locator("[data-text=failed-logins]")
+    notice.get_by_text(i18n.text("page.failed_logins", "en", n=1)).wait_for()
+    notice.get_by_role("button").click()
+    notice.wait_for(state="detached")
 
 
 def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stage, visit: Any) -> None:

@@ -306,6 +306,23 @@ def test_a_user_sees_and_ends_the_own_sessions_with_the_password(tmp_path: Path)
     run(scenario())
 
 
+def test_a_login_reports_how_many_wrong_passwords_came_before_it(tmp_path: Path) -> None:
+    """A user could not notice that others guess at the password."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        for name, count in (("operator", 3), ("viewer", 1), ("eve", 5)):
+            for _ in range(count):
+                await harness.client().post("/api/v1/login", json={"name": name, "password": "wrong password"})
+        assert set(harness.auth.failed_logins) == {"operator", "viewer"}, "invented names take no memory"
+        client = await harness.log_in("operator")
+        assert (await done(client, "GET", "/session"))["failed_logins"] == 3
+        again = await harness.log_in("operator")
+        assert "failed_logins" not in await done(again, "GET", "/session")
+
+    run(scenario())
+
+
 def test_a_session_that_is_too_old_is_not_listed(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 

@@ -7,6 +7,7 @@ import contextlib
 import hmac
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -97,6 +98,8 @@ class AuthService:
         self.setup_secret = SetupSecret(directory)
         self.clock = clock
         self.wall_ms = wall_ms
+        self.failed_logins = Counter[str]()
+        """User → wrong passwords since the last login, while this process runs."""
         self.throttle = LoginThrottle()
         """Of passwords."""
         self.secret_throttle = LoginThrottle()
@@ -156,11 +159,18 @@ class AuthService:
         user = self.database.find(name)
         device = self.devices.device(name, device_cookie)
         keys = AttemptKeys((f"device:{device}",)) if device else unknown_browser_keys(name, address)
-        await self._verify_password(user, password, keys, is_known=bool(device))
+        try:
+            await self._verify_password(user, password, keys, is_known=bool(device))
+        except NotAuthenticated:
+            if user is not None:
+                self.failed_logins[user.name] += 1
+            raise
         current = self.database.find(name)
         if user is None or current is None or current.stamp != user.stamp:
             raise NotAuthenticated("auth.wrong_password")
-        return await self._open_session(current, address)
+        opened = await self._open_session(current, address)
+        opened.session.failed_logins = self.failed_logins.pop(current.name, 0)
+        return opened
 
     async def login_with_code(self, code: str, address: str) -> LoginResult:
         """Log in with a one-time code. Raises NotAuthenticated, TooManyAttempts."""

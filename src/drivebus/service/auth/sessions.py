@@ -99,6 +99,8 @@ class Session(SessionRecord):
 
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     end_reason: str | None = None
+    failed_logins: int = 0
+    """Wrong passwords of its user between the login before and this one, which opened it."""
 
     def end(self, reason: str) -> None:
         """End the session with ``logout``, ``expired``, ``rights`` or ``replaced``; the first reason stays."""

@@ -64,7 +64,8 @@ class SessionParams(OperationParams):
 
 class SessionResponse(ApiObject):
     """User, rights and CSRF token; ``setup`` is true while there is no administrator. A session of a browser also has
-    ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page.
+    ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page;
+    ``failed_logins`` the number of wrong passwords of the user since the login before.
     """
 
     setup: bool

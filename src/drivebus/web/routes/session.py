@@ -159,6 +159,8 @@ def _session_json(context: WebContext, credential: Credential | None) -> Json:
     if not isinstance(credential, SessionCredential):
         return found
     session, now = credential.session, auth.clock()
+    if session.failed_logins:
+        found["failed_logins"] = session.failed_logins
     return found | {
         "role": str(auth.database.user(session.user).role),
         "csrf": session.csrf,

@@ -25,6 +25,7 @@ const NAV_PAGES = [
 const menu = signal(false);
 /** English text of the service's notice that the user has closed. */
 const closedNotice = signal("");
+const closedLoginNotice = signal("");
 
 function NavLink({ page }) {
   const open = page === "alarms" ? openAlarms().length : 0;
@@ -124,6 +125,15 @@ function ServiceNotice() {
       ${t("page.close")}<//></div>`}</div>`;
 }
 
+/** Number of wrong passwords since the user's last login, until the user closes it. */
+function FailedLogins() {
+  const { failed_logins: n, session: id } = session.value;
+  const shown = n > 0 && id !== closedLoginNotice.value;
+  return html`<div role="status">${shown && html`<div class="banner high" data-text="failed-logins">
+    <${Icon} name="warning" /><span>${t("page.failed_logins", { n })}</span>
+    <${Button} onClick=${() => { closedLoginNotice.value = id; }}>${t("page.close")}<//></div>`}</div>`;
+}
+
 function PlantNotice() {
   const plant = topic("plant").value;
   if (!plant) return null;
@@ -138,7 +148,7 @@ export function Shell({ children }) {
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${PageHeader} /><${ConnectionNotice} /><${ServiceNotice} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
+    <${PageHeader} /><${ConnectionNotice} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${connection.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }
