@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -293,6 +294,18 @@ def test_every_metric_is_documented(suffix: str) -> None:
     missing = [name for name, row in rows.items() if row not in message or METRICS[name].text(language) not in message]
     assert missing == []
     assert not [name for name in METRICS if METRICS[name].text(language).startswith("metrics.")]
+
+
+def test_the_alert_rules_name_metrics_and_labels_that_exist() -> None:
+    """Prometheus itself accepts a rule of an unknown metric, which never calls anybody."""
+    rules = Path(__file__).parents[2] / "examples" / "prometheus" / "drivebus.rules.yml"
+    text = rules.read_text(encoding="utf-8")
+    named = set(re.findall(rf"\b{METRIC_PREFIX}(\w+)", text))
+    assert len(named) >= 4 and named <= METRICS.keys()
+    for name, labels in re.findall(rf"\b{METRIC_PREFIX}(\w+)\{{(\w+)", text):
+        assert labels in METRICS[name].labels, name
+    shown = set(re.findall(r"\$labels\.(\w+)", text))
+    assert shown <= {"instance"} | {label for name in named for label in METRICS[name].labels}
 
 
 class UnavailableService:
