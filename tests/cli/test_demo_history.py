@@ -7,7 +7,12 @@ from collections import Counter
 from drivebus import profiles
 from drivebus.cli.demo.history import HOURS, STEP_S, HistoryGenerator
 from drivebus.cli.demo.layout import BUSES
-from drivebus.values import Quality
+from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
+from drivebus.profiles.model import DriveProfile
+from drivebus.service.config.model import DriveConfig
+from drivebus.service.live.views import Sample
+from drivebus.service.runtime.run_statistics import RunStatistics
+from drivebus.values import Quality, Text
 
 START_MS = 1_700_000_000_000
 STEPS = int(HOURS * 3600.0 / STEP_S)
@@ -51,3 +56,56 @@ def test_a_motor_draws_current_only_while_it_runs() -> None:
     assert 0.2 < len(running) / STEPS < 0.98 and max(running) <= 50.0
     assert all((hz > 0.0) == (amperes > 0.0) for hz, amperes in pairs)
     assert {event.kind for event in history.events} >= {"run", "stop"}
+
+
+def shift(bus: int, drive: int) -> tuple[DriveConfig, DriveProfile, HistoryGenerator, list[Sample]]:
+    history = generator(bus, drive)
+    made, profile = BUSES[bus], profiles.load(BUSES[bus].model)
+    one = made.drives[drive]
+    setting = DriveConfig(id=one.key, bus=made.name, address=one.address, model=made.model, title=Text("Fan", "风机"))
+    return setting, profile, history, list(history.samples())
+
+
+SHIFTS = [(bus, drive) for bus in range(len(BUSES)) for drive in range(3)]
+
+
+def test_each_trip_of_the_history_is_an_alarm_that_was_acknowledged_and_cleared() -> None:
+    """Trips in the trend beside an empty list of past alarms made the demo look broken."""
+    alarms = []
+    for setting, profile, history, _ in (shift(*one) for one in SHIFTS):
+        made = [*past_alarms(setting, profile, history.events, "demo")]
+        ended = [event for event in history.events[:-1] if event.kind == "trip"]
+        assert [alarm.raised_ms for alarm in made] == [event.time_ms for event in ended]
+        alarms += made
+    ordered = numbered(alarms)
+    assert len(ordered) >= 3
+    assert [alarm.id for alarm in ordered] == [f"a{n}" for n in range(1, len(ordered) + 1)]
+    assert [alarm.raised_ms for alarm in ordered] == sorted(alarm.raised_ms for alarm in ordered)
+    for alarm in ordered:
+        assert not alarm.active and alarm.acknowledged_by == "demo"
+        assert alarm.raised_ms < (alarm.acknowledged_ms or 0) <= (alarm.cleared_ms or 0)
+        assert alarm.text.en.startswith("Fan reports a fault: ") and alarm.remedy.en
+
+
+def test_the_statistics_count_the_hours_of_the_history() -> None:
+    for setting, profile, history, samples in (shift(*one) for one in SHIFTS):
+        found = past_statistics(profile, samples, history.events, START_MS)
+        shown = found.as_json()
+        frequencies = [sample.value or 0.0 for sample in samples if sample.tag.endswith(".output_frequency")]
+        assert shown["since_ms"] == START_MS
+        if "status" not in profile.capabilities:
+            assert (shown["running_h"], shown["starts"]) == (None, None), setting.id
+            continue
+        assert shown["running_h"] == round(sum(hz > 0.0 for hz in frequencies) * STEP_S / 3600.0, 4)
+        assert 1.0 < shown["running_h"] < HOURS and shown["starts"] >= 1
+        assert sum(shown["faults"].values()) == sum(event.kind == "trip" for event in history.events)
+        assert RunStatistics.from_document(found.to_document()) == found
+
+
+def test_a_drive_without_readable_power_has_no_energy_and_one_with_it_has() -> None:
+    energies = {
+        BUSES[bus].model: past_statistics(profile, samples, history.events, START_MS).energy_kwh
+        for bus in range(len(BUSES))
+        for _, profile, history, samples in [shift(bus, 0)]
+    }
+    assert (energies["vc660"] or 0.0) > 0.1 and energies["c320"] is None

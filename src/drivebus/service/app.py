@@ -11,6 +11,7 @@ from types import TracebackType
 from drivebus.bus import timer as timers
 from drivebus.clock import wall_ms
 from drivebus.service.alarms import AlarmEngine, SystemAlarm
+from drivebus.service.alarms.log import ALARM_LOG_FILE
 from drivebus.service.alarms.service import AlarmService
 from drivebus.service.api.dispatcher import Dispatcher
 from drivebus.service.api.handlers import bound_handlers
@@ -154,7 +155,7 @@ class Service:
 
     def _report_damaged_alarms(self) -> None:
         """Raise an alarm where the log of alarms was put aside at this start, else clear it."""
-        subject = "alarms.jsonl"
+        subject = ALARM_LOG_FILE
         if self._alarm_log.damaged_copy:
             self.plant.raise_alarm(SystemAlarm.FILE_DAMAGED, subject=subject, copy=self._alarm_log.damaged_copy)
         else:

@@ -12,7 +12,9 @@ from random import Random
 from drivebus.cli.demo.layout import DemoBus, DemoDrive
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.live.views import Sample
+from drivebus.simulator.models.c320 import FAULT_CODES as C320_FAULT_CODES
 from drivebus.simulator.models.catalog import LOADS
+from drivebus.simulator.models.dzb100 import FAULT_CODES as DZB100_FAULT_CODES
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.values import Quality
 
@@ -20,7 +22,12 @@ HOURS, STEP_S = 8.0, 10.0
 SETPOINTS_HZ = (15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
 RUN_S = (600.0, 5400.0)  # shortest and longest time at one setpoint
 PAUSE_S = (60.0, 900.0)  # shortest and longest standstill
-TRIP_SHARE = 0.03  # share of the runs that end in a trip
+TRIP_SHARE = 0.4  # share of the ends of runs that are a trip; a demo without trips has no past alarms
+TRIP_CODES: Mapping[str, int] = {
+    "sunfar": C320_FAULT_CODES[Trip.OVERCURRENT_RUNNING],
+    "dzb100": DZB100_FAULT_CODES[Trip.OVERCURRENT_RUNNING],
+}
+"""Code of the generated trip by protocol family; the others report no code, and their drives do not trip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +48,7 @@ class HistoryGenerator:
         self.drive, self.start_ms = drive.key, start_ms
         self._signals = [name for name in profile.signals if name in SIGNAL_VALUES]
         self._uncertain = {name for name in self._signals if profile.signals[name].uncertain}
+        self._can_trip = profile.family in TRIP_CODES
         self._random = Random(f"{seed}/{drive.key}")
         self._motor = Motor(load=LOADS[bus.load]())
         self._motor.accel_s = self._motor.decel_s = bus.ramp_s
@@ -62,7 +70,7 @@ class HistoryGenerator:
         if motor.trip is not None:
             motor.reset()
         if motor.energised and random.random() < 0.5:
-            kind = "trip" if random.random() < TRIP_SHARE else "stop"
+            kind = "trip" if random.random() < TRIP_SHARE and self._can_trip else "stop"
             if kind == "trip":
                 motor.force_trip(Trip.OVERCURRENT_RUNNING)
             else:

@@ -18,10 +18,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivebus import i18n, profiles
+from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.demo.history import HOURS, DemoEvent, HistoryGenerator
 from drivebus.cli.demo.layout import BUSES
+from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
 from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer, ScriptStep
@@ -29,12 +30,14 @@ from drivebus.cli.demo.story import PAGE_CONTINUATION, caption
 from drivebus.cli.errors import ExitCode
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore
+from drivebus.service.alarms import Alarm
+from drivebus.service.alarms.log import ALARM_LOG_FILE, AlarmLog
 from drivebus.service.api.errors import localized
 from drivebus.service.app import Service
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.service import AuthService
-from drivebus.service.config import load
+from drivebus.service.config import load, profile_of
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
@@ -42,6 +45,7 @@ from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
+from drivebus.service.runtime.run_statistics import DOCUMENT_KIND
 from drivebus.types import Json
 
 LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
@@ -202,15 +206,28 @@ def _write_waivers(config: PlantConfig) -> None:
 
 
 async def _write_history(config: PlantConfig) -> None:
+    """Write samples and events, and the alarms and run statistics that follow from them."""
     start_ms = wall_ms() - int(HOURS * 3_600_000)
+    drives = {drive.id: drive for drive in config.drives}
+    alarms: list[Alarm] = []
     async with Historian(config.history, config.directory) as historian:
         for bus in BUSES:
             for drive in bus.drives:
-                generator = HistoryGenerator(bus, drive, profiles.load(bus.model), start_ms, SEED)
-                historian.append(list(generator.samples()))
+                setting = drives[drive.key]
+                profile = profile_of(setting)
+                generator = HistoryGenerator(bus, drive, profile, start_ms, SEED)
+                samples = list(generator.samples())
+                historian.append(samples)
                 for number, event in enumerate(generator.events):
                     historian.put_event(_event_json(event, number))
+                alarms += past_alarms(setting, profile, generator.events, USER)
+                statistics = past_statistics(profile, samples, generator.events, start_ms)
+                historian.put_document(DOCUMENT_KIND, drive.key, statistics.to_document())
                 await historian.flush()
+    log = AlarmLog(config.directory / ALARM_LOG_FILE)
+    for alarm in numbered(alarms):
+        log.put(alarm)
+    await log.close()
 
 
 def _event_json(event: DemoEvent, number: int) -> Json:

@@ -18,6 +18,7 @@ from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
+ALARM_LOG_FILE = "alarms.jsonl"
 MAX_LOGGED_ALARMS = 5_000
 """Older alarms are dropped, so that file and memory stay bounded."""
 MAX_LOG_LINES = 4 * MAX_LOGGED_ALARMS

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore, Store
-from drivebus.service.alarms.log import AlarmLog
+from drivebus.service.alarms.log import ALARM_LOG_FILE, AlarmLog
 from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import signal_labels
 from drivebus.service.config.model import PlantConfig
@@ -40,7 +40,7 @@ class Storage:
             audit=AuditTrail.of(config),
             historian=historian,
             run_statistics=RunStatisticsStore(historian),
-            alarm_log=AlarmLog(directory / "alarms.jsonl"),
+            alarm_log=AlarmLog(directory / ALARM_LOG_FILE),
             incidents=IncidentStore(directory / "incidents"),
             settings=FileStore(directory / SETTINGS_FILE),
         )
@@ -49,7 +49,7 @@ class Storage:
         """Return the present error of each file that is written in the background."""
         paths = self.audit.paths
         return {
-            "alarms.jsonl": self.alarm_log.error,
+            ALARM_LOG_FILE: self.alarm_log.error,
             paths.current.name: self.audit.error,
             paths.checkpoints.name: self.audit.checkpoint_error,
             paths.head.name: self.audit.head_error,
