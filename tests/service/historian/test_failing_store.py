@@ -270,3 +270,23 @@ async def test_samples_that_an_outage_lost_are_logged_once_with_their_number(
         historian.writer._record_failure(StoreError("disk is full"))
         await historian.flush()
     assert [record.getMessage() for record in caplog.records] == ["history is written again; samples lost: 7"]
+
+
+async def test_a_reader_connection_that_the_database_cut_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:
+    """After a restart of PostgreSQL the end of the service failed with "Broken pipe", before the last checkpoint."""
+
+    def made(setting: HistoryConfig, directory: Path) -> Any:
+        writing, reading = historian_module.open_stores(setting, directory)
+
+        def cut() -> None:
+            raise StoreError("[Errno 32] Broken pipe")
+
+        reading.close = cut  # type: ignore[method-assign]
+        return writing, reading
+
+    historian = historian_module.Historian(HistoryConfig(), tmp_path, open_stores=made)
+    await historian.open()
+    historian.append(samples(range(3)))
+    await historian.close()
+    async with historian_module.Historian(HistoryConfig(), tmp_path) as again:
+        assert (await trend(again, NOON_MS, NOON_MS + 2000))["mean"] == [0, 1, 2]

@@ -53,7 +53,9 @@ class HistoryQueries:
             raise ServiceUnavailable("history.unavailable", why=str(error)) from error
 
     async def close(self) -> None:
-        await self._on_reader_thread(self._reader.close)
+        """Close the reader's connection. One that the database has cut counts as closed: the service ends as usual."""
+        with contextlib.suppress(ServiceUnavailable):
+            await self._on_reader_thread(self._reader.close)
         self._read_thread.shutdown()
 
     def tags(self) -> Json:
