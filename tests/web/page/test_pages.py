@@ -251,7 +251,7 @@ def test_a_command_is_one_row_with_its_value_and_shows_both_records_when_opened(
     assert (request["outcome"], result["of"]) == ("requested", request["n"])
 
 
-def test_records_are_joined_to_deeds_by_the_number_of_the_request(visit: Any) -> None:
+def test_records_of_one_action_are_joined_by_the_number_of_the_request(visit: Any) -> None:
     """Changes of users name no request; a request whose result is not there yet stays a row."""
     page = visit("#/audit")
     numbers = page.evaluate(
@@ -262,7 +262,7 @@ def test_records_are_joined_to_deeds_by_the_number_of_the_request(visit: Any) ->
             record(7, "drive.stop", "failed", 4), record(6, "user.add", "requested"),
             record(5, "drive.stop", "confirmed"),
             record(4, "drive.stop", "requested"), record(3, "user.add", "requested")];
-          return m.joinDeeds(entries).map(({ entry, request }) => [entry.n, request?.n ?? null]);
+          return m.joinRecords(entries).map(({ entry, request }) => [entry.n, request?.n ?? null]);
         }"""
     )
     assert numbers == [[9, None], [8, 6], [7, 4], [5, None], [3, None]]

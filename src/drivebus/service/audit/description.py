@@ -63,7 +63,7 @@ def _action(item: Json, titles: Titles) -> Text:
     if not subject.en:
         name = action_name(item["what"])
         return Text(name.en + more.en, name.zh + more.zh)
-    return bilingual_text("audit.deed", action=action_name(item["what"]), subject=subject, details=more)
+    return bilingual_text("audit.sentence", action=action_name(item["what"]), subject=subject, details=more)
 
 
 def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:

@@ -36,16 +36,16 @@ function Trail() {
   const [search, setSearch] = useState("");
   const query = useMemo(() => timeRangeQuery(period), [period]);
   const list = usePaged("/audit", query);
-  const deeds = useMemo(() => joinDeeds(list.items), [list.items]);
-  const shown = deeds.filter((deed) => matches(deed, search.trim().toLowerCase()));
+  const actions = useMemo(() => joinRecords(list.items), [list.items]);
+  const shown = actions.filter((action) => matches(action, search.trim().toLowerCase()));
   return html`<section class="stack"><${TimeRange} value=${period} onChange=${setPeriod}>
       <${Field} label=${t("page.search_loaded")}><input type="search" value=${search}
         onInput=${(event) => setSearch(event.target.value)} /><//><//>
-    <ol class="audit">${shown.map((deed) => html`<${Deed} key=${deed.entry.n} deed=${deed} />`)}</ol>
+    <ol class="audit">${shown.map((action) => html`<${ActionRow} key=${action.entry.n} action=${action} />`)}</ol>
     <${PagedEnd} list=${list} /></section>`;
 }
 
-/** Row text in the reader's language and the records of a deed, for the search. */
+/** Row text in the reader's language and the records of an action, for the search. */
 const matches = ({ entry, request }, text) => !text || [
   [moment(entry.time_ms), userOf(entry), localized(entry.text), localized(entry.outcome_text)].join(" "),
   JSON.stringify([entry, request]),
@@ -53,30 +53,30 @@ const matches = ({ entry, request }, text) => !text || [
 
 const userOf = (entry) => entry.who?.name ?? entry.who ?? "";
 
-/** A deed is one row: the record of its result with that of its request, the newest first. A request without a result
+/** An action is one row: the record of its result with that of its request, the newest first. A request without a result
  * among the loaded records is a row of its own. */
-export function joinDeeds(entries) {
+export function joinRecords(entries) {
   const results = new Map();
-  const deeds = [];
+  const actions = [];
   for (const entry of entries) {
-    const own = entry.outcome === "requested" ? results.get(entry.n) ?? results.get(deedOf(entry)) : undefined;
+    const own = entry.outcome === "requested" ? results.get(entry.n) ?? results.get(requestKey(entry)) : undefined;
     if (own) {
       own.request = entry;
       results.delete(entry.n);
-      results.delete(deedOf(entry));
+      results.delete(requestKey(entry));
       continue;
     }
-    const deed = { entry, request: null };
-    deeds.push(deed);
+    const action = { entry, request: null };
+    actions.push(action);
     // Changes of users name no request: theirs is the next older one of the same user, action and target.
-    if (entry.outcome !== "requested") results.set(entry.of ?? deedOf(entry), deed);
+    if (entry.outcome !== "requested") results.set(entry.of ?? requestKey(entry), action);
   }
-  return deeds;
+  return actions;
 }
 
-const deedOf = (entry) => JSON.stringify([entry.what, entry.target, userOf(entry), entry.who?.session]);
+const requestKey = (entry) => JSON.stringify([entry.what, entry.target, userOf(entry), entry.who?.session]);
 
-function Deed({ deed: { entry, request } }) {
+function ActionRow({ action: { entry, request } }) {
   return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="user">${userOf(entry)}</span>
     <span class="what">${localized(entry.text)}</span>
     <span class=${`ended ${isSuccess(entry) ? "" : "bad"}`}>${localized(entry.outcome_text)}</span>
