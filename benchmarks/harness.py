@@ -37,10 +37,14 @@ class CStations:
         delay_us: int = 0,
         dead: int = 0,
         late: tuple[int, int] = (0, 0),
+        missing: int = 0,
+        damaged: int = 0,
+        seed: int = 0,
         flat: int = 0,
         record: Path | None = None,
     ) -> None:
-        arguments = (lines, 31, baud, 10, delay_us, dead, *late, flat, *([record] if record else []))
+        faults = (*late, missing, damaged, seed)
+        arguments = (lines, 31, baud, 10, delay_us, dead, *faults, flat, *([record] if record else []))
         self.arguments = [str(argument) for argument in arguments]
         self.paths: list[str] = []
         self.figures: Figures = {}
@@ -59,14 +63,16 @@ class CStations:
         self.figures = json.loads(rest)
 
 
-def run_client(name: str, stations: CStations, seconds: float, baud: int, *more: object) -> Figures:
-    """Run one client against the stations and return its figures."""
+def run_client(
+    name: str, stations: CStations, seconds: float, baud: int, *more: object, addresses: int = 31
+) -> Figures:
+    """Run one client against the first ``addresses`` stations and return its figures."""
 
     if name == "libmodbus":
         command: list[str] = [str(build_c_source("clients/libmodbus_client.c", "libmodbus"))]
     else:
         command = [sys.executable, str(BENCHMARK_FOLDER / "clients" / f"{name}.py")]
-    arguments = [",".join(stations.paths), "31", str(seconds), str(baud), *(str(part) for part in more)]
+    arguments = [",".join(stations.paths), str(addresses), str(seconds), str(baud), *(str(part) for part in more)]
     done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
     if done.returncode != 0 or not done.stdout:
         raise RuntimeError(f"{name} failed: {done.stderr[-2000:]}")

@@ -9,6 +9,8 @@ import time
 from typing import Any
 
 PATH, STATIONS, SECONDS, BAUD = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
+REPLY_DELAY_S = float(sys.argv[6]) if len(sys.argv) > 6 else None
+"""Longest reply delay of the stations; None: each client's own."""
 REGISTERS = 4
 
 

@@ -409,6 +409,25 @@ def test_garbage_may_be_the_late_reply_of_another_suspect_station() -> None:
     assert script.core.stations[1].state.is_suspect
 
 
+@pytest.mark.parametrize(("second_replies", "suspect"), [([], False), ([0.0], True)])
+def test_after_the_sync_probe_of_the_suspect_station_a_damaged_reply_is_that_of_its_own_request(
+    second_replies: list[float], suspect: bool
+) -> None:
+    """A station replies in order, so nothing of it is late any more; of two drives at one address only one did."""
+    first, second = FakeStation(address=1), FakeStation(address=2)
+    script = make_online_script(first, second)
+    second.alive = False
+    script.submit(read_request(2), "lost")
+    script.run_until(script.now + 0.1)
+    second.alive = True
+    script.core.stations[2].duplicate_reply_times[:] = second_replies
+    assert script.result("lost").error is None and not script.core.stations[2].state.is_suspect
+    script.wire = lambda frame, ended_at: [(ended_at + 0.01, damaged_reply(0))] if frame[:2] == b"\x01\x03" else []
+    script.submit(read_request(1, count=1), "read")
+    script.run_until(script.now + 0.03)
+    assert script.core.stations[1].state.is_suspect is suspect
+
+
 def test_a_damaged_reply_to_a_sync_probe_is_no_reply_and_the_quarantine_begins_again() -> None:
     station = FakeStation()
     script = make_online_script(station)

@@ -40,7 +40,8 @@ Why no late reply can be credited to another request:
 
 8. Every failed transaction whose reply may still come makes its station suspect before the next frame is chosen
    (``_handle_failure``), and so does the loss of the port. The only exception is a damaged reply: exactly as many bytes
-   as the reply, with a checksum, character or line error, while no late reply is due on the bus. Then it has come.
+   as the reply, with a checksum, character or line error, while no late reply is due on the bus: each station that was
+   suspect in the last 5 s has answered a sync probe since, and no two drives share its address. Then it has come.
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
    reply lateness of its model (``[timing]`` of the profile).
 10. The reply to its sync probe must not match any unanswered request of the last ``MAX_REPLY_LATENESS_S``
@@ -623,6 +624,7 @@ class BusCore:
         return True
 
     def _no_late_reply_due(self, now: float) -> bool:
+        """Return whether each suspicion of the last 5 s, of any station, was refuted by a sync probe."""
         return all(now - station.suspect_since > MAX_REPLY_LATENESS_S for station in self.stations.values())
 
     def _remember_unanswered(self, transaction: Transaction, now: float) -> None:

@@ -191,6 +191,7 @@ class Station:
         self.start_inhibited = False
         self.quarantined_until = 0.0
         self.suspect_since = float("-inf")
+        """Time of the last suspicion that no sync probe of its own has refuted: a late reply may be due on the bus."""
         self.probe_backoff_s = 0.0
         self.next_probe_at = 0.0
         self.sync_probe_count = 0
@@ -246,6 +247,8 @@ class Station:
         self.sync_rejections = 0
         if verified:
             self.probe_backoff_s = 0.0
+            if not self.duplicate_reply_times:  # of two drives at one address only one has answered the sync probe
+                self.suspect_since = float("-inf")
 
     def sync_due_at(self, budget_at: float) -> float:
         """Return the time at which a sync probe may be sent without a request that waits for it."""
