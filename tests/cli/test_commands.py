@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from drivebus import errors, profiles
 from drivebus.cli import errors as cli_errors
 from drivebus.cli.main import cli
+from drivebus.ports import discovery, latency_timer
 from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("--model", "c320", "--address", "1")
@@ -279,6 +280,24 @@ def test_models_lists_each_value_of_the_option_model_once(own_profiles: Path) ->
 
 def test_ports_also_works_on_a_machine_without_serial_ports() -> None:
     assert isinstance(run_json("ports")["ports"], list)
+
+
+def test_ports_names_an_adapter_that_holds_bytes_back_and_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An FTDI adapter with its factory setting, one set to 1 ms, and one without the timer."""
+    monkeypatch.setattr(latency_timer, "USB_SERIAL_DEVICES", tmp_path)
+    for device, value in (("ttyUSB7", 16), ("ttyUSB8", 1)):
+        (tmp_path / device).mkdir()
+        (tmp_path / device / "latency_timer").write_text(f"{value}\n")
+    devices = [f"/dev/{name}" for name in ("ttyUSB7", "ttyUSB8", "ttyACM0")]
+    found = [discovery.PortInfo(device=one, description="", identity=f"device:{one}", url=one) for one in devices]
+    monkeypatch.setattr(discovery, "discover_ports", lambda: found)
+    assert [one["latency_ms"] for one in run_json("ports")["ports"]] == [16, 1, None]
+    result = CliRunner().invoke(cli, ["ports"])
+    noted = " ".join(result.stderr.split())
+    assert "devices/ttyUSB7/latency_timer" in noted and "16 ms" in noted
+    assert "ttyUSB8" not in noted and "ttyACM0" not in noted
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

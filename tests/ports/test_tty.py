@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports import open_port, serialx_adapter, tty
+from drivebus.ports import latency_timer, open_port, serialx_adapter, tty
 from drivebus.ports.base import PausableReader, port_notes
 from drivebus.ports.recording import RecordingPort
 from drivebus.ports.serial_posix import SerialPort
@@ -89,11 +89,11 @@ async def test_an_adapter_with_high_latency_is_set_to_low_latency_or_noted(
     pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An FTDI adapter delays bytes by up to 16 ms unless it is configured."""
-    folder = tmp_path / os.path.basename(pty.path) / "device"  # noqa: PTH119
+    folder = tmp_path / os.path.basename(pty.path)  # noqa: PTH119
     folder.mkdir(parents=True)
     timer = folder / "latency_timer"
     timer.write_text("16\n")
-    monkeypatch.setattr(tty, "TTY_CLASS", tmp_path)
+    monkeypatch.setattr(latency_timer, "USB_SERIAL_DEVICES", tmp_path)
     port = await opened(pty, FakeReceiver())
     assert (timer.read_text(), port_notes(port)) == ("1", ())
     await port.close()

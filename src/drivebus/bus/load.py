@@ -68,6 +68,21 @@ def estimate_bus_load(polls: Sequence[tuple[StationConfig, Sequence[Poll]]], set
     return BusLoad(load_percent=100 * load, cycle_s=cycle_s, drives=drives)
 
 
+def polls_per_s(
+    polls: Sequence[tuple[StationConfig, Sequence[Poll]]], settings: SerialSettings, adapter_delay_s: float
+) -> float:
+    """Return the polls a second that the bus carries back to back, 0 without any.
+
+    Every station replies at its limit, and the adapter delivers each reply ``adapter_delay_s`` late.
+    """
+    costs_s = [
+        _transaction_s(config, poll.request, settings) - config.timing.adapter_latency_s + adapter_delay_s
+        for config, station_polls in polls
+        for poll in station_polls
+    ]
+    return len(costs_s) / sum(costs_s) if costs_s else 0.0
+
+
 def _transaction_s(config: StationConfig, request: Any, settings: SerialSettings) -> float:
     """Return the time of gap, request, and the longest wait for its reply."""
     codec, timing = config.codec, config.timing

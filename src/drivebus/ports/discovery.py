@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivebus.ports import serialx_adapter
+from drivebus.ports import latency_timer, serialx_adapter
 
 PROC = Path("/proc")
 BY_ID = Path("/dev/serial/by-id")
@@ -40,13 +40,18 @@ class PortInfo:
     vid: int | None = None
     pid: int | None = None
     serial_number: str | None = None
+    latency_ms: int | None = None
+    """Time for which the adapter may hold received bytes back (Linux, FTDI), None where it is not known."""
 
 
 def list_ports() -> list[PortInfo]:
-    """Return all ports, with the processes that use them."""
+    """Return all ports, with the processes that use them and the latency of their adapters."""
     ports = discover_ports()
     users = device_users({port.device for port in ports})
-    return [replace(port, users=tuple(users[port.device])) for port in ports]
+    return [
+        replace(port, users=tuple(users[port.device]), latency_ms=latency_timer.latency_ms(port.device))
+        for port in ports
+    ]
 
 
 def discover_ports() -> list[PortInfo]:

@@ -17,7 +17,6 @@ import os
 import struct
 import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 assert sys.platform != "win32"
 
@@ -25,7 +24,7 @@ import fcntl
 import termios
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports import open_errors, serialx_adapter
+from drivebus.ports import latency_timer, open_errors, serialx_adapter
 from drivebus.ports.discovery import device_users, discover_ports
 from drivebus.ports.locks import DeviceBusy, DeviceLock, lock_owner
 from drivebus.serial_settings import SerialSettings
@@ -37,7 +36,6 @@ _GENERIC_MACHINES = ("x86_64", "i", "aarch64", "arm", "riscv")  # these use the 
 _RS485_ENABLED, _RS485_RTS_ON_SEND = 1, 2  # flags of struct serial_rs485 (kernel documentation, serial-rs485.rst)
 _CMSPAR = 0o10000000000
 _UNIX98_SLAVES = range(136, 144)  # major numbers of Linux ptys
-TTY_CLASS = Path("/sys/class/tty")
 BAUD_TOLERANCE = 0.02  # a UART tolerates about 4 % between both ends, so each may be off by half of it
 
 
@@ -154,7 +152,7 @@ def _configured(
             has_line_timing=not pty, parity=not pty and settings.parity != "N", direction_control=rs485
         ),
         lock=lock,
-        low_latency=_set_low_latency(device),
+        low_latency=latency_timer.set_low_latency(device),
         marks_line_errors=not pty,
     )
 
@@ -227,14 +225,3 @@ def _enable_rs485(fd: int, path: str) -> None:
         raise PortUnavailable("ports.rs485", port=path) from error
     if not flags & _RS485_ENABLED:
         raise PortUnavailable("ports.rs485", port=path)
-
-
-def _set_low_latency(device: str) -> bool:
-    """Set the latency timer of an FTDI adapter to 1 ms (it is 16 ms otherwise); return whether it is known to be 1."""
-    timer = TTY_CLASS / Path(device).name / "device" / "latency_timer"
-    try:
-        if int(timer.read_text()) > 1:
-            timer.write_text("1")
-        return int(timer.read_text()) <= 1
-    except (OSError, ValueError):
-        return not timer.exists()

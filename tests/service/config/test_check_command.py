@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus.cli.main import cli
+from drivebus.ports import latency_timer
 from drivebus.service import config
 from drivebus.service.config import bus_load
 from drivebus.service.config.bus_load import bus_loads
@@ -46,6 +47,25 @@ def test_a_valid_plant_is_reported_with_its_bus_load(plant: Path) -> None:
     assert "Buses: 2, drives: 2" in result.output
     assert "500 ms (≤ 643 ms): output_frequency · 2 s (≤ 2.14 s): output_voltage" in result.output
     assert "conveyor is polled at most every 750 ms" in result.output
+
+
+def test_an_adapter_that_holds_bytes_back_is_named_with_its_cost_and_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An FTDI adapter with its factory setting of 16 ms, and one of 1 ms that costs nothing."""
+    monkeypatch.setattr(latency_timer, "USB_SERIAL_DEVICES", tmp_path)
+    for device, value in (("ttyUSB7", 16), ("ttyUSB8", 1)):
+        (tmp_path / device).mkdir()
+        (tmp_path / device / "latency_timer").write_text(f"{value}\n")
+    plant = tmp_path / "plant.toml"
+    plant.write_text(PLANT.replace("tcp://127.0.0.1:1", "/dev/ttyUSB7").replace("tcp://127.0.0.1:2", "/dev/ttyUSB8"))
+    (found,) = json.loads(check(plant, "--json").stdout)["slow_adapters"]
+    assert (found["bus"], found["device"], found["latency_ms"]) == ("a", "ttyUSB7", 16)
+    assert 1 / found["polls_per_s"] - 1 / found["polls_per_s_at_low_latency"] == pytest.approx(0.015)
+    shown = " ".join(check(plant).output.split())
+    assert f"At most {found['polls_per_s']:.1f} polls a second instead of" in shown
+    assert "devices/ttyUSB8" not in shown
+    assert "/sys/bus/usb-serial/devices/ttyUSB7/latency_timer" in shown and 'ATTR{latency_timer}="1"' in shown
 
 
 def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None:

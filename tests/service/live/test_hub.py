@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus.service.config.adapter_latency import AdapterLatency
 from drivebus.service.control.leases import LEASE_TTL_S
 from drivebus.service.live.hub import MAX_LIST_ITEMS, STATE_STREAM, Hub
 from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
@@ -327,6 +328,21 @@ def test_a_bus_shows_its_load_and_its_drives_in_cable_order() -> None:
             assert [station["drive"] for station in found["stations"]] == ["fan-1", "fan-2"]
             assert found["is_open"] and 0 < found["load_percent"] < 100 and found["stop_bound_s"] < 0.5
             assert found["serial"] == "9600 8E1"
+
+    run(scenario())
+
+
+def test_a_bus_shows_what_a_slow_adapter_costs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The port of the fake plant has no latency timer, so the measured one is replaced."""
+    slow = AdapterLatency(bus="a", device="ttyUSB7", latency_ms=16, polls_per_s=12.34, polls_per_s_at_low_latency=20.0)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            assert (await kit.call("buses.get", bus="a"))["slow_adapter"] is None
+            monkeypatch.setattr("drivebus.service.runtime.bus.adapter_latency", lambda *_: slow)
+            await asyncio.sleep(2)
+            shown = (await kit.call("buses.get", bus="a"))["slow_adapter"]
+            assert all("ttyUSB7" in shown[one] and "12.3" in shown[one] for one in ("en", "zh"))
 
     run(scenario())
 

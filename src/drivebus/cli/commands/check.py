@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -32,18 +33,22 @@ def _parse_requirement(text: str) -> LoadRequirement:
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """Return 1 if a requirement is missed. Raises ConfigurationError for an invalid file."""
+    from drivebus.service.config.adapter_latency import adapter_latencies
     from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.certificates import certificate_states
     from drivebus.service.config.load import load
 
     config = load(plant)
-    buses = bus_loads(config)
+    buses, slow_adapters = bus_loads(config), tuple(adapter_latencies(config))
     missed = {requirement: list(violations(requirement, buses)) for requirement in requirements}
     lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
     code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
     states = tuple(certificate_states(config))
-    output.print_json(_document(config, buses, missed, code) | {"certificates": _certificate_documents(states)})
+    more = {"certificates": _certificate_documents(states), "slow_adapters": [asdict(one) for one in slow_adapters]}
+    output.print_json(_document(config, buses, missed, code) | more)
     _print_loads(config, buses)
+    for adapter in slow_adapters:
+        output.print_note("ports.latency_cost", **adapter.text_params())
     _print_certificates(states)
     if lacks_asyncpg:
         output.print_note("history.no_asyncpg")

@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 def _ports() -> None:
     from drivebus import ports
+    from drivebus.ports import latency_timer
 
     found = ports.list_ports()
     output.print_json({"ports": [asdict(port) for port in found]})
     if found:
         output.print_text(ports_table(found))
+        for port in found:
+            if port.latency_ms is not None and port.latency_ms > latency_timer.LOW_LATENCY_MS:
+                output.print_note("ports.latency", device=Path(port.device).name, ms=port.latency_ms)
     else:
         output.print_message("ports_command.none")
 

@@ -16,6 +16,7 @@ from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
+from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import DriveRuntime
@@ -68,6 +69,11 @@ class BusRuntime:
             drives = estimate_bus_load(polled, self.bus.settings).drives
             self._stop_bound = polled, max((drive.stop_bound_s for drive in drives.values()), default=None)
         return self._stop_bound[1]
+
+    def adapter_latency(self) -> AdapterLatency | None:
+        """Return what the adapter costs this bus while it holds received bytes back, None where it does not."""
+        polled = [(runtime.drive.dialect.station_config, runtime.polls) for runtime in self.drives.values()]
+        return adapter_latency(self.config.id, self.config.link, polled, self.bus.settings)
 
     def add_drive(
         self,

@@ -59,6 +59,7 @@ function BusDetails({ id }) {
       title=${t("page.foreign_master")}>${t("page.foreign_master_why")}<//>`}
     ${!view.is_open && html`<${Notice} kind="bad"
       title=${t("page.bus_closed_why", { link: view.link })}>${localized(view.problem)}<//>`}
+    ${view.slow_adapter && html`<${Notice} kind="warning">${localized(view.slow_adapter)}<//>`}
     <section class="panel stack"><h2>${titleOf(view)}</h2><${Facts} view=${view} /></section>
     <section class="panel stack"><h2>${t("page.cable")}</h2><p class="help">${t("page.cable_help")}</p>
       <${BusTopology} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
