@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 
 import peers
@@ -104,7 +105,8 @@ def test_every_block_of_the_page_prints_what_the_page_shows(tmp_path: Path) -> N
             printed += [line.strip() for line in watching.stdout]
         assert watching.returncode == 0
         long_states = {"stopped", "running"}  # the others can fall between two polls
-        assert [state for state in printed if state in long_states] == ["stopped", "running", "stopped"]
-        assert set(printed) <= set(states)
+        seen = [state for state, _ in groupby(state for state in printed if state in long_states)]
+        assert seen == ["stopped", "running", "stopped"], printed
+        assert set(printed) <= {*states, "unknown"}, "unknown: a loaded machine read the drive late"
         command, expected = reader.program(python)
         assert reader.run(command) == expected
