@@ -66,18 +66,24 @@ class Dispatcher:
         handler = self._handlers.get(name)
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
-        if operation.moves_motors:
-            return await self._run_recorded(operation, parsed, actor, handler)
-        if operation.is_stop:
-            return await self._stop_then_record(operation, parsed, actor, handler)
         if operation.mutates:
-            return await self._run_recorded(
-                operation, parsed, actor, lambda params, actor, ticket: handler(params, actor)
-            )
+            try:
+                return await self._run_command(operation, parsed, actor, handler)
+            finally:
+                self.plant.last_command_at = self.plant.now()
         try:
             return await handler(parsed, actor)
         except InvalidParameters as error:
             raise params_error(name, error.params["faults"]) from error
+
+    async def _run_command(
+        self, operation: Operation, params: OperationParams, actor: Actor, handler: Callable[..., Awaitable[Json]]
+    ) -> Json:
+        if operation.moves_motors:
+            return await self._run_recorded(operation, params, actor, handler)
+        if operation.is_stop:
+            return await self._stop_then_record(operation, params, actor, handler)
+        return await self._run_recorded(operation, params, actor, lambda params, actor, ticket: handler(params, actor))
 
     def _check_accepting(self, operation: Operation) -> None:
         """Raise ServiceUnavailable for commands while the service is stopping, for everything once it has ended."""

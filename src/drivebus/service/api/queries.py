@@ -34,7 +34,8 @@ from drivebus.service.audit.description import described, titles_of
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.live.publisher import bus_view, drive_view, plant_topic
-from drivebus.service.runtime.fairness import iter_cooperatively
+from drivebus.service.live.recent_views import RecentDriveViews
+from drivebus.service.runtime.fairness import ITEMS_PER_TURN, iter_cooperatively, yield_to_loop
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
@@ -44,6 +45,7 @@ class Queries:
 
     def __init__(self, plant: Plant, groups: GroupCommands) -> None:
         self.plant, self.groups = plant, groups
+        self._recent_views = RecentDriveViews(plant)
 
     @handles(PLANT_GET)
     async def get_plant(self, params: NoParams, actor: Actor) -> Json:
@@ -61,10 +63,17 @@ class Queries:
 
     @handles(DRIVES_LIST)
     async def list_drives(self, params: NoParams, actor: Actor) -> Json:
+        """Return views of at most 0.5 s that show every finished command; see ``RecentDriveViews``."""
         found: list[Json] = []
-        async for drive in iter_cooperatively(tuple(self.plant.drives.values())):
+        built = 0
+        for drive in tuple(self.plant.drives.values()):
+            if (view := self._recent_views.find(drive.id)) is None:
+                built += 1
+                if built % ITEMS_PER_TURN == 0:
+                    await yield_to_loop()
+                view = self._recent_views.build(drive)
             if self.plant.drives.get(drive.id) is drive:
-                found.append(drive_view(self.plant, drive).as_json())
+                found.append(view)
         return {"drives": found}
 
     @handles(DRIVES_GET)

@@ -80,24 +80,46 @@ async def encode_json_cooperatively(message: Any, *, internal: bool = False) -> 
     """
     parts: list[str] = []
     size = 0
-    for text in _json_pieces(message, SPLIT_LEVELS):
+    for text, encoded_now in _json_pieces(message, SPLIT_LEVELS):
         parts.append(text)
-        size += len(text)
+        size += encoded_now
         if size >= MAX_CHUNK_CHARS:
             size = 0
             await yield_to_loop(internal=internal)
     return "".join(parts).encode()
 
 
-def _json_pieces(value: Any, deep: int) -> Iterator[str]:
-    """Yield the JSON of a value in pieces; a dict with keys that are no text is one piece."""
+class EncodedOnce(dict[str, Any]):
+    """JSON object that does not change any more. It is encoded at its first use and shared by all later messages."""
+
+    __slots__ = ("_text",)
+
+    def encode(self) -> tuple[str, int]:
+        """Return its JSON, and the number of characters that were encoded now."""
+        try:
+            return self._text, 0
+        except AttributeError:
+            self._text: str = COMPACT_ENCODER.encode(self)
+            return self._text, len(self._text)
+
+
+def _json_pieces(value: Any, deep: int) -> Iterator[tuple[str, int]]:
+    """Yield the JSON of a value in pieces, each with the number of characters that had to be encoded for it.
+
+    A dict with keys that are no text is one piece.
+    """
+    if isinstance(value, EncodedOnce):
+        yield value.encode()
+        return
     named = isinstance(value, dict) and all(isinstance(key, str) for key in value)
     if not deep or not value or not (named or isinstance(value, list)):
-        yield COMPACT_ENCODER.encode(value)
+        text = COMPACT_ENCODER.encode(value)
+        yield text, len(text)
         return
     for place, one in enumerate(value.items() if named else value):
-        yield ("{" if named else "[") if place == 0 else ","
+        yield ("{" if named else "[") if place == 0 else ",", 1
         if named:
-            yield f"{COMPACT_ENCODER.encode(one[0])}:"
+            key = f"{COMPACT_ENCODER.encode(one[0])}:"
+            yield key, len(key)
         yield from _json_pieces(one[1] if named else one, deep - 1)
-    yield "}" if named else "]"
+    yield "}" if named else "]", 1

@@ -127,6 +127,8 @@ class Plant:
     """Free space of the state directory, in MiB."""
     command_count: int = 0
     """Number of the last command, for its id."""
+    last_command_at: float = float("-inf")
+    """Monotonic time at which the last command, stop or setting was done or failed: older views may not show it."""
     event_count: int = 0
     stop_counters: StopCounters = field(default_factory=StopCounters)
     _listeners: list[PlantListener] = field(default_factory=list)

@@ -1,0 +1,63 @@
+"""Lists of drives reuse the objects of the supervision cycle, but never ones older than 0.5 s or than a command."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from drivebus.service.live import recent_views
+from drivebus.service.runtime.fairness import EncodedOnce, encode_json_cooperatively
+from drivebus.testing.virtual_time import run
+from fixtures.service import ServiceKit, running_service
+
+
+async def owners(kit: ServiceKit) -> list[object]:
+    return [drive["lease"] and drive["lease"]["owner"] for drive in (await kit.call("drives.list"))["drives"]]
+
+
+def test_lists_within_half_a_second_build_no_view_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[str] = []
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            build = recent_views.drive_view
+            monkeypatch.setattr(
+                recent_views, "drive_view", lambda plant, drive: built.append(drive.id) or build(plant, drive)
+            )
+            first, second = [(await kit.call("drives.list"))["drives"] for _ in range(2)]
+            assert first and all(one is two for one, two in zip(first, second, strict=True)) and built == []
+            assert (await kit.call("drives.get", drive=first[0]["id"])).keys() == first[0].keys()
+            monkeypatch.setattr(recent_views, "MAX_VIEW_AGE_S", -1.0)
+            await kit.call("drives.list")
+            assert len(built) == len(first), "an old view must not be listed"
+
+    run(scenario())
+
+
+def test_a_list_after_a_command_shows_the_command() -> None:
+    """The view of the supervision cycle before it must not be listed."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            assert not any(await owners(kit))
+            drive = next(iter(kit.service.plant.drives))
+            await kit.call("lease.take", drive=drive)
+            assert any(await owners(kit))
+
+    run(scenario())
+
+
+def test_an_object_that_is_encoded_once_gives_the_same_bytes_as_a_plain_one() -> None:
+    content = {"title": {"zh": "风机"}, "values": [1, None, 2.5]}
+
+    async def scenario() -> None:
+        shared = EncodedOnce(content)
+        for _ in range(2):
+            found = await encode_json_cooperatively({"result": {"drives": [shared, shared]}})
+            assert found == await encode_json_cooperatively({"result": {"drives": [content, content]}})
+        assert shared.encode()[1] == 0, "it was encoded again"
+
+    run(scenario())
