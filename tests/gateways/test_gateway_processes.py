@@ -25,8 +25,9 @@ from drivebus import profiles
 from drivebus.errors import DrivebusError
 from drivebus.gateways import process
 from drivebus.service.auth.actor import local_actor
+from drivebus.service.config.model import GatewayConfig
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess
+from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess, GatewaySupervisor
 from drivebus.types import Json
 from fixtures.child_process import COMMAND
 
@@ -364,3 +365,19 @@ async def test_the_service_notifies_a_gateway_whose_table_did_not_change() -> No
     child.notify_reload()
     assert await asyncio.wait_for(codes.get(), 10) == 1
     await child.close()
+
+
+async def test_a_reload_notifies_each_gateway_that_it_leaves_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    changes: list[str] = []
+    monkeypatch.setattr(ChildProcess, "start", lambda child, after=None: changes.append("start"))
+    monkeypatch.setattr(ChildProcess, "notify_reload", lambda child: changes.append("notify"))
+    gateway = GatewayConfig(id="toy", module="toy", settings=None)
+    plant = SimpleNamespace(
+        config=SimpleNamespace(gateways=(gateway,), directory=Path("/state"), users=None),
+        gateways={},
+        now=time.monotonic,
+    )
+    supervisor = GatewaySupervisor(plant)  # type: ignore[arg-type]
+    supervisor.on_reload()
+    supervisor.on_reload()
+    assert changes == ["start", "notify"]
