@@ -239,6 +239,23 @@ def test_models_lists_every_profile_with_its_grade() -> None:
     assert found["c300"] == "draft"
 
 
+@pytest.mark.parametrize(
+    ("search", "expected"),
+    [
+        ("invt", {"gd10", "gd100", "gd350"}),
+        ("英威腾 350", {"gd350"}),
+        ("Sunfar modbus", {"e300_modbus", "e500_modbus", "e550_modbus"}),
+        ("no such maker", set()),
+    ],
+)
+def test_models_are_searched_by_name_maker_and_title_in_both_languages(search: str, expected: set[str]) -> None:
+    assert {one["model"] for one in run_json("models", "--search", search)["models"]} == expected
+
+
+def test_a_search_without_a_model_says_so() -> None:
+    assert "no such maker" in run_text("models", "--search", "no such maker")
+
+
 @pytest.fixture
 def own_profiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the empty directory of the user's own profiles."""

@@ -6,13 +6,13 @@ import sys
 from typing import Any
 
 from drivebus.cli import output
-from drivebus.cli.click_ext import CliCommand
+from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.errors import ExitCode, error_json, print_error
 from drivebus.cli.output import paragraphs
 
 
-def _models() -> ExitCode:
-    """List all models; return 2 if a file is rejected."""
+def _models(search: str) -> ExitCode:
+    """List all models, or those that ``search`` names; return 2 if a file is rejected."""
     from drivebus import profiles
     from drivebus.errors import ProfileError
 
@@ -20,16 +20,25 @@ def _models() -> ExitCode:
     refused: list[ProfileError] = []
     for name in dict.fromkeys(profiles.models()):
         try:
-            found.append(_row(name, profiles.load(name)))
+            profile = profiles.load(name)
+            if _matches(name, profile, search):
+                found.append(_row(name, profile))
         except ProfileError as error:
             refused.append(error)
     code = ExitCode.USAGE if refused else ExitCode.DONE
     output.print_json({"models": found, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
-    output.print_text(_table(found))
+    output.print_text(_table(found) if found else output.text("models.none", search=search))
     output.print_text(paragraphs(output.text("models.grades"), min(98, output.terminal_width(sys.stdout)), indent=0))
     for one in refused:
         print_error(one)
     return code
+
+
+def _matches(name: str, profile: Any, search: str) -> bool:
+    """Return whether model, maker and title, in either language, contain every word of a search."""
+    texts = [name, *(text for both in (profile.maker, profile.title) for text in (both.en, both.zh))]
+    joined = " ".join(texts).casefold()
+    return all(word in joined for word in search.casefold().split())
 
 
 def _row(name: str, profile: Any) -> dict[str, Any]:
@@ -49,10 +58,11 @@ def _row(name: str, profile: Any) -> dict[str, Any]:
 
 
 def _table(found: list[dict[str, Any]]) -> str:
-    head = [output.text(f"models.{name}") for name in ("model", "title", "encodings", "line", "grade")]
+    head = [output.text(f"models.{name}") for name in ("model", "maker", "title", "encodings", "line", "grade")]
     rows = [
         [
             row["model"],
+            row["maker"],
             row["title"],
             ", ".join(row["encodings"]),
             f"{row['serial']['baud']} {row['serial']['format']}",
@@ -63,4 +73,9 @@ def _table(found: list[dict[str, Any]]) -> str:
     return output.fitted_table(head, rows)
 
 
-command = CliCommand("models", callback=_models, examples=("drivebus models", "drivebus models --json"))
+command = CliCommand(
+    "models",
+    callback=_models,
+    params=[Option(["--search"], key="help.models.search", metavar="TEXT", default="", example="--search invt")],
+    examples=("drivebus models", "drivebus models --search 英威腾", "drivebus models --json"),
+)
