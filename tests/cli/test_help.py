@@ -101,7 +101,7 @@ def test_the_locale_chooses_the_language_without_the_option() -> None:
     [
         (["staus"], "没有命令 staus"),
         (["staus"], "是否想用 status"),
-        (["status", "sim://c320@1", "--model", "c3200", "--address", "1"], "没有型号 c3200。可用：c300, c320"),
+        (["status", "sim://c320@1", "--model", "c3200", "--address", "1"], "没有型号 c3200。相近：c320"),
         (["status", "--modle", "c320"], "没有选项 --modle"),
         (["status", "sim://c320@1", "--model", "c320"], "缺少 --address"),
         (["status", "sim://c320@1", "--model", "c320", "--address", "300"], "收到 300"),

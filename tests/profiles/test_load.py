@@ -173,7 +173,7 @@ def test_an_unknown_model_is_answered_with_the_nearest_names() -> None:
         profiles.load("vc60")
     complaint = caught.value.params["complaints"][0]
     assert complaint.kind == "no_model"
-    assert "vc660" in complaint.remedy.en and "dzb100" in complaint.expected.en
+    assert "vc660" in complaint.remedy.en and "drivebus models" in complaint.expected.en
 
 
 def test_a_missing_file_is_reported() -> None:

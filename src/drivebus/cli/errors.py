@@ -90,7 +90,9 @@ def error_text(error: DrivebusError) -> str:
     if [one.kind for one in complaints] == ["no_model"]:
         from drivebus import profiles
 
-        return output.text("cli.no_such_model", name=error.params["file"], known=", ".join(profiles.models()))
+        name = error.params["file"]
+        near = ", ".join(profiles.similar_models(name)) or "-"
+        return output.text("cli.no_such_model", name=name, near=near)
     return error.text(output.language())
 
 

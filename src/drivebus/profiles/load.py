@@ -148,10 +148,13 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
         raise _single_error(own, issue("shadows", (), name))
     found = shipped or own
     if found is None:
-        known = models()
-        near = ", ".join(nearest_names(name, known) or known)
-        raise _single_error(Path(name), issue("no_model", (), name, known=", ".join(known), near=near))
+        raise _single_error(Path(name), issue("no_model", (), name, near=", ".join(similar_models(name)) or "-"))
     return found
+
+
+def similar_models(name: str) -> list[str]:
+    """Return the models whose names are nearest to a name."""
+    return nearest_names(name, models())
 
 
 def _single_error(path: Path, found: Issue, line: int | None = None) -> ProfileError:
@@ -181,7 +184,7 @@ def _base_path(here: _TomlSource, base: str) -> Path:
     except ProfileError as error:
         if error.params["file"] == str(here.path):
             raise
-        near = ", ".join(nearest_names(base, models())) or "-"
+        near = ", ".join(similar_models(base)) or "-"
         raise _located_error([here], [issue("no_base", ("extends",), base, near=near)]) from None
 
 
