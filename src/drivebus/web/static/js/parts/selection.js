@@ -33,7 +33,7 @@ function mergedText(alike) {
 }
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
-export function SelectionResults({ outcomes }) {
+function SelectionResults({ outcomes }) {
   const entries = Object.entries(outcomes);
   const done = entries.filter(([, one]) => one.status === "done").map(([id]) => nameOf(id));
   const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
@@ -68,7 +68,7 @@ function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) 
 }
 
 /** Button that opens the dialog; null without drives. */
-export function SelectionButton({ views, text, ...rest }) {
+function SelectionButton({ views, text, ...rest }) {
   const [open, setOpen] = useState(false);
   if (views.length === 0 && !open) return null;
   return html`${views.length > 0 && html`<${Button} disabled=${!isLive.value} onClick=${() => setOpen(true)}
