@@ -24,6 +24,7 @@ PLANT_SIZES = {12: (3, 4), 300: (10, 30)}
 BAUD = 19_200
 WEBSOCKETS = 50
 REQUESTS_S = 8.0
+PACED_PER_S = 200
 READING_TIMEOUT_S = 120.0
 BENCHMARK_ACTOR = local_actor("bench", "scaling")
 
@@ -46,6 +47,7 @@ def measure_size(lines: int, drives: int, settle_s: float) -> Figures:
             found: Figures = {"lines": lines, "seconds_to": seconds_to(service, first_s, every_s)}
             for connections in (1, 8):
                 found[f"rest_{connections}"] = measure_requests(service, lines, drives, connections)
+            found[f"rest_{PACED_PER_S}_per_s"] = measure_requests(service, lines, drives, 8, PACED_PER_S)
             time.sleep(max(0.0, service.begun + settle_s - time.monotonic()))
             return found | {"memory_mb": {"plant": memory_mb(service.plant), "web": memory_mb(service.web)}}
 
@@ -91,9 +93,11 @@ def _is_good(content: dict[str, Any]) -> bool:
     return any(signal["quality"] == "good" for signal in content.get("signals", {}).values())
 
 
-def measure_requests(service: BenchmarkService, lines: int, drives: int, connections: int) -> Figures:
-    """Measure REST requests sent as fast as they are answered, beside fifty WebSockets."""
-    arguments = [service.port, lines, drives, WEBSOCKETS, connections, 0]
+def measure_requests(
+    service: BenchmarkService, lines: int, drives: int, connections: int, per_second: int = 0
+) -> Figures:
+    """Measure REST requests beside fifty WebSockets; ``per_second`` 0: as fast as they are answered."""
+    arguments = [service.port, lines, drives, WEBSOCKETS, connections, per_second]
     words = [sys.executable, "-m", "benchmarks.clients.web_load", *map(str, arguments)]
     with subprocess.Popen(
         words, cwd=PROJECT_FOLDER, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
