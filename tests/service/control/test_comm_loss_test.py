@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from drivebus.drives import MemoryStore
-from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, WaiverRequired
+from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, Superseded, WaiverRequired
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
@@ -318,5 +318,24 @@ def test_a_damaged_record_is_none(changed: Json) -> None:
         store.put("comm-loss/fan-1", json.dumps(whole | changed))
         async with running_service(store=store) as kit:
             assert (await comm_loss(kit))["tested"] is None
+
+    run(scenario())
+
+
+def test_a_stop_while_the_parameters_are_read_before_the_test_prevents_its_start() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(4)
+            test = asyncio.create_task(kit.call("comm_loss.test", drive="fan-1", frequency_hz=10.0))
+            await asyncio.sleep(0.02)
+            again = asyncio.create_task(kit.call("comm_loss.test", drive="fan-1", frequency_hz=10.0))
+            await asyncio.sleep(0.001)
+            assert (await comm_loss(kit))["test"]["phase"] == "starting"
+            await kit.call("drive.stop", drive="fan-1")
+            with pytest.raises(Superseded):
+                await test
+            with pytest.raises(ServiceError, match="under way"):
+                await again
+            assert kit.station("fan-1").motor.starts == 0 and (await comm_loss(kit))["test"] is None
 
     run(scenario())

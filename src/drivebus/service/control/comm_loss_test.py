@@ -73,21 +73,34 @@ class CommLossTests:
     async def start(self, params: CommLossTestParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Start the drive, and the test after it. A missing waiver is the only start blocker that does not count."""
         runtime = self.commands.require_control(params.drive, actor)
-        self._check_testable(runtime)
-        await self._read_parameters(runtime)
-        runtime.drive.check_frequency(params.frequency_hz)
-        self.plant.arm_tokens.consume(params.arm_token, arm_target_of_test(runtime.id), actor, self.plant.now())
-        silence_s = params.silence_s or default_silence_s(runtime)
+        if runtime.comm_loss_test is not None:
+            raise ServiceError("plant.comm_loss_testing", drive=runtime.id)
         runtime.comm_loss_test = CommLossTestView("starting", None)
         try:
-            answer = await self.commands.start_drive(runtime, params.frequency_hz, None, actor, ticket.issued_at)
+            await self._read_parameters(runtime)
+            silence_s = params.silence_s or default_silence_s(runtime)
+            test = ActiveTest(runtime, actor, ticket, silence_s, asyncio.Event())
+            answer = await self._start_drive(test, params)
         except BaseException:
             runtime.comm_loss_test = None
             raise
-        test = ActiveTest(runtime, actor, ticket, silence_s, asyncio.Event())
         task = asyncio.create_task(self._run(test), name=f"communication-loss test {runtime.id}")
         self._active[runtime.id] = test, task
         return answer | {"silence_s": silence_s}
+
+    async def _start_drive(self, test: ActiveTest, params: CommLossTestParams) -> Json:
+        """Start the drive, unless it was stopped since the request; stop it where the start fails half-way."""
+        runtime, actor = test.runtime, test.actor
+        self._check_goes_on(test)
+        self._check_testable(runtime)
+        runtime.drive.check_frequency(params.frequency_hz)
+        self.plant.arm_tokens.consume(params.arm_token, arm_target_of_test(runtime.id), actor, self.plant.now())
+        try:
+            return await self.commands.start_drive(runtime, params.frequency_hz, None, actor, test.ticket.issued_at)
+        except DrivebusError:
+            if runtime.started_by_service:
+                await self._stop(test)
+            raise
 
     @handles(COMM_LOSS_TEST_READ)
     async def read_now(self, params: DriveParams, actor: Actor) -> Json:
@@ -108,8 +121,6 @@ class CommLossTests:
 
     def _check_testable(self, runtime: DriveRuntime) -> None:
         """Raise the reason why a drive can't be tested now."""
-        if runtime.comm_loss_test is not None:
-            raise ServiceError("plant.comm_loss_testing", drive=runtime.id)
         if not runtime.drive.dialect.reports_run_state:
             raise ServiceError("plant.comm_loss_no_state", drive=runtime.id, model=runtime.profile.model)
         check_test_start(self.plant, runtime)
