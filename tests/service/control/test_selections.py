@@ -33,6 +33,8 @@ def test_all_drives_are_released_at_once_but_those_of_another_user() -> None:
             assert inhibited(kit) == {"fan-2"}
             view = await kit.call("drives.get", drive="fan-1")
             assert view["lease"] is None, "the lease was only taken for the release"
+            engineer = (await kit.call("start_inhibits.release", ENGINEER, all=True))["outcomes"]
+            assert engineer["fan-2"]["code"] == "plant.not_owner", "a release takes control from no other user"
             again = (await kit.call("start_inhibits.release", BOB, group="fans"))["outcomes"]
             assert again == {"fan-1": {"status": "unchanged"}, "fan-2": {"status": "done"}}
             assert (await kit.call("drives.get", drive="fan-2"))["lease"]["owner"] == "bob"
