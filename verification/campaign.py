@@ -33,6 +33,7 @@ CAMPAIGN_NAMES = (
     "failures",
     "audit",
     "unauthorized",
+    "statements",
 )
 
 

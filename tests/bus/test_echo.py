@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoState
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy, StationConfig
-from drivebus.errors import LineError, PortLost
+from drivebus.bus.transaction import EchoFilter, Transaction
+from drivebus.errors import LineError, NoReply, PortLost
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
@@ -215,3 +218,21 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
         )
         result = script.result(number)
         assert result.reply is None and result.error is not None
+
+
+def test_a_cut_reply_that_begins_like_the_request_is_not_called_silence() -> None:
+    """Found by the campaign ``statements``: "no reply" was reported of a cut reply whose
+    bytes equalled the first ones of our frame, while the echo was unknown."""
+    prepared: Any = SimpleNamespace(
+        send_s=0.01,
+        reply_timeout_s=0.1,
+        is_broadcast=False,
+        attempts=1,
+        reply_bytes=8,
+        station=SimpleNamespace(address=3),
+    )
+    transaction = Transaction(prepared, 0.0, 0.001, has_line_timing=True, echo=EchoFilter(b"*03100000", tentative=True))
+    transaction.on_data(b"*03", 0.05)
+    error = transaction.final_error()
+    assert isinstance(error, NoReply)
+    assert (error.key, error.params["bytes"]) == ("bus.truncated", 3)

@@ -38,6 +38,16 @@ def test_nothing_is_sent_where_there_is_no_fault() -> None:
     assert not bus.effects()
 
 
+def test_a_drive_whose_state_is_unknown_is_not_called_free_of_faults() -> None:
+    """Found by the campaign ``statements``: "Confirmed: the drive reports no fault (unknown)"."""
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={0x3000: 0x0201}))
+    with pytest.raises(StartInhibited) as caught:
+        bus.run(reset_fault(operation_for(bus.dialect)))
+    assert caught.value.key == "drives.fault_unknown"
+    assert "bits that must be 0 are set" in str(caught.value)
+    assert not bus.effects()
+
+
 def test_an_answered_reset_is_sent_once_although_the_fault_remains() -> None:
     bus = in_fault()
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))

@@ -23,6 +23,7 @@ SHORT = {
     "replug": 8,
     "clock": 20,
     "audit": 60,
+    "statements": 60,
 }
 """Budgets that show whether unseeded randomness, hashes or addresses influence a run."""
 

@@ -44,7 +44,10 @@ def _repeats(frame: bytes | bytearray, received: bytes) -> bool:
 
 
 def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | None:
-    """Return the error of a reply to an older unanswered request, None where ``data`` is none."""
+    """Return the error of a reply to an older unanswered request, None where ``data`` is none.
+
+    Replies of some families fit several requests: the newest one gives the shortest lateness that is possible.
+    """
     for unanswered in reversed(station.unanswered_requests):
         reply = station.decode_reply_to(unanswered.request, data) if received_at < unanswered.until else None
         if reply is not None and reply[1] == len(data):

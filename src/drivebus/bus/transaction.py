@@ -144,11 +144,13 @@ class Transaction:
             return self.error
         if self.message is not None and len(self.buffer) == self.message_size:
             return None
+        withheld = 0 if self.echo is None or self.echo.is_complete else self.echo.matched
+        count = len(self.buffer) + withheld  # a cut reply may begin like our own frame
         return NoReply(
-            "bus.truncated" if self.buffer else "bus.no_reply",
+            "bus.truncated" if count else "bus.no_reply",
             station=self.prepared.station.address,
             attempt=self.prepared.attempts,
-            bytes=len(self.buffer),
+            bytes=count,
             milliseconds=round((self.deadline - self.tx_end_at) * 1000),
         )
 

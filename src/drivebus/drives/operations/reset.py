@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivebus import i18n
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import COMMAND_SETTLE_S, MAX_RESENDS, resend_frames, send_frames
@@ -10,6 +11,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import DriveState
 from drivebus.errors import StartInhibited
+from drivebus.values import Text
 
 FAULT_STATES = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})
 RESET_CONFIRM_TIMEOUT_S = 2.0  # a fault that is still reported after this was not reset, or came back
@@ -43,6 +45,10 @@ def _has_fault(op: OperationContext) -> DriveOperation[bool]:
         raise error
     if op.derived.state.turning:
         raise StartInhibited("drives.reset_while_turning", state=op.derived.state)
+    if can_tell and op.derived.state is DriveState.UNKNOWN:
+        reason = op.derived.reason or "drives.disagree"
+        why = Text(*(i18n.text(reason, language) for language in i18n.LANGUAGES))
+        raise StartInhibited("drives.fault_unknown", why=why)
     return not can_tell or op.derived.state in FAULT_STATES or op.derived.fault_code is not None
 
 

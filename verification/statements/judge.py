@@ -1,0 +1,221 @@
+"""Judge of sentences: compares what the product states of a drive with what the fake drive did and reported.
+
+A sentence is known by its key and parameters; rules on words ("no reply", "nothing was sent") hold for the English
+text of every key, so that a changed sentence is judged by what it then says.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from drivebus import i18n
+from verification.statements.fake_line import Exchange, FakeLine
+from verification.statements.fake_stations import Report
+
+OUTPUT_OFF = ("stopped", "fault")
+HZ_TOLERANCE = 0.011
+LATE_TOLERANCE_MS = 2
+ACTING = ("set", "start", "stop", "reset", "level")
+STOPPING = ("stop", "level")
+"""Effects of a stop that is still being repeated while another command is refused."""
+SILENCE = re.compile(r"no reply(?! code| within)|not reply|stopped replying")
+LINE_CONTEXT_S = 6.0
+"""Time before a command from which a reply may still be late, so that an error may name it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Statement:
+    """Sentence of the product about a command that was given at ``began_at`` and ended at ``ended_at``."""
+
+    command: str
+    status: str
+    key: str
+    params: Mapping[str, Any]
+    began_at: float
+    ended_at: float
+    direction: str = "forward"
+
+    @property
+    def text(self) -> str:
+        return i18n.text(self.key, "en", **self.params)
+
+
+class Judge:
+    """Judge of the statements about one drive."""
+
+    def __init__(self, line: FakeLine, *, reports_state: bool) -> None:
+        self.line, self.reports_state = line, reports_state
+
+    def untrue(self, statement: Statement) -> Iterator[str]:
+        """Yield what the fake drive contradicts."""
+        known = [e for e in self.line.exchanges if statement.began_at - 1e-9 <= e.at <= statement.ended_at]
+        around = [e for e in self.line.exchanges if statement.began_at - LINE_CONTEXT_S <= e.at <= statement.ended_at]
+        yield from self._words(statement, known, around)
+        yield from self._reports(statement, known)
+        yield from self._effects(statement, known)
+        yield from self._line(statement, around)
+
+    # --- words of the sentence ----------------------------------------------------------------------------------------
+
+    def _words(self, statement: Statement, known: list[Exchange], around: list[Exchange]) -> Iterator[str]:
+        text, acting = statement.text, [e for e in known if e.reaction is not None and e.reaction.effect in ACTING]
+        if "nothing was sent that moves" in text or "start was not sent" in text or "no start was sent" in text:
+            if any(e.reaction is not None and e.reaction.effect == "start" for e in known):
+                yield "a start was sent"
+        elif self._claims_nothing_sent(statement) and any(
+            e.reaction is not None and e.reaction.effect not in STOPPING for e in acting
+        ):
+            yield "acting frames were sent"
+        if SILENCE.search(text) and "no valid reply" not in text and not any(self._is_unanswered(e) for e in around):
+            yield "every request was followed by bytes of the drive"
+        if ("no valid reply" in text or "no usable reply" in text) and not any(self._is_unsuitable(e) for e in around):
+            yield "every request got a valid reply"
+        if "rejected" in text and not any(e.reaction is not None and e.reaction.rejected for e in around):
+            yield "the drive rejected nothing"
+        if (
+            "unknown whether" not in text
+            and ("the drive acknowledged" in text or "the drive accepted" in text or "was accepted" in text)
+            and not any(e.is_clean and e.reaction is not None and not e.reaction.rejected for e in acting)
+        ):
+            yield "no acting frame got a positive reply"
+
+    @staticmethod
+    def _claims_nothing_sent(statement: Statement) -> bool:
+        """Return whether a sentence is about the whole command; one of the bus is about its last frame."""
+        about_command = statement.command != "write" and not statement.key.startswith("bus.")
+        return about_command and ("nothing was sent" in statement.text or "was not sent" in statement.text)
+
+    def _is_unanswered(self, exchange: Exchange) -> bool:
+        """Return whether no byte of the drive followed until the next request."""
+        later = [e.at for e in self.line.exchanges if e.at > exchange.at]
+        end = min(later, default=float("inf"))
+        return not any(exchange.at < at <= end for at, _ in self.line.deliveries)
+
+    def _is_unsuitable(self, exchange: Exchange) -> bool:
+        rejected = exchange.reaction is not None and exchange.reaction.rejected
+        return not exchange.is_clean or rejected or exchange.reply == exchange.request or self.line.plan.echoes
+
+    # --- what the drive reported --------------------------------------------------------------------------------------
+
+    def _reports(self, statement: Statement, known: list[Exchange]) -> Iterator[str]:
+        shown = [e.reaction.reports for e in known if e.reaction is not None and e.reply]
+        state = statement.params.get("state")
+        if state is not None and self.reports_state and str(state) != "unknown":
+            yield from self._state(statement, str(state.value), shown)
+        for name in ("output_hz", "found_hz"):
+            value = statement.params.get(name)
+            if value is not None and not self._shows_hz(float(value), statement.key, shown):
+                yield f"{name} {value} was never reported"
+        found = statement.params.get("found")
+        if (
+            found is not None
+            and statement.key == "drives.wrong_direction"
+            and str(found.value) not in {r.direction for r in shown}
+        ):
+            yield f"direction {found} was never reported"
+        if statement.key == "drives.setpoint_confirmed" and statement.status == "confirmed":
+            asked = float(statement.params["frequency_hz"])
+            if not any(r.setpoint_hz is not None and abs(r.setpoint_hz - asked) <= HZ_TOLERANCE for r in shown):
+                yield f"a set frequency of {asked} was never reported"
+
+    def _state(self, statement: Statement, state: str, shown: list[Report]) -> Iterator[str]:
+        states = [r.state for r in shown if r.state is not None]
+        if state not in states:
+            yield f"state {state} was never reported, only {sorted(set(states))}"
+        elif statement.status == "confirmed" and states.count(state) < 2:
+            yield f"state {state} was reported only once"
+
+    @staticmethod
+    def _shows_hz(value: float, key: str, shown: list[Report]) -> bool:
+        setpoint = key.startswith("drives.setpoint")
+        values = (r.setpoint_hz if setpoint else r.hz for r in shown)
+        return any(one is not None and abs(one - value) <= HZ_TOLERANCE for one in values)
+
+    # --- what the drive did -------------------------------------------------------------------------------------------
+
+    def _effects(self, statement: Statement, known: list[Exchange]) -> Iterator[str]:
+        physics = self.line.physics
+        if statement.key == "drives.no_fault" and str(statement.params["state"]) == "unknown" and self.reports_state:
+            yield "an unknown state is no report of no fault"
+        if statement.status == "confirmed":
+            if statement.key in ("drives.stop_confirmed", "drives.output_off") and physics.is_on:
+                yield f"the output is on, at {physics.hz} Hz"
+            if statement.key in ("drives.start_confirmed", "drives.running_at") and not physics.was_on:
+                yield "the output was never on"
+            if statement.key in ("drives.start_confirmed", "drives.running_at"):
+                shown = {e.reaction.reports.direction for e in known[-4:] if e.reaction is not None} - {None}
+                if shown and statement.direction not in shown:
+                    yield f"the drive reports {shown}, commanded {statement.direction}"
+            if statement.key == "drives.reset_confirmed" and physics.fault:
+                yield f"fault {physics.fault} is present"
+            if statement.key == "drives.no_fault" and physics.fault:
+                yield f"fault {physics.fault} is present"
+        if statement.status == "acknowledged" and not any(
+            e.reaction is not None and e.reaction.effect in ACTING for e in known
+        ):
+            yield "the drive executed no frame of it"
+
+    def judge_write(self, statement: Statement, key: int, raw: int) -> Iterator[str]:
+        """Yield what contradicts the outcome of a write of ``raw`` to the cell ``key``."""
+        held = self.line.physics.memory.get(key, 0)
+        if statement.key in ("drives.write_confirmed", "drives.write_skipped") and held != raw:
+            yield f"the drive holds {held}, not {raw}"
+        if statement.key == "drives.write_differs" and held == raw:
+            yield f"the drive holds {raw}"
+
+    # --- bytes on the line --------------------------------------------------------------------------------------------
+
+    def _line(self, statement: Statement, around: list[Exchange]) -> Iterator[str]:
+        params = statement.params
+        match statement.key:
+            case "bus.no_reply":
+                window_s = params["milliseconds"] / 1000
+                times = [at for at, _ in self.line.deliveries]
+                if not any(not any(e.at < at < e.at + window_s - 0.001 for at in times) for e in around):
+                    yield "bytes followed each request in that time"
+                if params["attempt"] > len(around):
+                    yield f"only {len(around)} requests"
+            case "bus.truncated":
+                if not any(e.line_fault in ("cut", "damaged", "late", "before", "doubled", "foreign") for e in around):
+                    yield "no reply was cut"
+            case "bus.stray_before":
+                strays = {e.stray.hex(" ").upper() for e in around if e.line_fault == "before"}
+                if params["bytes"] not in strays and not self._is_tail(params["bytes"], around):
+                    yield f"the stray bytes were {sorted(strays)}"
+            case "bus.trailing":
+                if not any(e.line_fault in ("after", "doubled", "before", "late") for e in around):
+                    yield "nothing followed a reply"
+            case "bus.second_reply":
+                if not any(e.line_fault == "doubled" for e in around) and not self._is_repeated(around):
+                    yield "no reply was received twice"
+            case "bus.late_reply":
+                late_ms = [(e.reply_at - e.at) * 1000 for e in around if isfinite(e.reply_at)]
+                if not any(one >= params["milliseconds"] - LATE_TOLERANCE_MS for one in late_ms):
+                    yield f"replies came after {late_ms} ms"
+            case "bus.other_station_replied":
+                foreign = any(e.line_fault in ("foreign", "damaged") for e in around)
+                if not foreign or (params["found"] != self.line.address + 1 and "damaged" not in _faults(around)):
+                    yield "no such address replied"
+            case "bus.own_echo":
+                received = [e.reply for e in around] + ([e.request for e in around] if self.line.plan.echoes else [])
+                if not any(e.request in received for e in around):
+                    yield "no reply equals its request"
+
+    @staticmethod
+    def _is_tail(text: str, around: list[Exchange]) -> bool:
+        """Return whether the bytes are the end of another reply, which came between."""
+        data = bytes.fromhex(text)
+        return any(e.reply.endswith(data) or e.stray.endswith(data) for e in around)
+
+    @staticmethod
+    def _is_repeated(around: list[Exchange]) -> bool:
+        """Return whether two requests got the same reply, one of them late: then it looks like a second one."""
+        return "late" in _faults(around) or "cut" in _faults(around)
+
+
+def _faults(around: list[Exchange]) -> set[str]:
+    return {e.line_fault for e in around}
