@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -24,11 +26,11 @@ from fixtures.service import running_service
 
 
 @pytest.fixture
-def runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The only place of sockets outside the state directory."""
-    (tmp_path / "run").mkdir()
-    monkeypatch.setattr(protocol, "RUNTIME_FOLDERS", (str(tmp_path / "missing"), str(tmp_path / "run")))
-    return tmp_path / "run"
+def runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The only place of sockets outside the state directory; its path is short, as that of a Unix socket must be."""
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        monkeypatch.setattr(protocol, "RUNTIME_FOLDERS", (str(tmp_path / "missing"), name))
+        yield Path(name)
 
 
 async def test_without_a_place_for_its_sockets_the_service_says_so(
