@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from drivebus import i18n
@@ -36,6 +37,8 @@ def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence
     page.click("dialog [data-step=first]")
     page.click("dialog [data-step=second]")
     stage.wait(lambda: (stage.view("pump-1")["comm_loss"]["test"] or {}).get("phase") == "silent", "no silence")
+    shown = page.locator(".notice", has_text="for ").locator("p", has_text=" s more").inner_text()
+    assert 0 < int(re.search(r"for (\d+) s more", shown)[1]) <= 60, shown  # seconds to the end, not an absolute time
     page.locator("[data-do=read-now]").wait_for()
     page.click(".stop[data-stop=drive]")
     stage.wait(lambda: stage.view("pump-1")["comm_loss"]["test"] is None, "the test goes on after a stop")
