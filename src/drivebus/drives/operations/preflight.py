@@ -96,7 +96,8 @@ def _read_maximum_frequency(op: OperationContext) -> DriveOperation[None]:
     raw = yield from read_raw_parameter(op, parameter)
     reading = None if raw is None else op.dialect.parameter_reading(parameter, raw, None)
     found_hz = reading.value if reading is not None and reading.quality is Quality.GOOD else None
-    if not isinstance(found_hz, int | float) or not 0 < found_hz <= share.highest_hz:
+    lowest_hz, highest_hz = parameter.minimum or 0, min(share.highest_hz, parameter.maximum or share.highest_hz)
+    if not isinstance(found_hz, int | float) or found_hz <= 0 or not lowest_hz <= found_hz <= highest_hz:
         raise PreflightError(
             "drives.maximum_unknown",
             station=op.dialect.address,
