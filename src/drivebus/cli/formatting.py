@@ -128,17 +128,6 @@ def identity_text(identity: Identity) -> str:
     return output.text("status.comma").join(parts)
 
 
-def identity_json(identity: Identity) -> Json:
-    """Return what a drive reports about itself; None for what it does not report."""
-    return {
-        "voltage_class_v": identity.voltage_class_v,
-        "power_kw": identity.power_kw,
-        "digits": dict(identity.digits),
-        "host_controls": identity.host_controls,
-        "host_sets_frequency": identity.host_sets_frequency,
-    }
-
-
 def warning_text(status: DriveStatus) -> str:
     """Format the bits of the drive's warning word; empty where none is set or reported."""
     word = status.readings.get("warning_word")

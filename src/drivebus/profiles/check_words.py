@@ -7,16 +7,13 @@ from itertools import combinations
 from typing import Any
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
+from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.profiles.schema import BitIn, CommandsIn, ProfileIn
 
 BitPaths = dict[str, tuple[KeyPath, BitIn]]
 """Command name to the key path of its bits, and the bits."""
 COMMANDS_WITH_OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
 """Commands that need a bit set: whether a frame is a stop, and so needs no permit, is read from its bits."""
-
-
-STOP_COMMANDS = ("stop", "coast", "quick_stop", "jog_stop")
-MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
 
 
 def check_words(profile: ProfileIn) -> Iterator[Issue]:

@@ -128,6 +128,12 @@ class CommandBit:
     """It acts on its edge; otherwise it is a level that every write sets."""
 
 
+STOP_COMMANDS = ("stop", "coast", "quick_stop", "jog_stop")
+"""Commands that are sent without a permit."""
+MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
+"""Commands of a word of bits that move the motor."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandMap:
     """Command word of a register-based model.

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 async def _status(target: Target) -> ExitCode:
-    from drivebus.cli.formatting import identity_json, status_json, status_text
+    from drivebus.cli.formatting import status_json, status_text
 
     async with connect.open_drive(target) as (bus, drive):
         status = await drive.status()
         now = bus.now()
         identity = None if target.service is not None else await _identity(drive)
     where = {"port": target.port, "model": target.model, "address": target.address}
-    output.print_json(where | status_json(status, now) | {"identity": identity and identity_json(identity)})
+    output.print_json(where | status_json(status, now) | {"identity": identity and identity.as_json()})
     output.print_text(status_text(status, now, drive.profile, identity))
     return ExitCode.DONE
 

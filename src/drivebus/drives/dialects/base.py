@@ -20,6 +20,7 @@ from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import LimitError, ProtocolError
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete
+from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
 DEFAULT_NONCE_START = 0x5AA5
@@ -68,6 +69,16 @@ class Identity:
     """Part (model, series, version, control) and its six digits; "-" where a fault hides one."""
     host_controls: bool | None = None
     host_sets_frequency: bool | None = None
+
+    def as_json(self) -> Json:
+        """Return what a drive reports about itself; None for what it does not report."""
+        return {
+            "voltage_class_v": self.voltage_class_v,
+            "power_kw": self.power_kw,
+            "digits": dict(self.digits),
+            "host_controls": self.host_controls,
+            "host_sets_frequency": self.host_sets_frequency,
+        }
 
 
 class Dialect(Protocol):

@@ -5,11 +5,10 @@ from __future__ import annotations
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError
-from drivebus.profiles.model import CommandMap
+from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
 from drivebus.protocols.codec import Effect
 
-MOTION_BITS = frozenset({"start", "jog_forward", "jog_reverse"})
-STOP_BITS = frozenset({"stop", "coast", "quick_stop", "jog_stop"})
+MOTION_BITS, STOP_BITS = frozenset(MOTION_COMMANDS), frozenset(STOP_COMMANDS)
 DIRECTION_BITS = frozenset({"forward", "reverse"})
 
 

@@ -123,14 +123,7 @@ class Queries:
         runtime = self.plant.drive_runtime(params.drive)
         if "identify" not in runtime.profile.capabilities:
             raise CapabilityError("drives.cannot", model=runtime.profile.model, what="identify")
-        found = await runtime.drive.identify()
-        return {
-            "voltage_class_v": found.voltage_class_v,
-            "power_kw": found.power_kw,
-            "digits": dict(found.digits),
-            "host_controls": found.host_controls,
-            "host_sets_frequency": found.host_sets_frequency,
-        }
+        return (await runtime.drive.identify()).as_json()
 
     @handles(PARAMETERS_READ)
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
