@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from drivebus import errors, profiles
 from drivebus.cli import errors as cli_errors
 from drivebus.cli.main import cli
-from drivebus.ports import discovery, latency_timer
+from drivebus.ports import discovery
 from drivebus.simulator.port import clear_simulated_buses
+from fixtures.usb_serial import install_latency_timers
 
 C320 = ("--model", "c320", "--address", "1")
 
@@ -303,10 +304,7 @@ def test_ports_names_an_adapter_that_holds_bytes_back_and_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An FTDI adapter with its factory setting, one set to 1 ms, and one without the timer."""
-    monkeypatch.setattr(latency_timer, "USB_SERIAL_DEVICES", tmp_path)
-    for device, value in (("ttyUSB7", 16), ("ttyUSB8", 1)):
-        (tmp_path / device).mkdir()
-        (tmp_path / device / "latency_timer").write_text(f"{value}\n")
+    install_latency_timers(tmp_path, monkeypatch, ttyUSB7=16, ttyUSB8=1)
     devices = [f"/dev/{name}" for name in ("ttyUSB7", "ttyUSB8", "ttyACM0")]
     found = [discovery.PortInfo(device=one, description="", identity=f"device:{one}", url=one) for one in devices]
     monkeypatch.setattr(discovery, "discover_ports", lambda: found)

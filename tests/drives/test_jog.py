@@ -14,7 +14,7 @@ from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, LimitError, StartInhibited
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
-from fixtures.drives import MODELS, FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+from fixtures.drives import MODELS, FakeC320, FakeModbus, PureBus, dialect_for, operation_for, reject_command
 
 FORWARD = Direction.FORWARD
 
@@ -69,17 +69,7 @@ def test_a_jog_begins_at_standstill() -> None:
 
 
 def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
-    def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return sunfar.SunfarReply(
-            address=1,
-            response=sunfar.SunfarResponse.OUT_OF_RANGE,
-            state=sunfar.SunfarState.STOPPED,
-            group=0,
-            item=None,
-            data=None,
-        )
-
-    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=no))
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=reject_command))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert outcome.status is OutcomeStatus.REFUSED
     assert operations(bus) == [sunfar.SunfarOperation.JOG_FORWARD_AT]

@@ -23,7 +23,7 @@ from drivebus.errors import (
 )
 from drivebus.protocols import modbus, sunfar
 from drivebus.protocols.codec import Effect
-from fixtures.drives import FakeC320, FakeModbus, PureBus, context_for, dialect_for, operation_for
+from fixtures.drives import FakeC320, FakeModbus, PureBus, context_for, dialect_for, operation_for, reject_command
 
 ON_320 = sunfar.SunfarOperation.RUN_FORWARD_AT
 
@@ -174,17 +174,7 @@ def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() 
 
 
 def test_a_rejected_start_is_refused() -> None:
-    def no(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return sunfar.SunfarReply(
-            address=1,
-            response=sunfar.SunfarResponse.OUT_OF_RANGE,
-            state=sunfar.SunfarState.STOPPED,
-            group=0,
-            item=None,
-            data=None,
-        )
-
-    bus, op = c320(FakeC320(on_command=no))
+    bus, op = c320(FakeC320(on_command=reject_command))
     outcome = start(bus, op)
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 1)
 

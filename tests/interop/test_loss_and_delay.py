@@ -17,6 +17,7 @@ from drivebus.protocols import modbus
 from drivebus.serial_settings import StationTiming
 from drivebus.simulator.bus import SimulatedBus
 from fixtures.lossy_relay import LinkQuality, LossyRelay, lossy_relay
+from fixtures.receiver import wait_until
 from fixtures.station_bench import quick_bench, run_program
 from interop.conftest import StartProgram
 from interop.servers import (
@@ -246,12 +247,11 @@ async def test_the_relay_loses_and_delays_and_keeps_the_order() -> None:
 
         left = os.open(wire.ours, os.O_RDWR | os.O_NOCTTY)
         right = os.open(wire.theirs, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        for number in range(40):
-            os.write(left, bytes((number,)))
-            async with asyncio.timeout(10):
-                # Two bytes of a slow moment would be one frame.
-                while wire.passed + wire.lost <= number:  # noqa: ASYNC110
-                    await asyncio.sleep(0.002)
+        for written in range(1, 41):
+            os.write(left, bytes((written,)))
+            await wait_until(
+                lambda written=written: wire.passed + wire.lost == written
+            )  # two bytes at once would be one frame
         await asyncio.sleep(0.3)
         came = list(os.read(right, 100))
         os.close(left)

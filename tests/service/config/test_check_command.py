@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus.cli.main import cli
-from drivebus.ports import latency_timer
 from drivebus.service import config
 from drivebus.service.config import bus_load
 from drivebus.service.config.bus_load import bus_loads
 from fixtures.service import FAN_FILE
+from fixtures.usb_serial import install_latency_timers
 
 REFUSED = Path(__file__).parents[1] / "refused"
 PLANT = (
@@ -53,10 +53,7 @@ def test_an_adapter_that_holds_bytes_back_is_named_with_its_cost_and_its_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An FTDI adapter with its factory setting of 16 ms, and one of 1 ms that costs nothing."""
-    monkeypatch.setattr(latency_timer, "USB_SERIAL_DEVICES", tmp_path)
-    for device, value in (("ttyUSB7", 16), ("ttyUSB8", 1)):
-        (tmp_path / device).mkdir()
-        (tmp_path / device / "latency_timer").write_text(f"{value}\n")
+    install_latency_timers(tmp_path, monkeypatch, ttyUSB7=16, ttyUSB8=1)
     plant = tmp_path / "plant.toml"
     plant.write_text(PLANT.replace("tcp://127.0.0.1:1", "/dev/ttyUSB7").replace("tcp://127.0.0.1:2", "/dev/ttyUSB8"))
     (found,) = json.loads(check(plant, "--json").stdout)["slow_adapters"]

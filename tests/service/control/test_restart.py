@@ -20,7 +20,7 @@ from drivebus.service.control.policies import may_be_running
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
-from fixtures.service import BUSES, DRIVES, plant_config, running_service
+from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_service
 
 SHARED_BUSES = tuple(BusConfig(bus.id, f"{bus.link}&name=shared-{bus.id}") for bus in BUSES)
 """Simulated buses that stay when a service ends and the next one starts."""
@@ -36,6 +36,15 @@ def effects(service: Service) -> set[Effect]:
     }
 
 
+async def start_and_kill(kit: ServiceKit) -> None:
+    """Start the fan, and end the service as SIGKILL would: it stops nothing."""
+    await kit.grant_waivers()
+    await asyncio.sleep(5)
+    await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+    kit.service.plant.drives["fan-1"].started_by_service = False
+    await kit.service.stop()
+
+
 @pytest.mark.parametrize("policy", list(OnRestart))
 def test_a_drive_found_running_is_left_running_or_stopped_and_never_started(policy: OnRestart) -> None:
     """An earlier service started it and was killed."""
@@ -44,11 +53,7 @@ def test_a_drive_found_running_is_left_running_or_stopped_and_never_started(poli
         drives = tuple(replace(drive, on_restart=policy) for drive in DRIVES)
         chosen = plant_config(buses=SHARED_BUSES, drives=drives)
         async with running_service(chosen) as first:
-            await first.grant_waivers()
-            await asyncio.sleep(5)
-            await first.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            first.service.plant.drives["fan-1"].started_by_service = False  # as after SIGKILL: it stops nothing
-            await first.service.stop()
+            await start_and_kill(first)
             bench: Any = find_simulated_bus("shared-a")
             assert bench.station(1).motor.phase is not OutputPhase.OFF
             service = Service(chosen, replace(first.storage, settings=MemoryStore(), drives=MemoryStore()))
@@ -73,11 +78,7 @@ def test_an_ordered_end_stops_adopted_drives_and_names_those_that_it_leaves_runn
         drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
         chosen = plant_config(buses=SHARED_BUSES, drives=drives)
         async with running_service(chosen) as first:
-            await first.grant_waivers()
-            await asyncio.sleep(5)
-            await first.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            first.service.plant.drives["fan-1"].started_by_service = False  # as after SIGKILL: it stops nothing
-            await first.service.stop()
+            await start_and_kill(first)
             fans: Any = find_simulated_bus("shared-a")
             pumps: Any = find_simulated_bus("shared-b")
             service = Service(chosen, replace(first.storage, settings=MemoryStore(), drives=MemoryStore()))

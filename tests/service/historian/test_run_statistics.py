@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.live.views import CommLossView, DriveView, SignalView
+from drivebus.service.live.views import DriveView, SignalView
 from drivebus.service.runtime.run_statistics import (
     DOCUMENT_KIND,
     LOAD_RETRY_S,
@@ -18,10 +18,9 @@ from drivebus.service.runtime.run_statistics import (
     RunStatisticsStore,
 )
 from drivebus.testing import virtual_time
-from drivebus.values import Quality, Text
+from drivebus.values import Quality
+from fixtures.alarms import view as drive_view
 from fixtures.historian import NOON_MS, HistoryDatabase
-
-NOTHING = Text("", "")
 
 
 def view(state: str = "running", fault: str | None = None, presence: str = "online", **signals: Any) -> DriveView:
@@ -31,26 +30,7 @@ def view(state: str = "running", fault: str | None = None, presence: str = "onli
         name: SignalView(*(value if isinstance(value, tuple) else (value, units[name], Quality.GOOD)), None, 0.0)
         for name, value in signals.items()
     }
-    return DriveView(
-        id="fan-1",
-        title=NOTHING,
-        bus="a",
-        address=1,
-        model="c320",
-        grade="simulated",
-        capabilities=(),
-        groups=(),
-        presence=presence,
-        state=state,
-        state_reason=None,
-        direction=None,
-        fault=None if fault is None else {"code": fault},
-        commanded_hz=None,
-        minimum_hz=0.0,
-        maximum_hz=50.0,
-        comm_loss=CommLossView(kind="unknown", after_s=None, text=NOTHING),
-        signals=found,
-    )
+    return drive_view(found, presence=presence, state=state, fault=None if fault is None else {"code": fault})
 
 
 def observed(*views: DriveView, step_s: float = 1.0) -> RunStatistics:

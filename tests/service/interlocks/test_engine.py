@@ -7,32 +7,14 @@ from typing import Any
 from drivebus import i18n
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.service.interlocks.engine import STARTUP_GRACE_S, InterlockEngine
-from drivebus.service.live.views import CommLossView, DriveView, SignalView
+from drivebus.service.live.views import DriveView, SignalView
 from drivebus.values import Quality, Text
+from fixtures.alarms import view as drive_view
 
 
 def view(drive: str, state: str = "running", **signals: tuple[Any, str, Quality]) -> DriveView:
     values = {name: SignalView(value, unit, quality, None, 0.1) for name, (value, unit, quality) in signals.items()}
-    return DriveView(
-        id=drive,
-        title=Text(drive, drive),
-        bus="a",
-        address=1,
-        model="c320",
-        grade="simulated",
-        capabilities=(),
-        groups=(),
-        presence="online",
-        state=state,
-        state_reason=None,
-        direction=None,
-        fault=None,
-        commanded_hz=None,
-        minimum_hz=0.0,
-        maximum_hz=50.0,
-        comm_loss=CommLossView(kind="trips", after_s=2.0, text=Text("", "")),
-        signals=values,
-    )
+    return drive_view(values, drive=drive, state=state)
 
 
 def views(state: str = "running", hz: Any = 25.0, quality: Quality = Quality.GOOD) -> dict[str, DriveView]:

@@ -50,6 +50,16 @@ def browser() -> Iterator[Any]:
         found.close()
 
 
+@pytest.fixture(scope="module")
+def scripts(browser: Any, plant: Stage) -> Iterator[Any]:
+    """Open the page's origin without a login, to import its modules."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(plant.at)
+    yield page
+    context.close()
+
+
 @pytest.fixture(scope="session")
 def plant(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     """Start one plant for all tests, because that takes a second."""

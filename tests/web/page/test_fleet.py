@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-
-
-@pytest.fixture(scope="module")
-def scripts(browser: Any, plant: Stage) -> Iterator[Any]:
-    """Open the page's origin without a login, to import its modules."""
-    context = browser.new_context()
-    page = context.new_page()
-    page.goto(plant.at)
-    yield page
-    context.close()
 
 
 def call(page: Any, module: str, expression: str) -> Any:

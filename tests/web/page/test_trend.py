@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -22,16 +21,6 @@ def module(page: Any, name: str, call: str) -> Any:
     return page.evaluate(f"async () => {{ const m = await import('{MODULES}{name}.js'); return {call}; }}")
 
 
-@pytest.fixture(scope="module")
-def page(browser: Any, plant: Stage) -> Iterator[Any]:
-    """Open the page's origin without a login, to import its modules."""
-    context = browser.new_context()
-    page = context.new_page()
-    page.goto(plant.at)
-    yield page
-    context.close()
-
-
 SERIES = {
     "t": [0, 1000, 2000, 3000, 4000, 5000],
     "min": [9, 9, None, 11, 12, 12],
@@ -41,15 +30,15 @@ SERIES = {
 }
 
 
-def test_gaps_and_bad_values_are_not_drawn(page: Any) -> None:
+def test_gaps_and_bad_values_are_not_drawn(scripts: Any) -> None:
     """A gap is null in every column, and so is a received value of bad quality."""
-    found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
+    found = module(scripts, "columns", f"m.split({json.dumps(SERIES)})")
     assert [value is None for value in found["high"]] == [False, False, True, False, False, True]
     assert found["good"] == [10, 10, None, None, 13, None]
     assert found["low"][5] is None and found["high"][5] is None
 
 
-def test_the_first_label_of_an_empty_chart_is_not_cut_off(page: Any) -> None:
+def test_the_first_label_of_an_empty_chart_is_not_cut_off(scripts: Any) -> None:
     """Without values there is no value axis beside it, so half of the label would lie outside."""
     call = """(() => {
         const host = document.body.appendChild(document.createElement("div"));
@@ -63,67 +52,72 @@ def test_the_first_label_of_an_empty_chart_is_not_cut_off(page: Any) -> None:
         host.remove();
         return [room, plot.ctx.measureText("1970-01-01").width * 12 / 16 / 2];
     })()"""
-    room, half = module(page, "chart", call)
+    room, half = module(scripts, "chart", call)
     assert room >= half > 20
 
 
-def test_an_uncertain_stretch_is_its_own_line_that_reaches_its_good_neighbours(page: Any) -> None:
-    found = module(page, "columns", f"m.split({json.dumps(SERIES)})")
+def test_an_uncertain_stretch_is_its_own_line_that_reaches_its_good_neighbours(scripts: Any) -> None:
+    found = module(scripts, "columns", f"m.split({json.dumps(SERIES)})")
     assert found["uncertain"] == [None, None, None, 12, 13, None]
 
 
-def test_two_tags_keep_their_own_moments_and_gaps(page: Any) -> None:
+def test_two_tags_keep_their_own_moments_and_gaps(scripts: Any) -> None:
     """A moment at which only another tag was read is no gap (undefined); a gap stays null."""
     one = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
     other = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
     call = (
         f"m.table(['a', 'b'], {json.dumps({'a': one, 'b': other})}).map(c => c.map(v => v === undefined ? 'none' : v))"
     )
-    found = module(page, "columns", call)
+    found = module(scripts, "columns", call)
     assert found[0] == [0, 1000, 2000]
     assert found[3] == [1, "none", 2] and found[7] == ["none", None, 5]
 
 
-def test_live_values_follow_the_last_stored_sample_and_a_lost_connection_is_a_gap(page: Any) -> None:
+def test_live_values_follow_the_last_stored_sample_and_a_lost_connection_is_a_gap(scripts: Any) -> None:
     live = [{"t": 4500, "v": 99, "q": 0}, {"t": 6000, "v": 14, "q": 0}, {"t": 6500, "v": None, "q": 2}]
-    found = module(page, "columns", f"m.extended({json.dumps(SERIES)}, {json.dumps(live)})")
+    found = module(scripts, "columns", f"m.extended({json.dumps(SERIES)}, {json.dumps(live)})")
     assert found["t"][-3:] == [5000, 6000, 6500] and found["mean"][-2:] == [14, None]
 
 
-def test_the_statistics_of_a_window_exclude_unusable_values(page: Any) -> None:
-    found = module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 1000, to: 5000}})")
+def test_the_statistics_of_a_window_exclude_unusable_values(scripts: Any) -> None:
+    found = module(scripts, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 1000, to: 5000}})")
     assert found == {"low": 9, "mean": pytest.approx((10 + 12 + 13) / 3), "high": 14}
-    assert module(page, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 5000, to: 9000}})") is None
+    assert module(scripts, "columns", f"m.summary({json.dumps(SERIES)}, {{from: 5000, to: 9000}})") is None
 
 
 @pytest.mark.parametrize(
     ("moment", "value", "quality"), [(1400, 10, 0), (2100, None, 2), (3300, 12, 1), (4900, None, 2)]
 )
-def test_a_cursor_reads_the_nearest_sample_with_its_quality(page: Any, moment: int, value: Any, quality: int) -> None:
-    found = module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, {moment}, 1500)")
+def test_a_cursor_reads_the_nearest_sample_with_its_quality(
+    scripts: Any, moment: int, value: Any, quality: int
+) -> None:
+    found = module(scripts, "columns", f"m.valueAt({json.dumps(SERIES)}, {moment}, 1500)")
     assert (found["value"], found["q"]) == (value, quality)
 
 
-def test_a_cursor_far_from_any_sample_reads_nothing(page: Any) -> None:
-    assert module(page, "columns", f"m.valueAt({json.dumps(SERIES)}, 9000, 1500)") is None
+def test_a_cursor_far_from_any_sample_reads_nothing(scripts: Any) -> None:
+    assert module(scripts, "columns", f"m.valueAt({json.dumps(SERIES)}, 9000, 1500)") is None
 
 
-def test_stretches_of_uncertain_and_bad_quality_are_shown_below(page: Any) -> None:
-    found = module(page, "columns", f"m.stretches({json.dumps(SERIES)})")
+def test_stretches_of_uncertain_and_bad_quality_are_shown_below(scripts: Any) -> None:
+    found = module(scripts, "columns", f"m.stretches({json.dumps(SERIES)})")
     assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 5000, 2)]
 
 
-def test_zooming_keeps_the_moment_under_the_pointer_and_stays_between_5_s_and_11_years(page: Any) -> None:
-    found = module(page, "window", "m.zoomed({from: 0, to: 100000}, 0.5, 25000)")
+def test_zooming_keeps_the_moment_under_the_pointer_and_stays_between_5_s_and_11_years(scripts: Any) -> None:
+    found = module(scripts, "window", "m.zoomed({from: 0, to: 100000}, 0.5, 25000)")
     assert found == {"from": 12500, "to": 62500}
-    tiny = module(page, "window", "m.zoomed({from: 0, to: 6000}, 0.01, 3000)")
+    tiny = module(scripts, "window", "m.zoomed({from: 0, to: 6000}, 0.01, 3000)")
     assert tiny["to"] - tiny["from"] == 5000 and tiny["from"] < 3000 < tiny["to"]
-    huge = module(page, "window", "m.zoomed({from: 0, to: 300 * 86400000}, 1000)")
+    huge = module(scripts, "window", "m.zoomed({from: 0, to: 300 * 86400000}, 1000)")
     assert huge["to"] - huge["from"] == 4000 * 86_400_000
 
 
-def test_a_fetch_is_wider_than_the_window_but_ends_now(page: Any) -> None:
-    assert module(page, "window", "m.padded({from: 1000000, to: 1100000}, 1110000)") == {"from": 975000, "to": 1110000}
+def test_a_fetch_is_wider_than_the_window_but_ends_now(scripts: Any) -> None:
+    assert module(scripts, "window", "m.padded({from: 1000000, to: 1100000}, 1110000)") == {
+        "from": 975000,
+        "to": 1110000,
+    }
 
 
 @pytest.mark.parametrize(
@@ -136,17 +130,17 @@ def test_a_fetch_is_wider_than_the_window_but_ends_now(page: Any) -> None:
     ],
 )
 def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
-    page: Any, window: str, is_covered: bool
+    scripts: Any, window: str, is_covered: bool
 ) -> None:
     """The last case shows a fifth of the fetched window, for which finer points exist."""
-    assert module(page, "window", f"m.covers({{from: 0, to: 100}}, {window}, 1000)") is is_covered
+    assert module(scripts, "window", f"m.covers({{from: 0, to: 100}}, {window}, 1000)") is is_covered
 
 
 @pytest.mark.parametrize(
     ("span", "message"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
 )
-def test_a_duration_is_shown_with_its_two_largest_units(page: Any, span: int, message: str) -> None:
-    assert module(page, "labels", f"m.duration({span}, name => name)") == message
+def test_a_duration_is_shown_with_its_two_largest_units(scripts: Any, span: int, message: str) -> None:
+    assert module(scripts, "labels", f"m.duration({span}, name => name)") == message
 
 
 # --- on the screen ------------------------------------------------------------------------------------------------
