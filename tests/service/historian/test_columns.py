@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivebus.service.historian import blocks, columns
 from drivebus.service.historian.columns import ColumnReader, DamagedBlock, pack_floats, pack_integers
-from drivebus.service.historian.points import Points
+from drivebus.service.historian.points import Points, slice_time
 
 QUALITIES = st.sampled_from([0, 1, 2])
 DECIMALS = st.integers(0, 7).flatmap(
@@ -106,6 +106,36 @@ def test_rollups_are_restored_bit_by_bit(rows: list[tuple[float, float, float, i
     found = blocks.decode_points(blocks.encode_points(points))
     assert (found.time, found.count, found.quality) == (time, points.count, quality)
     assert [bits(list(column)) for column in (found.low, found.mean, found.high)] == [*map(bits, (low, mean, high))]
+
+
+@given(
+    VALUES | SOME_EXCEPTIONS,
+    st.lists(JUMPING_TIMES, min_size=400, max_size=400).map(sorted) | st.just(list(range(0, 4000, 10))),
+    st.integers(0, 400),
+    st.integers(0, 400),
+    st.booleans(),
+)
+@example([1.25] * 20 + [math.nan] + [1.25] * 20, list(range(0, 4000, 10)), 15, 30, False)
+@example([1.25, math.nan], list(range(0, 4000, 10)), 1, 0, False)
+def test_part_of_a_rollup_equals_the_whole_one_cut(
+    values: list[float], times: list[int], first: int, last: int, flat: bool
+) -> None:
+    """A value that is stored exactly must not move to another time when only a part of its block is decoded."""
+    values = values[: len(times)]
+    n = len(values)
+    low = values if flat else values[::-1]
+    counts = [(7 * place) % 5 for place in range(n)]
+    whole = Points(
+        time=times[:n], count=counts, low=low, mean=values, high=values, quality=bytes(one % 3 for one in range(n))
+    )
+    data = blocks.encode_points(whole)
+    expected, found = (
+        slice_time(whole, times[first % n], times[last % n]),
+        blocks.decode_points(data, times[first % n], times[last % n]),
+    )
+    assert (found.time, found.count, found.quality) == (expected.time, expected.count, expected.quality)
+    for column in ("low", "mean", "high"):
+        assert bits(getattr(found, column)) == bits(getattr(expected, column))
 
 
 def test_a_rollup_whose_zeros_differ_in_sign_is_not_flat() -> None:

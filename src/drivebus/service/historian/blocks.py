@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 
 from drivebus.service.historian.columns import (
@@ -39,8 +40,8 @@ def encode_samples(time: Sequence[int], value: Sequence[float], quality: bytes) 
 
 def decode_samples(data: bytes) -> SampleColumns:
     """Decode samples. Raises DamagedBlock."""
-    _, n, columns = _unpack_block(data, {_RAW})
-    samples = columns.integers(), columns.floats(), columns.take(n)
+    _, _, columns = _unpack_block(data, {_RAW})
+    samples = columns.integers(), columns.floats(), columns.octets()
     columns.close()
     return samples
 
@@ -60,13 +61,17 @@ def _is_flat(points: Points) -> bool:
     return low == mean == high
 
 
-def decode_points(data: bytes) -> Points:
-    """Decode points. Raises DamagedBlock."""
+def decode_points(data: bytes, first_ms: int | None = None, last_ms: int | None = None) -> Points:
+    """Decode points, only those with ``first_ms <= time <= last_ms`` where given. Raises DamagedBlock."""
     kind, n, columns = _unpack_block(data, {_ROLLED, _FLAT})
-    time, count, quality, mean = columns.integers(), columns.integers(), columns.take(n), columns.floats()
+    time = columns.integers()
+    begin = 0 if first_ms is None else bisect_left(time, first_ms)
+    end = n if last_ms is None else bisect_right(time, last_ms)
+    columns.wanted = slice(begin, max(begin, end))
+    count, quality, mean = columns.integers(), columns.octets(), columns.floats()
     low, high = (mean, mean) if kind == _FLAT else (columns.floats(), columns.floats())
     columns.close()
-    return Points(time=time, count=count, low=low, mean=mean, high=high, quality=quality)
+    return Points(time=time[columns.wanted], count=count, low=low, mean=mean, high=high, quality=quality)
 
 
 def _pack_block(kind: int, n: int, body: bytes) -> bytes:

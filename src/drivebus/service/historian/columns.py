@@ -115,6 +115,8 @@ class ColumnReader:
 
     def __init__(self, data: bytes, n: int) -> None:
         self._data, self._n, self._at = data, n, 0
+        self.wanted = slice(0, n)
+        """Positions that ``integers``, ``floats`` and ``octets`` return; others are checked only by their size."""
 
     def take(self, size: int) -> bytes:
         begin, self._at = self._at, self._at + size
@@ -127,14 +129,22 @@ class ColumnReader:
         if self._at != len(self._data):
             raise DamagedBlock(f"{len(self._data) - self._at} bytes follow the last column")
 
+    def octets(self) -> bytes:
+        return self.take(self._n)[self.wanted]
+
     def integers(self) -> list[int]:
         first, width = _INTEGERS.unpack(self.take(_INTEGERS.size))
         if width not in _STEP_CODES:
             raise DamagedBlock(f"steps of {width} bytes")
         data = self._interleaved(width)
+        begin, end = self.wanted.start, self.wanted.stop
         if data and data == data[:width] * (self._n - 1):
-            return _equal_steps(first, int.from_bytes(data[:width], "little", signed=True), self._n)
-        return list(accumulate(unpack(_STEP_CODES[width], data), initial=first))
+            step = int.from_bytes(data[:width], "little", signed=True)
+            return _equal_steps(first + begin * step, step, end - begin)
+        steps = unpack(_STEP_CODES[width], data)
+        if begin:
+            first += sum(steps[:begin])
+        return list(accumulate(steps[begin : end - 1], initial=first))[: end - begin]
 
     def _interleaved(self, width: int) -> bytes:
         """Take the steps and return them number by number."""
@@ -148,15 +158,17 @@ class ColumnReader:
 
     def floats(self) -> list[float]:
         places, exceptions = _FLOATS.unpack(self.take(_FLOATS.size))
+        begin, end = self.wanted.start, self.wanted.stop
         if places == -1:
-            return unpack_floats(self.take(8 * self._n))
+            return unpack_floats(self.take(8 * self._n)[8 * begin : 8 * end])
         if not 0 <= places <= _MAX_PLACES:
             raise DamagedBlock(f"{places} decimal places")
         positions = unpack("I", self.take(4 * exceptions))
         exact = unpack_floats(self.take(8 * exceptions))
-        found = list(_restore(self.integers(), 10.0**places))
+        found = _restore(self.integers(), 10.0**places)
         for position, value in zip(positions, exact, strict=True):
             if position >= self._n:
                 raise DamagedBlock(f"position {position} of {self._n}")
-            found[position] = value
+            if begin <= position < end:
+                found[position - begin] = value
         return found

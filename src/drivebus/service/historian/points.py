@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import compress, pairwise
-from operator import mul, ne, truediv
+from operator import mul, ne
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 from drivebus.types import Json
 from drivebus.values import Quality
+
+T = TypeVar("T")
 
 SECOND_MS = 1000
 MINUTE_MS = 60 * SECOND_MS
@@ -92,7 +94,6 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
     known = [1] * len(time)
     if BAD in quality or not math.isfinite(sum(value)):
         known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
-    if 0 in known:
         value = [number if one else math.nan for number, one in zip(value, known, strict=True)]
     return sorted_by_time(Points(time=time, count=known, low=value, mean=value, high=value, quality=quality))
 
@@ -116,16 +117,27 @@ def sorted_by_time(points: Points) -> Points:
 
 def concat(pieces: Iterable[Points]) -> Points:
     """Return all pieces as one, sorted by time."""
-    found = Points(time=[], count=[], low=[], mean=[], high=[], quality=b"")
-    time, count, low, mean, high = list[int](), list[int](), list[float](), list[float](), list[float]()
-    for piece in pieces:
-        time += piece.time
-        count += piece.count
-        low += piece.low
-        mean += piece.mean
-        high += piece.high
-        found.quality += piece.quality
-    return sorted_by_time(Points(time=time, count=count, low=low, mean=mean, high=high, quality=found.quality))
+    found = [piece for piece in pieces if piece.time]
+    if len(found) <= 1:
+        return found[0] if found else Points()
+    mean = _joined(piece.mean for piece in found)
+    flat = all(piece.low is piece.mean is piece.high for piece in found)
+    joined = Points(
+        time=_joined(piece.time for piece in found),
+        count=_joined(piece.count for piece in found),
+        low=mean if flat else _joined(piece.low for piece in found),
+        mean=mean,
+        high=mean if flat else _joined(piece.high for piece in found),
+        quality=b"".join(piece.quality for piece in found),
+    )
+    return sorted_by_time(joined)
+
+
+def _joined(columns: Iterable[Sequence[T]]) -> list[T]:
+    found = list[T]()
+    for column in columns:
+        found += column
+    return found
 
 
 def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
@@ -182,9 +194,13 @@ def _roll_up_complete(
 ) -> RolledColumns:
     """Roll up points that all have values."""
     lows, highs = [min(low[a:b]) for a, b in runs], [max(high[a:b]) for a, b in runs]
-    counts = [sum(count[a:b]) for a, b in runs]
-    weighed = mean if count.count(1) == len(count) else list(map(mul, mean, count))
-    means = map(truediv, [sum(weighed[a:b]) for a, b in runs], counts)
+    if count.count(count[0]) == len(count):
+        counts = [count[0] * (b - a) for a, b in runs]
+        means = [sum(mean[a:b]) / (b - a) for a, b in runs]
+    else:
+        counts = [sum(count[a:b]) for a, b in runs]
+        weighed = list(map(mul, mean, count))
+        means = [sum(weighed[a:b]) / total for (a, b), total in zip(runs, counts, strict=True)]
     # Rounding must not move a mean outside the range of its values.
     return counts, lows, list(map(min, map(max, means, lows), highs)), highs
 

@@ -69,11 +69,9 @@ class HistoryReader:
             stored[row.tag].append(row)
         for tag, (_, samples) in fresh.items():
             points = points_of_samples(*samples)
-            pieces = [
-                *map(_decode_block, stored[tag]),
-                points if level is ResolutionLevel.RAW else roll_up(points, width),
-            ]
-            yield tag, slice_time(concat(pieces), first, to_ms)
+            open_points = points if level is ResolutionLevel.RAW else roll_up(points, width)
+            pieces = [_decode_block(row, first, to_ms) for row in stored[tag]]
+            yield tag, concat([*pieces, slice_time(open_points, first, to_ms)])
 
     def samples(self, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, NumberedSamples]:
         """Return the samples of each tag with their numbers, in order of arrival."""
@@ -115,11 +113,12 @@ def _skip_compacted(first: int, samples: SampleColumns, first_uncompacted: int) 
     return first + skip, (time[skip:], value[skip:], quality[skip:])
 
 
-def _decode_block(row: Block) -> Points:
+def _decode_block(row: Block, first_ms: int, last_ms: int) -> Points:
+    """Return the sorted points of a row in the time range."""
     if row.level is ResolutionLevel.RAW:
-        return points_of_samples(*_decode_samples(row))
+        return slice_time(points_of_samples(*_decode_samples(row)), first_ms, last_ms)
     with _damage_named(row):
-        return blocks.decode_points(row.data)
+        return blocks.decode_points(row.data, first_ms, last_ms)
 
 
 def _decode_samples(row: Block) -> SampleColumns:
