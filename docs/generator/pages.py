@@ -11,6 +11,7 @@ from drivebus.i18n import LANGUAGES
 from generator import (
     bus_load,
     cli_reference,
+    command_collisions,
     drives,
     error_reference,
     fault_matrix,
@@ -52,6 +53,8 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     yield readme, _fill_marks(readme, {"drives": drives.table(language)})
     page = root / "docs" / "explanation" / f"verification{suffix}.md"
     yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
+    page = root / "docs" / "explanation" / f"bus-stop{suffix}.md"
+    yield page, _fill_marks(page, {"collisions": command_collisions.collision_table(language)})
     page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
     yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
     page = root / "docs" / "explanation" / f"security{suffix}.md"

@@ -243,6 +243,9 @@ class Drive:
     ) -> JogSession:
         return JogSession(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))
 
+    def assume_model(self) -> None:
+        self.drive.assume_model()
+
     def stop(self, wait: bool = True) -> Outcome:
         return self._bus.run(self.drive.stop(wait))
 

@@ -25,7 +25,7 @@
     │   ├── StartInhibited      no motion now: stale status, foreign master, bad link, no control
     │   ├── TargetNotReached    the drive reports another state than requested
     │   ├── OutcomeUnknown      sent, and it is not known whether it was done (exit 4)
-    │   ├── StopUnconfirmed     the stop was sent; the drive did not report stopped (exit 4)
+    │   ├── StopUnconfirmed     the drive did not report stopped (exit 4)
     │   └── EepromBudgetExceeded too many EEPROM writes of that parameter today
     └── ServiceError            the service that owns the buses refused the request; nothing was sent
         ├── NotFound            no such operation, drive, group, bus, alarm or incident
@@ -224,7 +224,7 @@ class OutcomeUnknown(DriveError):
 
 
 class StopUnconfirmed(DriveError):
-    """The stop was sent and the drive did not report stopped."""
+    """The drive did not report stopped; the message names a stop that was withheld from a drive of another model."""
 
 
 class EepromBudgetExceeded(DriveError):

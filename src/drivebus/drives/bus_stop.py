@@ -58,10 +58,14 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
 
 
 async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, ...]:
-    """Send one broadcast per different frame."""
+    """Send one broadcast per different frame.
+
+    A stop that may start another model is broadcast only where every drive of the bus has answered as its model.
+    """
     requests: dict[bytes, BusRequest] = {}
+    is_model_open = any(drive.dialect.model_check() is not None for drive in drives)
     for drive in drives:
-        if "broadcast_stop" not in drive.profile.capabilities:
+        if "broadcast_stop" not in drive.profile.capabilities or (is_model_open and drive.profile.needs_model_check):
             continue
         for place, request in enumerate(drive.dialect.broadcast_stop()):
             # the frames after a stop let the stops of other drives go first

@@ -138,6 +138,9 @@ class DriveContext:
     acceleration_s: float | None = None
     deceleration_s: float | None = None
     command_count: int = 0
+    model_key: str | None = None  # of the stored record of the model that last passed its pre-flight check here
+    was_this_model: bool = False  # that record names this model
+    model_assumed: bool = False  # the user states that the station is of this model: its stops are sent unread
     on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 
     def create_command(self, kind: CommandKind, conditions: BusConditions) -> DriveCommand:

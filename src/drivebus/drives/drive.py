@@ -110,6 +110,9 @@ class Drive:
             self._stored_loaded = True
             self._context.eeprom_budget = self._eeprom_budget(self._context.limits)
             self._calibration.load()
+            if self.dialect.model_check() is not None:
+                key = f"model/{drive_key(self.bus.port.identity, self.address)}"
+                self._context.model_key, self._context.was_this_model = key, self._store.get(key) == self.profile.model
 
     def _read_context(self) -> OperationContext:
         """Return the context of an operation that sends no motion command of its own."""
@@ -235,6 +238,14 @@ class Drive:
             lease_s=lease_s,
             requested_at=requested_at,
         )
+
+    def assume_model(self) -> None:
+        """State that the drive at this address is of this model, as its name plate shows: stops are sent at once.
+
+        Otherwise the first stop to a station waits for a read, where the model's command word is a number that may
+        start another model, and is withheld where the reply is not one of this model.
+        """
+        self._context.model_assumed = True
 
     async def stop(self, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.

@@ -361,6 +361,14 @@ class DriveProfile:
         """Where the frequency of a jog comes from; None where the model can't jog."""
         return protocol_family(self.family).jog_frequency if "jog" in self.capabilities else None
 
+    @property
+    def needs_model_check(self) -> bool:
+        """Whether a station must answer as this model before its first command: the stop may start another model.
+
+        So it is where a command word is a number, and where the profile has only one source.
+        """
+        return self.commands is not None and (bool(self.commands.values) or self.grade == "draft")
+
     def writable_registers(self) -> frozenset[int]:
         """Return the registers that may be written, without their EEPROM forms; no other register is ever written."""
         listed = {p.locator[1] for p in self.parameters.values() if p.writable and p.locator[0] == "holding"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Awaitable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,18 +24,29 @@ from drivebus.types import Json
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, StopReport
+    from drivebus.drives.outcome import Outcome
+    from drivebus.profiles import DriveProfile
 
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
 _BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
 
 
-def _stop(everything: bool, quick: bool, directory: str | None, target: str | None = None, **given: Any) -> ExitCode:
+def _stop(
+    everything: bool,
+    quick: bool,
+    assume_model: bool,
+    directory: str | None,
+    target: str | None = None,
+    **given: Any,
+) -> ExitCode:
     if not everything:
         if directory is not None:
             raise ConfigurationError("stop_all.needs_all")
-        return _stop_one(target, given, quick)
+        return _stop_one(target, given, quick, assume_model)
     if quick:
         raise ConfigurationError("stop_all.not_quick")
+    if assume_model:
+        raise ConfigurationError("stop_all.not_assumed")
     service = given.pop("service")
     if service is not None:
         reject_local_options(given | {"directory": directory}, (*_BUS_OPTIONS, "drive", "directory"))
@@ -49,7 +60,7 @@ def _stop(everything: bool, quick: bool, directory: str | None, target: str | No
 # --- one drive ----------------------------------------------------------------------------------------------------
 
 
-def _stop_one(port: str | None, given: dict[str, Any], quick: bool) -> ExitCode:
+def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model: bool) -> ExitCode:
     addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
     remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
     if remote is None:
@@ -60,8 +71,14 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool) -> ExitCode:
             raise _bad_value("addresses", ",".join(map(str, addresses)), "cli.expect.one_address")
     target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
     if dry_run:
-        return _print_plan(target, (target.address,), broadcast=False, quick=quick)
-    return asyncio.run(run_command(target, lambda drive: drive.quick_stop() if quick else drive.stop(wait=True)))
+        return _print_plan(target, (target.address,), broadcast=False, quick=quick, assume_model=assume_model)
+
+    def stop(drive: Drive) -> Awaitable[Outcome]:
+        if assume_model:
+            drive.assume_model()
+        return drive.quick_stop() if quick else drive.stop(wait=True)
+
+    return asyncio.run(run_command(target, stop))
 
 
 def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,13 +136,17 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool
 
 
 async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
-    """Send the broadcast stop where the family has one, then one stop to each address; return drives that replied."""
+    """Send the broadcast stop where the family has one, then one stop to each address; return drives that replied.
+
+    Where a stop waits until its station answered as this model, each address is read instead.
+    """
     from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
     from drivebus.drives.dialects.base import StopMode
 
     bus.inhibit_start(None)
     first = drives[0]
-    for request in first.dialect.broadcast_stop() if "broadcast_stop" in first.profile.capabilities else ():
+    check = first.dialect.model_check()
+    for request in first.dialect.broadcast_stop() if check is None and _can_broadcast(first.profile) else ():
         await bus.transact(
             BusRequest(
                 station=first.address,
@@ -137,18 +158,22 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
     present, started_at = [], bus.now()
     with output.ProgressBar() as bar:
         for number, drive in enumerate(drives):
-            request = drive.dialect.stop(StopMode.STOP)[0]
-            stop = BusRequest(
+            check = drive.dialect.model_check()
+            request = BusRequest(
                 station=drive.address,
-                request=request,
-                priority=RequestPriority.STOP,
-                retry_policy=RetryPolicy.IDEMPOTENT,
+                request=drive.dialect.stop(StopMode.STOP)[0] if check is None else check,
+                priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
+                retry_policy=RetryPolicy.IDEMPOTENT if check is None else RetryPolicy.READ,
             )
-            if (await bus.transact(stop)).received:
+            if (await bus.transact(request)).received:
                 present.append(drive)
             spent_s = bus.now() - started_at
             bar.update(f"{drive.profile.model} {drive.address:3d}", spent_s, spent_s / (number + 1) * len(drives))
     return present
+
+
+def _can_broadcast(profile: DriveProfile) -> bool:
+    return "broadcast_stop" in profile.capabilities
 
 
 def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> ExitCode:
@@ -172,15 +197,25 @@ def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> Ex
     return exit_code(drives)
 
 
-def _print_plan(target: Target, addresses: tuple[int, ...], *, broadcast: bool, quick: bool = False) -> ExitCode:
+def _print_plan(
+    target: Target,
+    addresses: tuple[int, ...],
+    *,
+    broadcast: bool,
+    quick: bool = False,
+    assume_model: bool = False,
+) -> ExitCode:
     from drivebus.cli.dry_run import DryRun, PlannedFrame, print_plan
     from drivebus.drives.dialects.base import StopMode
 
     frames: list[PlannedFrame] = []
     for number, address in enumerate(addresses):
         dry = DryRun(replace(target, address=address))
-        if broadcast and number == 0:
+        check = None if assume_model else dry.dialect.model_check()
+        if broadcast and number == 0 and check is None:
             dry.add("broadcast_stop", dry.dialect.broadcast_stop())
+        if check is not None:
+            dry.add("model_check", (check,))
         mode = StopMode.QUICK_STOP if quick else StopMode.STOP
         dry.add(mode.value, dry.dialect.stop(mode))
         frames += dry.frames
@@ -268,6 +303,7 @@ command = RemoteCommand(
         ),
         Option(["--all", "everything"], is_flag=True, key="help.option.stop_all"),
         Option(["--quick"], is_flag=True, key="help.option.stop_quick"),
+        Option(["--assume-model"], is_flag=True, key="help.option.assume_model"),
         Option(["--directory"], metavar="DIR", example="--directory /var/lib/drivebus/plants/hall"),
         *options.serial_options(),
         options.encoding_option(),
@@ -281,6 +317,7 @@ command = RemoteCommand(
         "drivebus stop /dev/ttyUSB0 --model c320 --address 1",
         "drivebus stop sim://vc660@3 --model vc660 --address 3 --json",
         "drivebus stop /dev/ttyUSB0 --model vc660 --address 3 --quick",
+        "drivebus stop /dev/ttyUSB0 --model ms300 --address 3 --assume-model",
         "drivebus stop --service http://127.0.0.1:8080 --drive fan-1",
         "drivebus stop --all /dev/ttyUSB0 --model c320 --address 1-8",
         "drivebus stop --all /dev/ttyUSB0 --model dzb100 --dry-run",

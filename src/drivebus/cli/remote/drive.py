@@ -64,7 +64,7 @@ class RemoteDrive:
     def __init__(self, client: RemoteClient, name: str, address: int, profile: DriveProfile) -> None:
         self._client, self.name, self.address, self.profile = client, name, address, profile
         self._renewal: asyncio.Task[None] | None = None
-        self._had_control_before = False
+        self._had_control_before = self._assume_model = False
         self._started_at: float | None = None
 
     async def call(self, operation: Operation, **params: Any) -> Json:
@@ -127,6 +127,10 @@ class RemoteDrive:
     def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
         return RemoteJog(self, frequency_hz, direction)
 
+    def assume_model(self) -> None:
+        """Send each stop without the read that shows whether the station is of the plant's model."""
+        self._assume_model = True
+
     async def stop(self, wait: bool = True) -> Outcome:
         return await self._stop("stop")
 
@@ -139,7 +143,8 @@ class RemoteDrive:
     async def _stop(self, mode: str) -> Outcome:
         """Stop without a lease. Raises OutcomeUnknown if the service is lost: nothing else could confirm the stop."""
         try:
-            return parse_outcome(await self.call(DRIVE_STOP, how=mode))
+            assumed = {"assume_model": True} if self._assume_model else {}
+            return parse_outcome(await self.call(DRIVE_STOP, how=mode, **assumed))
         except ServiceUnavailable as error:
             raise OutcomeUnknown("service.not_stopped", drive=self.name, why=error) from error
 

@@ -114,6 +114,10 @@ class Dialect(Protocol):
         """Return whether the reply to a request looks like that to another class: it needs a sync probe before it."""
         ...
 
+    def model_check(self) -> Any | None:
+        """Return the read that shows whether the station is of this model; None where none is needed, or no more."""
+        ...
+
     def state_reads(self) -> tuple[Any, ...]:
         """Return the smallest set of reads that shows state, direction and fault."""
         ...

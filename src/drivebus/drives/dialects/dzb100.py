@@ -130,6 +130,9 @@ class Dzb100Dialect:
     def needs_sync(self, request: Any) -> bool:
         return False
 
+    def model_check(self) -> Any | None:
+        return None
+
     def state_reads(self) -> tuple[Any, ...]:
         """Return output frequency and state word: two rounds put another item between equal ones."""
         return Dzb100Query(self.address, 1), Dzb100Query(self.address, STATE_ITEM)

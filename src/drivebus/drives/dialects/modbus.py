@@ -131,6 +131,7 @@ class ModbusDialect:
         self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
         self._signals = signals_by_index(profile, "holding")
         self._sync_count = 0
+        self._is_model_open = profile.needs_model_check
         status = profile.status
         self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
         self.state_names = ("state",) if status is None or status.shows_fault else ("state", *self._fault_names)
@@ -227,6 +228,15 @@ class ModbusDialect:
         """A read's reply names neither register nor value."""
         return isinstance(request, ReadRegisters)
 
+    def model_check(self) -> Any | None:
+        """The word that stops this model may start another one, so its status is read before the first command."""
+        if not self._is_model_open:
+            return None
+        if self.status_map is None:
+            return self.echo_test_read()
+        status = self.status_map.register
+        return next(one for one in self.state_reads() if status in range(one.register, one.register + one.count))
+
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
             return ()
@@ -268,6 +278,8 @@ class ModbusDialect:
         found: dict[str, Reading] = {}
         for register, raw in zip(registers, reply.values, strict=True):
             found |= self._register_readings(register, raw, at)
+        if self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD):
+            self._is_model_open = False
         return found
 
     def _rejected_readings(self, registers: range) -> Readings:

@@ -183,6 +183,9 @@ class SunfarDialect:
         """Parameter F0.n and monitor d.n share their echo, as do write and read; in a fault the item is missing."""
         return isinstance(request, SunfarReadParameter)
 
+    def model_check(self) -> Any | None:
+        return None
+
     def state_reads(self) -> tuple[Any, ...]:
         """Every full reply carries the state; the output frequency is read with it."""
         return tuple(request for request, _ in self.polls(("output_frequency",))[:1])

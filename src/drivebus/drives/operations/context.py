@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
+from drivebus import i18n
 from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
@@ -17,8 +18,9 @@ from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.errors import DrivebusError, Expired, NotPermitted, Superseded
+from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect
+from drivebus.values import Text
 
 VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
 EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads
@@ -74,6 +76,14 @@ class ExchangeLog:
         return tuple(sorted(both, key=lambda e: e.sent_at if e.sent_at is not None else 0.0))
 
 
+@dataclass(frozen=True, slots=True)
+class UnconfirmedModel:
+    """Station that has not answered as its model: why, and whether it answered at all."""
+
+    why: Text
+    answered: bool
+
+
 class OperationContext:
     """State of one operation: readings so far, derived state, command age and motion of the drive."""
 
@@ -91,6 +101,7 @@ class OperationContext:
         self.derived: DerivedState = STATE_NOT_READ
         self.state_reports = StateReports()
         self.stop_rejection: Rejection | None = None  # of the last stop that was sent
+        self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.motion_seen = False  # at least one reading showed that the drive turns
         self.may_be_running = False  # a frame that moves may have been sent, and no stop since
@@ -140,6 +151,22 @@ class OperationContext:
 
     def _effect(self, request: Any) -> Effect:
         return self.dialect.station_config.effect_of(self.dialect.codec.encode_request(request))
+
+    def check_model(self) -> DriveOperation[UnconfirmedModel | None]:
+        """Read whether the station is of this model, unless that is known; None where it is.
+
+        The word that stops one model starts another one at the same register.
+        """
+        request = self.dialect.model_check()
+        if request is None:
+            return None
+        result = yield from self.read(request)
+        if self.dialect.model_check() is None:
+            return None
+        if isinstance(result.error, DrivebusError):
+            return UnconfirmedModel(_both_texts(result.error.key, **result.error.params), answered=False)
+        rejection = None if result.reply is None else self.dialect.rejection(result.reply)
+        return UnconfirmedModel(rejection.text if rejection else _both_texts("drives.foreign_status"), answered=True)
 
     def start_clock(self) -> DriveOperation[None]:
         """Start the time limit of the checks, unless the request or an enclosing operation has started it."""
@@ -269,6 +296,10 @@ class OperationContext:
 
     def send_command(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[BusResult]:
         """Send one frame that is neither a read nor a stop, if it gets a permit."""
+        found = yield from self.check_model()
+        if found is not None:
+            model = self.dialect.profile.model
+            raise StartInhibited("drives.model_unconfirmed", station=self.dialect.address, model=model, why=found.why)
         permit = yield from self.request_permit(command, frame)
         return (yield from self.transact(frame.request, RequestPriority.COMMAND, frame.retry_policy, permit))
 
@@ -353,6 +384,10 @@ def frame_exchange(result: BusResult) -> FrameExchange:
     )
     error = result.error
     return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
+
+
+def _both_texts(key: str, /, **params: Any) -> Text:
+    return Text(*(i18n.text(key, language, **params) for language in i18n.LANGUAGES))
 
 
 def _as_drivebus_error(error: Exception) -> DrivebusError:

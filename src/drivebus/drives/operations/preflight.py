@@ -8,7 +8,7 @@ from drivebus import i18n
 from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
+from drivebus.drives.operations.steps import DriveOperation, UpdateStore, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, Parameter, Precondition
 from drivebus.values import Quality, Text
@@ -32,12 +32,22 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
             holds.append(condition.notation)
         else:
             missing.append(_unmet(op.dialect, condition, reply))
-    yield from _read_maximum_frequency(op)
+    if not missing:
+        yield from _read_maximum_frequency(op)
     yield from _read_ramp_times(op)
     conditions = yield from get_bus_conditions()
     found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), conditions.now)
     op.drive.preflight = found
     return found
+
+
+def record_model(op: OperationContext) -> DriveOperation[None]:
+    """Record that a drive of this model is started here, so that its stop is sent also where its replies are lost."""
+    drive, model = op.drive, op.dialect.profile.model
+    if drive.model_key is None or drive.was_this_model or op.dialect.model_check() is not None:
+        return
+    yield UpdateStore(drive.model_key, lambda _: model)
+    drive.was_this_model = True
 
 
 def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:

@@ -13,7 +13,7 @@ from drivebus import i18n
 from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
-from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.preflight import ensure_preflight, record_model
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
@@ -69,6 +69,7 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
     known = op.drive.preflight
     if (yield from ensure_preflight(op)) is not known:
         yield from _require_state(op)
+    yield from record_model(op)
 
 
 def _require_state(op: OperationContext) -> DriveOperation[None]:

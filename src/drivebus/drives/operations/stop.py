@@ -1,6 +1,7 @@
 """Stop, coast and quick stop: sent before anything else and resent until the drive reports standstill.
 
-A stop needs no permit: no check of the host ever withholds it.
+A stop needs no permit. It is withheld in one case only: the station has never answered as this model, whose stop may
+start another one (``DriveProfile.needs_model_check``).
 """
 
 from __future__ import annotations
@@ -84,6 +85,8 @@ def _send_and_confirm(
     answered = yield from send_stop(op, how)
     if not op.dialect.reports_run_state:
         return (yield from _repeat_unverifiable(op, how, answered))
+    if not wait_for_it and op.withheld_stop is not None:
+        return unconfirmed_outcome(op)
     if not wait_for_it:
         key = "drives.stop_answered" if answered else "drives.stop_unanswered"
         return op.outcome(OutcomeStatus.UNKNOWN, key)
@@ -93,6 +96,8 @@ def _send_and_confirm(
 def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
     """Send one stop and what must follow it. Return whether the drive accepted it."""
     answered = False
+    if not (yield from _may_stop(op)):
+        return False
     for place, request in enumerate(op.dialect.stop(mode)):
         answer: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
@@ -101,6 +106,17 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
             op.stop_rejection = None if answer.reply is None else op.dialect.rejection(answer.reply)
             answered = answer.error is None and answer.reply is not None and op.stop_rejection is None
     return answered
+
+
+def _may_stop(op: OperationContext) -> DriveOperation[bool]:
+    """Return whether the stop may be sent: at once, unless this is the first contact with a station of such a model.
+
+    A station that does not answer is sent it where a drive of this model has been made ready to start there before.
+    """
+    found = None if op.drive.model_assumed else (yield from op.check_model())
+    is_silent_drive = found is not None and not found.answered and op.drive.was_this_model
+    op.withheld_stop = None if is_silent_drive else found
+    return op.withheld_stop is None
 
 
 def _repeat_unverifiable(op: OperationContext, how: StopMode, answered: bool) -> DriveOperation[Outcome]:
@@ -135,6 +151,10 @@ def _until_confirmed(
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:
     """Return the outcome of a stop that must be checked at the drive, with what the drive has reported."""
+    if op.withheld_stop is not None:
+        model, withheld = op.dialect.profile.model, op.withheld_stop
+        key = "drives.stop_withheld" if withheld.answered else "drives.stop_withheld_silent"
+        return op.outcome(OutcomeStatus.UNKNOWN, key, station=op.dialect.address, model=model, why=withheld.why)
     seen, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
     if seen.newest is None:
         key = "drives.stop_no_reply" if why is None else "drives.stop_rejected"

@@ -193,6 +193,8 @@ class DriveCommands:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive_runtime(params.drive)
         self.plant.note_stop(runtime, by=actor.name, kind="drive")
+        if params.assume_model:
+            runtime.drive.assume_model()
         ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
 

@@ -53,9 +53,10 @@ class SetFrequencyParams(DriveParams):
 
 
 class StopParams(DriveParams):
-    """A stop."""
+    """A stop. ``assume_model``: send it also to a station that has not answered as the plant's model."""
 
     how: Literal["stop", "coast", "quick_stop"] = Field(default="stop", examples=["stop"])
+    assume_model: bool = Field(default=False, examples=[False])
 
 
 class JogParams(DriveParams):
