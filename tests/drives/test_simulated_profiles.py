@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import LimitError, PreflightError
+from drivebus.errors import ConfigurationError, LimitError, PreflightError, TargetNotReached
 from drivebus.ports import open_port
 from drivebus.profiles.model import DriveProfile
 from drivebus.protocols import modbus
@@ -30,13 +31,15 @@ NUMBERED = [name for name in MODELS if profiles.load(name).commands.values]  # t
 
 
 @asynccontextmanager
-async def simulated_drive(model: str | Path, quality: str = "clean") -> AsyncIterator[tuple[Drive, Any]]:
+async def simulated_drive(
+    model: str | Path, quality: str = "clean", profile: DriveProfile | None = None
+) -> AsyncIterator[tuple[Drive, Any]]:
     """Yield the drive at address 3 and its simulated station, whose ramps take 2 s."""
-    profile = profiles.load(model)
+    profile = profile or profiles.load(model)
     port: Any = open_port(f"sim://{profile.model}@3?line_quality={quality}&ramp=2")
     bus = Bus(port)
     await bus.open()
-    drive = Drive(bus, model, 3)
+    drive = Drive(bus, profile, 3)
     try:
         yield drive, port.simulated_bus.stations[0]
     finally:
@@ -153,6 +156,98 @@ def test_a_stated_maximum_caps_the_frequency_until_it_is_confirmed(tmp_path: Pat
     assert confirmed.setpoint_word(25.0) == 5000
     with pytest.raises(LimitError):
         confirmed.setpoint_word(50.1)
+
+
+@pytest.mark.parametrize(("value", "allowed"), [(0, True), (50, True), (24, False), (1, False), (321, False)])
+def test_a_confirmed_maximum_is_one_that_the_drive_can_be_set_to(tmp_path: Path, value: int, allowed: bool) -> None:
+    """With a maximum of 1 Hz a command of 1 Hz would be full scale: the drive's real maximum."""
+    profile = stated_profile(tmp_path)
+    assert profile.question("maximum_frequency").allows(value) is allowed
+    if allowed:
+        create_dialect(profile, 3, options={"maximum_frequency": value})
+        return
+    with pytest.raises(ConfigurationError, match="25 … 320"):
+        create_dialect(profile, 3, options={"maximum_frequency": value})
+
+
+@pytest.mark.parametrize("frequency_hz", [0.03, 7.14, 33.33, 49.99])
+def test_a_share_is_never_more_than_the_frequency_that_was_asked_for(tmp_path: Path, frequency_hz: float) -> None:
+    """With a coarse full scale the nearest word may be above: 100 steps of 0.5 Hz."""
+    profile = stated_profile(tmp_path)
+    assert profile.setpoint_share is not None
+    coarse = replace(profile, setpoint_share=replace(profile.setpoint_share, full_scale=100))
+    dialect: Any = create_dialect(coarse, 3, options={"maximum_frequency": 50})
+    word = dialect.setpoint_word(frequency_hz)
+    assert frequency_hz - 0.5 < word * 0.5 <= frequency_hz
+
+
+def test_a_whole_step_of_a_share_is_not_lost_to_binary_fractions(tmp_path: Path) -> None:
+    dialect: Any = create_dialect(stated_profile(tmp_path), 3, options={"maximum_frequency": 50})
+    assert [dialect.setpoint_word(word * 0.005) for word in range(10001)] == list(range(10001))
+
+
+def test_a_fault_number_is_counted_from_the_lowest_bit_of_its_field() -> None:
+    status = profiles.load("ms300").status
+    assert status is not None
+    assert replace(status, fault_mask=0xFF00).fault_number(0x2507) == 0x25
+    assert status.fault_number(0x2507) == 0x07
+
+
+def change_the_maximum_with_the_next_setpoint(station: Any, word: int) -> None:
+    """Set P0-10 at the keypad in the moment in which the setpoint arrives, once."""
+    handle = station.handle_request
+
+    def changed(message: Any, codec: Any) -> Any:
+        if isinstance(message, modbus.WriteRegister) and message.register == 0x1000:
+            station.handle_request = handle
+            station.keypad_set(0xF00A, word)
+        return handle(message, codec)
+
+    station.handle_request = changed
+
+
+def without_set_frequency(model: str) -> DriveProfile:
+    profile = profiles.load(model)
+    return replace(profile, signals={n: one for n, one in profile.signals.items() if n != "set_frequency"})
+
+
+def test_a_start_is_withheld_where_the_maximum_was_changed_after_its_read() -> None:
+    """Without a readable set frequency nothing else shows that the word means twice the speed."""
+
+    async def tell() -> None:
+        async with simulated_drive("skf8000", profile=without_set_frequency("skf8000")) as (drive, station):
+            change_the_maximum_with_the_next_setpoint(station, 10000)
+            with pytest.raises(TargetNotReached, match="from 50 to 100 Hz"):
+                await drive.run(20.0)
+            assert station.command == 0 and not station.motor.energised
+            assert (await drive.run(20.0)).status is OutcomeStatus.CONFIRMED
+            assert station.setpoint_word == 2000
+
+    story(tell)
+
+
+def test_a_running_drive_gets_a_corrected_word_at_once_where_its_maximum_was_changed() -> None:
+    async def tell() -> None:
+        async with simulated_drive("skf8000", profile=without_set_frequency("skf8000")) as (drive, station):
+            await drive.run(10.0)
+            change_the_maximum_with_the_next_setpoint(station, 10000)
+            assert (await drive.set_frequency(20.0)).succeeded
+            assert station.setpoint_word == 2000
+
+    story(tell)
+
+
+def test_an_unmet_precondition_is_named_before_the_maximum_frequency_is_read() -> None:
+    """P0-22 = 1 makes the maximum read ten times too small: the keypad step is the useful message."""
+
+    async def tell() -> None:
+        async with simulated_drive("skf8000") as (drive, station):
+            station.keypad_set(0xF016, 1)
+            station.keypad_set(0xF00A, 500)
+            with pytest.raises(PreflightError, match="P0-22"):
+                await drive.run(5.0)
+
+    story(tell)
 
 
 @pytest.mark.parametrize("raw", [0, 4, 0xFFFF])

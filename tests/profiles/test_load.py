@@ -240,3 +240,14 @@ evidence = "user"
     )
     assert profile.signals["output_frequency"].locator == ("holding", 0x200)
     assert profile.writable_registers() == {0x100, 0x101}
+
+
+@pytest.mark.parametrize("digits", ["9" * 5000, "１２", "007", "65536"])
+def test_a_key_that_is_no_16_bit_number_is_an_issue_of_the_file(tmp_path: Path, digits: str) -> None:
+    """Python converts no text of more than 4,300 digits: ``profile check`` ended with a ValueError."""
+    file = tmp_path / "own.toml"
+    table = f'format = 1\nextends = "vc660"\n[faults."{digits}"]\ntext = {{ en = "a", zh = "b" }}\n'
+    file.write_text(table, encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        profiles.load(file)
+    assert [one.kind for one in caught.value.params["complaints"]] == ["number"]

@@ -60,12 +60,10 @@ def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     if name not in profile.options:
         known = ", ".join(sorted(profile.options)) or "–"
         raise ConfigurationError("cli.option_unknown", model=profile.model, found=name, expected=known)
-    question = next((one for one in profile.open_questions if one.name == name), None)
-    choices = question.choices if question else ()
+    question = profile.question(name)
     value = _convert_like(text, profile.options[name])
-    if value is None or (choices and value not in choices):
-        expected = ", ".join(str(choice) for choice in choices) or type(profile.options[name]).__name__
-        raise ConfigurationError("cli.option_value", name=name, found=text, expected=expected)
+    if value is None or not question.allows(value):
+        raise ConfigurationError("cli.option_value", name=name, found=text, expected=question.expected)
     return value
 
 

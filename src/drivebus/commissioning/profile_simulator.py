@@ -169,7 +169,8 @@ class ProfileStation(SimulatedStation):
         trip = self.motor.trip
         if trip is None or place:
             return 0
-        return self.trip_code(trip) if status.numbers_fault else 1 << self.trip_code(trip)
+        code = self.trip_code(trip)
+        return code * (status.fault_mask & -status.fault_mask) if status.numbers_fault else 1 << code
 
     def _status_word(self, status: StatusMap) -> int:
         if status.values:

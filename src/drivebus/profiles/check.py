@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from drivebus.errors import ProfileError
+from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, NotationRule
@@ -46,6 +47,7 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_ranges(profile)
     yield from _check_fault_codes(profile)
     yield from check_words(profile)
+    yield from check_effect(profile)
     yield from _check_setpoint(profile)
     yield from _check_options(profile)
 
@@ -68,10 +70,12 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the limits are in order and that a setpoint word can express them."""
+    """Check that the limits are in order and that a setpoint word can express them; a share has limits of its own."""
     low, high = profile.limits.minimum_hz, profile.limits.maximum_hz
     if low >= high:
         yield issue("limits", ("limits", "minimum_hz"), low, related=(("limits", "maximum_hz"),), maximum=high)
+    if profile.setpoint.full_scale is not None:
+        return
     word = 9999 if profile.setpoint.coding == "bcd" else 0xFFFF
     if high > word * profile.setpoint.factor:
         related = (("setpoint", "factor"),)
@@ -121,7 +125,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_modbus(profile)
     if "status" in able:
         table, states = offered_states(profile)
-        for state in ("running", "fault"):
+        for state in ("running", "fault", *(("stopped",) if profile.status and profile.status.values else ())):
             if state not in states:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
     if profile.commands is None:
@@ -246,6 +250,11 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
     if setpoint == word:
         path = ("commands", "setpoint_register")
         yield issue("duplicate", path, f"{word:04X}H", related=related, other="[commands] register")
+    status = profile.status.register_ if profile.status is not None else None
+    for notation, parameter in profile.parameters.items():
+        if parameter.writable and status is not None and _register_of(profile, notation, parameter) == status:
+            at = ("parameters", notation)
+            yield issue("status_parameter", at, f"{status:04X}H", related=(("status", "register"),))
     if profile.status is not None and profile.status.register_ in (word, setpoint):
         found = f"{profile.status.register_:04X}H"
         yield issue("duplicate", ("status", "register"), found, related=related, other="[commands]")
@@ -333,10 +342,13 @@ def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("duplicate", ("options", MAXIMUM_FREQUENCY), MAXIMUM_FREQUENCY, other="[setpoint] full_scale")
     if setpoint.maximum is None and setpoint.maximum_hz is None:
         yield issue("share", path, setpoint.full_scale)
-    if setpoint.maximum_hz is not None and setpoint.maximum_hz > setpoint.highest_hz:
-        related = (("setpoint", "highest_hz"),)
-        path = ("setpoint", "maximum_hz")
-        yield issue("minimum", path, setpoint.maximum_hz, related=related, maximum=setpoint.highest_hz)
+    if setpoint.highest_hz is None:
+        yield issue("highest", path, setpoint.full_scale)
+        return
+    related = (("setpoint", "highest_hz"),)
+    for name, hz in (("maximum_hz", setpoint.maximum_hz), ("lowest_hz", setpoint.lowest_hz)):
+        if hz is not None and hz > setpoint.highest_hz:
+            yield issue("minimum", ("setpoint", name), hz, related=related, maximum=setpoint.highest_hz)
     if setpoint.maximum is None:
         return
     parameter = profile.parameters.get(setpoint.maximum)

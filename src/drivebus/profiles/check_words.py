@@ -166,7 +166,8 @@ def _check_status_values(profile: ProfileIn) -> Iterator[Issue]:
 
 def is_word(digits: str) -> bool:
     """Return whether the digits are a 16-bit number without leading zeros, which would allow the same word twice."""
-    return digits.isascii() and digits.isdecimal() and int(digits) <= 0xFFFF and digits == str(int(digits))
+    is_short = len(digits) <= 5 and digits.isascii() and digits.isdecimal()
+    return is_short and int(digits) <= 0xFFFF and digits == str(int(digits))
 
 
 def _join(values: Iterable[object]) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from math import ceil
 from pathlib import Path
 from typing import Any, cast
 
@@ -293,7 +294,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         caveats=tuple(m.Caveat(i, _build_text(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()),
         options=option_values(parsed),
         setpoint_scale=_build_setpoint_scale(parsed.setpoint),
-        setpoint_share=_build_setpoint_share(parsed.setpoint),
+        setpoint_share=_build_setpoint_share(parsed),
         modbus=_build_modbus(parsed),
         commands=_build_commands(parsed.commands),
         status=_build_status(parsed.status),
@@ -334,14 +335,17 @@ def _build_scale(parsed: ScaleIn) -> Scale:
 
 
 def _build_setpoint_scale(parsed: SetpointIn) -> Scale:
-    step_hz = parsed.highest_hz / parsed.full_scale if parsed.full_scale else parsed.factor
+    step_hz = parsed.highest_hz / parsed.full_scale if parsed.full_scale and parsed.highest_hz else parsed.factor
     return Scale(step_hz, 0.0, parsed.coding, parsed.decimals)
 
 
-def _build_setpoint_share(parsed: SetpointIn) -> m.SetpointShare | None:
-    if parsed.full_scale is None:
+def _build_setpoint_share(parsed: ProfileIn) -> m.SetpointShare | None:
+    setpoint = parsed.setpoint
+    if setpoint.full_scale is None or setpoint.highest_hz is None:
         return None
-    return m.SetpointShare(parsed.full_scale, parsed.maximum, parsed.maximum_hz, parsed.highest_hz)
+    parameter = parsed.parameters.get(setpoint.maximum or "")
+    lowest_hz = setpoint.lowest_hz or (parameter.minimum if parameter else None) or (setpoint.maximum_hz or 0.0) / 2
+    return m.SetpointShare(setpoint.full_scale, setpoint.maximum, setpoint.maximum_hz, lowest_hz, setpoint.highest_hz)
 
 
 def _build_serial(parsed: ProfileIn) -> m.SerialDefaults:
@@ -508,12 +512,12 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
         )
         for name, question in parsed.open_questions.items()
     )
-    return (*options, *others, *_share_question(parsed.setpoint))
+    return (*options, *others, *_share_question(_build_setpoint_share(parsed)))
 
 
-def _share_question(parsed: SetpointIn) -> tuple[m.OpenQuestion, ...]:
+def _share_question(share: m.SetpointShare | None) -> tuple[m.OpenQuestion, ...]:
     """Return the question for the maximum frequency, which every model with a share has."""
-    if parsed.full_scale is None:
+    if share is None:
         return ()
     text, reason, procedure = (
         bilingual_text(f"profiles.maximum_frequency_{part}") for part in ("text", "reason", "procedure")
@@ -522,11 +526,11 @@ def _share_question(parsed: SetpointIn) -> tuple[m.OpenQuestion, ...]:
         m.OpenQuestion(
             name=m.MAXIMUM_FREQUENCY,
             value=0,
-            choices=(),
+            choices=(0,),
             text=text,
             reason=reason,
             procedure=procedure,
-            span=(0, int(parsed.highest_hz)),
+            span=(ceil(share.lowest_hz), int(share.highest_hz)),
         ),
     )
 

@@ -178,8 +178,13 @@ class StatusMap:
     mask: int = 0xFFFF
     """Part of the word that ``values`` count."""
     numbers_fault: bool = False
-    """A fault register holds the number of one fault under ``fault_mask``, 0 for none; otherwise a bit for each."""
+    """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
     fault_mask: int = 0xFFFF
+    """Field of the number; its lowest bit counts 1."""
+
+    def fault_number(self, word: int) -> int:
+        """Return the number in the field of a fault register."""
+        return (word & self.fault_mask) // (self.fault_mask & -self.fault_mask)
 
     @property
     def shows_fault(self) -> bool:
@@ -201,8 +206,9 @@ class SetpointShare:
     """Notation of the parameter that holds the maximum frequency in Hz; None where it can't be read."""
     maximum_hz: float | None
     """Stated maximum frequency, in force until it is confirmed."""
+    lowest_hz: float
     highest_hz: float
-    """Largest maximum frequency of the model."""
+    """Smallest and largest maximum frequency that a drive of the model can be set to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +276,21 @@ class OpenQuestion:
     """Part of the profile that holds the answer (``[timing]``); None for an option."""
     span: tuple[int, int] | None = None
     """Any whole number from the first to the second is a choice as well."""
+
+    def allows(self, value: object) -> bool:
+        """Return whether the option may have this value."""
+        if not (self.choices or self.span):
+            return type(value) is type(self.value)
+        low, high = self.span or (1, 0)
+        spanned = type(value) is int and low <= value <= high
+        return spanned or any(type(value) is type(choice) and value == choice for choice in self.choices)
+
+    @property
+    def expected(self) -> str:
+        """The values that the option may have, or their type."""
+        span = [f"{self.span[0]} … {self.span[1]}"] if self.span else []
+        shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in self.choices]
+        return ", ".join([*shown, *span]) or type(self.value).__name__
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +381,10 @@ class DriveProfile:
     def jog_frequency(self) -> JogFrequency | None:
         """Where the frequency of a jog comes from; None where the model can't jog."""
         return protocol_family(self.family).jog_frequency if "jog" in self.capabilities else None
+
+    def question(self, option: str) -> OpenQuestion:
+        """Return the question that an option of this profile answers."""
+        return next(one for one in self.open_questions if one.name == option)
 
     @property
     def needs_model_check(self) -> bool:

@@ -150,8 +150,10 @@ class SetpointIn(StrictTable):
     """Notation of the readable parameter, in Hz, that holds the maximum frequency."""
     maximum_hz: Annotated[float, Field(gt=0, le=4000)] | None = None
     """Factory setting of the maximum frequency, where no parameter of it can be read."""
-    highest_hz: Annotated[float, Field(gt=0, le=4000)] = 600.0
-    """Largest maximum frequency that any drive of the model can be set to; the cap holds under it."""
+    lowest_hz: Annotated[float, Field(gt=0, le=4000)] | None = None
+    """Smallest maximum frequency that a drive of the model can be set to; without it, half of ``maximum_hz``."""
+    highest_hz: Annotated[float, Field(gt=0, le=4000)] | None = None
+    """Largest maximum frequency that any drive of the model can be set to, required: the cap holds under it."""
     coding: Literal["binary", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
     evidence: EvidenceLine = "assumed"
@@ -258,7 +260,7 @@ class StatusIn(StrictTable):
     fault_coding: Literal["bits", "number"] = "bits"
     """A fault register has a bit for each fault, or the number of one fault and 0 for none."""
     fault_mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
-    """Part of the fault register that is the number."""
+    """Field of the fault register that is the number; its lowest bit counts 1."""
     evidence: EvidenceLine
 
 

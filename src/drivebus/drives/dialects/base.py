@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
-from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale
+from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale, share_word
 from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
@@ -308,7 +308,8 @@ def frequency_word(profile: DriveProfile, frequency_hz: float, options: Mapping[
     Raises LimitError where none fits, or where the drive may count in another step by its ``options``.
     """
     try:
-        word = setpoint_scale(profile, options).raw(frequency_hz)
+        is_share = profile.setpoint_share is not None
+        word = share_word(profile, options, frequency_hz) if is_share else profile.setpoint_scale.raw(frequency_hz)
     except ValueError as error:
         raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=profile.setpoint_scale.factor) from error
     check_setpoint_step(profile, options, frequency_hz, word)

@@ -37,6 +37,10 @@ def create_dialect(
     if unknown:
         known = ", ".join(profile.options) or "-"
         raise ConfigurationError("drives.option", model=profile.model, found=unknown[0], expected=known)
+    for name, value in (options or {}).items():
+        question = profile.question(name)
+        if not question.allows(value):
+            raise ConfigurationError("drives.option_value", name=name, found=value, expected=question.expected)
     merged = dict(profile.options) | dict(options or {})
     make = resolve(protocol_family(profile.family).dialect)
     has_nonces = profile.modbus is not None and profile.modbus.loopback

@@ -347,7 +347,7 @@ class ModbusDialect:
         assert self.status_map is not None
         words = [readings.agreed_raw(name) or 0 for name in self._fault_names]
         if self.status_map.numbers_fault:
-            return [word & self.status_map.fault_mask for word in words if word & self.status_map.fault_mask]
+            return [number for word in words if (number := self.status_map.fault_number(word))]
         return [16 * place + bit for place, word in enumerate(words) for bit in range(16) if word >> bit & 1]
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:

@@ -15,6 +15,8 @@ from drivebus.errors import LimitError
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, DriveProfile, SetpointShare
 from drivebus.values import Scale
 
+ROUNDING = 1e-9  # part of a step by which a quotient of binary fractions may fall below its whole number
+
 
 def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:
     """Return the scale of the setpoint word.
@@ -29,9 +31,21 @@ def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:
     return Scale((maximum_hz or share.highest_hz) / share.full_scale, decimals=profile.setpoint_scale.decimals)
 
 
+def share_word(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float) -> int:
+    """Return the word of a share, rounded down: it never means more than was asked for.
+
+    Raises ValueError for a frequency below 0 or beyond 16 bits.
+    """
+    scale = setpoint_scale(profile, options)
+    word = int(frequency_hz / scale.factor + ROUNDING)
+    if frequency_hz < 0 or word > 0xFFFF:
+        raise ValueError(f"{frequency_hz} Hz does not fit a 16-bit word at a step of {scale.factor} Hz")
+    return word
+
+
 def highest_capped_word(share: SetpointShare) -> int:
     """Return the largest word that means at most 5 Hz under every maximum of the model."""
-    return int(UNCALIBRATED_CAP_HZ / share.highest_hz * share.full_scale + 1e-9)
+    return int(UNCALIBRATED_CAP_HZ / share.highest_hz * share.full_scale + ROUNDING)
 
 
 def check_setpoint_share(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:

@@ -9,7 +9,7 @@ from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, UpdateStore, get_bus_conditions
-from drivebus.errors import DrivebusError, PreflightError
+from drivebus.errors import DrivebusError, PreflightError, StartInhibited
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, Parameter, Precondition
 from drivebus.values import Quality, Text
 
@@ -94,6 +94,21 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
     raise PreflightError(
         "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error
+
+
+def recheck_maximum_frequency(op: OperationContext) -> DriveOperation[None]:
+    """Read the maximum frequency again, of which the setpoint that was sent is a share.
+
+    Raises StartInhibited where it is not the one that the word was computed with, PreflightError where it is unknown.
+    """
+    share = op.dialect.profile.setpoint_share
+    if share is None or share.maximum is None:
+        return
+    before_hz = op.dialect.options[MAXIMUM_FREQUENCY]
+    yield from _read_maximum_frequency(op)
+    now_hz = op.dialect.options[MAXIMUM_FREQUENCY]
+    if now_hz != before_hz:
+        raise StartInhibited("drives.maximum_changed", notation=share.maximum, before_hz=before_hz, now_hz=now_hz)
 
 
 def _read_maximum_frequency(op: OperationContext) -> DriveOperation[None]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
-from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency
 from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, StartInhibited
+from drivebus.errors import DrivebusError, PreflightError, StartInhibited
 
 SETPOINT_READ_TRIES = 4  # a drive may take a moment to show a new set frequency
 SETPOINT_READ_PAUSE_S = 0.05  # pause before each further try
+MAXIMUM_CHANGES = 2  # a running drive gets a corrected word once where its maximum frequency was changed meanwhile
 
 
 def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
@@ -28,10 +29,20 @@ def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[O
         raise StartInhibited("drives.state_forbids", state=op.derived.state, kind=CommandKind.SETPOINT)
     if (yield from ensure_preflight(op)) is not preflight:
         yield from op.read_verified_state()
-    word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.SETPOINT, conditions)
-    return (yield from write_setpoint(op, command, word, actual_hz))
+    for _ in range(MAXIMUM_CHANGES):
+        word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
+        outcome = yield from write_setpoint(op, command, word, actual_hz)
+        try:
+            yield from recheck_maximum_frequency(op)
+        except StartInhibited as changed:
+            failure = changed
+        except PreflightError as unread:
+            return op.outcome(OutcomeStatus.UNKNOWN, "drives.maximum_unconfirmed", why=unread)
+        else:
+            return outcome
+    return op.outcome(OutcomeStatus.FAILED, failure.key, **failure.params)
 
 
 def write_setpoint(

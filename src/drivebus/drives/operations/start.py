@@ -13,13 +13,21 @@ from drivebus import i18n
 from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
-from drivebus.drives.operations.preflight import ensure_preflight, record_model
+from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import Direction, DriveState, DriveStatus
-from drivebus.errors import CapabilityError, DrivebusError, Expired, StartInhibited, Superseded, TargetNotReached
+from drivebus.errors import (
+    CapabilityError,
+    DrivebusError,
+    Expired,
+    PreflightError,
+    StartInhibited,
+    Superseded,
+    TargetNotReached,
+)
 from drivebus.values import Text
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
@@ -111,10 +119,15 @@ def _start_from_standstill(
         return _not_started_outcome(outcome)
     yield from op.check_not_superseded(setpoint)
     try:
+        yield from recheck_maximum_frequency(op)
         if op.dialect.reports_run_state:
             yield from _require_state(op)
         return (yield from _send_start(op, frequency_hz, direction, word))
-    except (StartInhibited, Expired) as withheld:  # these errors mean that nothing was sent, but the frequency was
+    except (
+        StartInhibited,
+        PreflightError,
+        Expired,
+    ) as withheld:  # the frequency was sent, the start not
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 

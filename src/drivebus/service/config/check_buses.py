@@ -166,27 +166,8 @@ def _check_options(id: str, drive: DriveTable, profile: DriveProfile) -> Iterato
         path = ("drive", id, "options", name)
         if name not in profile.options:
             yield issue("unknown_option", path, name, model=profile.model, **suggestions(name, list(profile.options)))
-        elif not _is_choice(profile, name, value):
-            yield issue("choice", path, value, choices=_choices(profile, name))
-
-
-def _is_choice(profile: DriveProfile, name: str, value: Any) -> bool:
-    """Return whether an option of the model may have this value."""
-    question = next((one for one in profile.open_questions if one.name == name), None)
-    if question is None or not (question.choices or question.span):
-        return type(value) is type(profile.options[name])
-    low, high = question.span or (1, 0)
-    spanned = type(value) is int and low <= value <= high
-    return spanned or any(type(value) is type(choice) and value == choice for choice in question.choices)
-
-
-def _choices(profile: DriveProfile, name: str) -> str:
-    question = next((one for one in profile.open_questions if one.name == name), None)
-    if question is None or not (question.choices or question.span):
-        return type(profile.options[name]).__name__
-    span = [f"{question.span[0]} … {question.span[1]}"] if question.span else []
-    shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in question.choices]
-    return ", ".join([*shown, *span])
+        elif not profile.question(name).allows(value):
+            yield issue("choice", path, value, choices=profile.question(name).expected)
 
 
 def _check_limits(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:

@@ -1,0 +1,42 @@
+"""Checks of settings without effect: a key that the drive's kind of word ignores misleads its author."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drivebus.profiles.diagnostics import Issue, issue
+from drivebus.profiles.schema import ProfileIn, StrictTable
+
+
+def check_effect(profile: ProfileIn) -> Iterator[Issue]:
+    """Yield every setting that another one makes ineffective."""
+    setpoint, commands, status = profile.setpoint, profile.commands, profile.status
+    if setpoint.full_scale is not None:
+        yield from _ineffective("setpoint", setpoint, ("factor", "coding"), "full_scale")
+    else:
+        share = ("maximum", "maximum_hz", "lowest_hz", "highest_hz")
+        yield from _ineffective("setpoint", setpoint, share, "full_scale", beside=False)
+    if commands is not None and commands.values:
+        yield from _ineffective("commands", commands, ("variants", "rewrite_levels_after_pulse"), "values")
+    if status is not None and status.values:
+        yield from _ineffective("status", status, ("reserved_mask",), "values")
+    elif status is not None:
+        yield from _ineffective("status", status, ("mask",), "values", beside=False)
+    if status is not None and not status.fault_registers:
+        yield from _ineffective("status", status, ("fault_coding", "fault_mask"), "fault_registers", beside=False)
+    elif status is not None and status.fault_coding == "bits":
+        yield from _ineffective("status", status, ("fault_mask",), 'fault_coding = "number"', beside=False)
+
+
+def _ineffective(
+    section: str, table: StrictTable, names: tuple[str, ...], other: str, *, beside: bool = True
+) -> Iterator[Issue]:
+    """Yield the named keys that the file sets, beside ``other`` or without it."""
+    for name in names:
+        if name in table.model_fields_set and getattr(table, name) not in (None, False, {}):
+            found = getattr(table, name)
+            shown = name if isinstance(found, dict) else found
+            if beside:
+                yield issue("no_effect_beside", (section, name), shown, other=other)
+            else:
+                yield issue("no_effect_without", (section, name), shown, other=other)
