@@ -148,10 +148,9 @@ class ProfileStation(SimulatedStation):
 
     def _register(self, register: int) -> int | None:
         status = self.profile.status
-        if status is not None and register == status.register:
-            return self._status_word(status)
-        if status is not None and register in status.fault_registers:
-            return self._fault_word(status, status.fault_registers.index(register))
+        if status is not None and register in (status.register, *status.fault_registers):
+            word = self._status_word(status) if register == status.register else 0
+            return word | self._fault_word(status, register)
         if register in self._signals:
             return self._signal_word(register)
         if register == self.commands.setpoint_register:
@@ -165,9 +164,9 @@ class ProfileStation(SimulatedStation):
         source = SIGNAL_SOURCES.get(signal.name)
         return 0 if source is None else _clipped(signal.scale, source(self.displayed_motor))
 
-    def _fault_word(self, status: StatusMap, place: int) -> int:
+    def _fault_word(self, status: StatusMap, register: int) -> int:
         trip = self.motor.trip
-        if trip is None or place:
+        if trip is None or register not in status.fault_registers[:1]:
             return 0
         code = self.trip_code(trip)
         return code * (status.fault_mask & -status.fault_mask) if status.numbers_fault else 1 << code
