@@ -243,7 +243,8 @@ def test_models_lists_every_profile_with_its_grade() -> None:
 @pytest.mark.parametrize(
     ("search", "expected"),
     [
-        ("invt", {"gd10", "gd100", "gd350"}),
+        ("goodrive3", {"gd300", "gd35", "gd350"}),
+        ("invt chf", {"chf100a"}),
         ("英威腾 350", {"gd350"}),
         ("Sunfar modbus", {"e300_modbus", "e500_modbus", "e550_modbus"}),
         ("no such maker", set()),

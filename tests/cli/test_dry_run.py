@@ -191,6 +191,13 @@ def test_a_parameter_is_compared_before_it_is_saved_and_not_before_a_ram_write(
         ("010321000001 8E36", ("status", "--model", "eds300")),  # EDS300 manual 7.7.4
         ("010321000001 8E36", ("status", "--model", "gd350")),  # Goodrive300-LIFT manual 10.4.8.1
         ("0106100201F4 2CDD", ("set-frequency", "50", "--model", "e300_modbus")),  # E300 manual page 66
+        ("010620000006 0208", ("stop", "--model", "eds800")),  # EDS800 manual 10.7.2
+        ("0106200113 88DE9C", ("set-frequency", "50", "--model", "eds800")),  # EDS800 manual 10.7.3
+        ("010321000001 8E36", ("status", "--model", "eds800")),  # EDS800 manual 10.7.4
+        ("010680000000 A00A", ("stop", "--model", "e5_h")),  # V&T E5-H manual page 122
+        ("010381360001 4C38", ("status", "--model", "e5_h")),  # V&T E5-H manual page 122
+        ("010600000001 480A", ("run", "--frequency", "5", "--model", "dc1")),  # Eaton DC1 manual page 148
+        ("010600000001 480A", ("run", "--frequency", "5", "--model", "de1")),  # Eaton DE1 manual page 127
     ],
 )
 def test_models_with_numbers_for_commands_send_the_frames_of_their_makers_manuals(

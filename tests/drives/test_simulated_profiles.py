@@ -39,7 +39,9 @@ async def simulated_drive(
     port: Any = open_port(f"sim://{profile.model}@3?line_quality={quality}&ramp=2")
     bus = Bus(port)
     await bus.open()
-    drive = Drive(bus, profile, 3)
+    share = profile.setpoint_share
+    stated = share is not None and share.maximum is None
+    drive = Drive(bus, profile, 3, options={"maximum_frequency": 50} if stated else None)
     try:
         yield drive, port.simulated_bus.stations[0]
     finally:
@@ -97,6 +99,8 @@ def test_a_model_runs_both_ways_changes_speed_trips_resets_and_stops(model: str)
             await asyncio.sleep(1)
             status = await drive.status()
             assert status.state is DriveState.FAULT and status.fault is not None
+            if drive.profile.status is not None and drive.profile.status.fault_registers:
+                assert status.fault.code == station.trip_code(Trip.OVERLOAD)  # in the high byte of the E5-H too
             if "reset_fault" in able:
                 assert (await drive.reset_fault()).succeeded
                 assert (await drive.status()).state is DriveState.STOPPED
@@ -139,8 +143,8 @@ def test_nothing_is_sent_while_the_maximum_frequency_is_unknown(word: int) -> No
 def stated_profile(folder: Path) -> DriveProfile:
     """Return a profile whose maximum can't be read and is only stated."""
     own = Path(profiles.load("skf8000").source)
-    base = own.parent.parent / "inovance" / "_md380_map.toml"
-    (folder / base.name).write_text(base.read_text().replace('maximum = "P0-10"', "maximum_hz = 50.0"))
+    for base in (own.parent.parent / "inovance").glob("_md380_*.toml"):
+        (folder / base.name).write_text(base.read_text().replace('maximum = "P0-10"', "maximum_hz = 50.0"))
     file = folder / own.name
     file.write_text(own.read_text().replace("../inovance/", "./"))
     return profiles.load(file)
