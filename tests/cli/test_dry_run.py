@@ -196,6 +196,9 @@ def test_a_parameter_is_compared_before_it_is_saved_and_not_before_a_ram_write(
         ("010321000001 8E36", ("status", "--model", "eds800")),  # EDS800 manual 10.7.4
         ("010680000000 A00A", ("stop", "--model", "e5_h")),  # V&T E5-H manual page 122
         ("010381360001 4C38", ("status", "--model", "e5_h")),  # V&T E5-H manual page 122
+        ("010625010001 12C6", ("run", "--frequency", "5", "--model", "teco_f510")),  # Teco F510 manual page 7-4
+        ("010625010003 9307", ("run", "--frequency", "5", "--reverse", "--model", "teco_f510")),  # the same page
+        ("010625010000 D306", ("stop", "--model", "teco_f510")),  # the same page
         ("010600000001 480A", ("run", "--frequency", "5", "--model", "dc1")),  # Eaton DC1 manual page 148
         ("010600000001 480A", ("run", "--frequency", "5", "--model", "de1")),  # Eaton DE1 manual page 127
     ],

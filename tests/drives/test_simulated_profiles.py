@@ -29,6 +29,8 @@ from drivebus.testing.virtual_time import run
 MODELS = [name for name in profiles.models() if name not in simulated_models()]
 NUMBERED = [name for name in MODELS if profiles.load(name).commands.values]  # type: ignore[union-attr]
 
+STATELESS = [name for name in MODELS if profiles.load(name).commands and profiles.load(name).status is None]
+
 
 @asynccontextmanager
 async def simulated_drive(
@@ -74,7 +76,24 @@ def test_of_all_words_only_the_listed_commands_are_sent_and_only_stops_need_no_p
         assert dialect.command_word.effect(word) is expected, (word, names)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", STATELESS)
+def test_a_model_that_reports_no_state_runs_and_stops_without_a_guess(model: str) -> None:
+    """YL600: the manual names a register of the state, without its values."""
+
+    async def tell() -> None:
+        async with simulated_drive(model) as (drive, station):
+            assert (await drive.status()).state is DriveState.UNKNOWN
+            assert (await drive.run(10.0)).status is OutcomeStatus.ACKNOWLEDGED
+            await settle(drive)
+            assert station.motor.output_hz == pytest.approx(10.0, abs=0.1)
+            stopped = await drive.stop()
+            await settle(drive)
+            assert stopped.status is not OutcomeStatus.FAILED and not station.motor.energised
+
+    story(tell)
+
+
+@pytest.mark.parametrize("model", sorted(set(MODELS) - set(STATELESS)))
 def test_a_model_runs_both_ways_changes_speed_trips_resets_and_stops(model: str) -> None:
     async def tell() -> None:
         async with simulated_drive(model) as (drive, station):
