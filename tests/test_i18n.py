@@ -15,12 +15,15 @@ from typing import Any
 import pytest
 
 from drivebus import errors, i18n
+from drivebus.protocols.family import protocol_families
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.web.operations import WEB_OPERATIONS
 
 SOURCE = Path(i18n.__file__).parents[1]
-CATALOGUES = Path(i18n.__file__).parent
-NAMES = sorted({path.name.split(".")[0] for path in CATALOGUES.glob("*.json")})
+FOLDERS = (Path(i18n.__file__).parent, *sorted((SOURCE / "families").glob("*/texts")))
+CATALOGUES = {path.name.split(".")[0]: folder for folder in FOLDERS for path in folder.glob("*.json")}
+NAMES = sorted(CATALOGUES)
+protocol_families()  # adds the texts of the families
 FILES = {"db", "json", "jsonl", "lock", "sock", "toml"}
 KEY = re.compile(r"[a-z][a-z0-9_]*(?:\.[a-z0-9][a-z0-9_]*)+")
 
@@ -28,7 +31,7 @@ KEY = re.compile(r"[a-z][a-z0-9_]*(?:\.[a-z0-9][a-z0-9_]*)+")
 def read_catalogue(catalogue: str, language: str) -> dict[str, str]:
     """Return a catalogue; fail if a key occurs twice in the file."""
     pairs: list[tuple[str, str]] = json.loads(
-        (CATALOGUES / f"{catalogue}.{language}.json").read_text(encoding="utf-8"), object_pairs_hook=list
+        (CATALOGUES[catalogue] / f"{catalogue}.{language}.json").read_text(encoding="utf-8"), object_pairs_hook=list
     )
     keys = [key for key, _ in pairs]
     assert len(keys) == len(set(keys)), {key for key in keys if keys.count(key) > 1}
@@ -44,7 +47,7 @@ def has_chinese(sentence: str) -> bool:
 
 
 def test_every_catalogue_is_in_an_offered_language() -> None:
-    assert {path.name.split(".")[1] for path in CATALOGUES.glob("*.json")} == set(i18n.LANGUAGES)
+    assert {path.name.split(".")[1] for folder in FOLDERS for path in folder.glob("*.json")} == set(i18n.LANGUAGES)
 
 
 @pytest.mark.parametrize("catalogue", NAMES)
@@ -82,7 +85,8 @@ def test_no_two_catalogues_have_the_same_key() -> None:
 
 def test_every_text_is_found_by_its_key() -> None:
     for language in i18n.LANGUAGES:
-        assert len(i18n.catalogue(language)) == sum(len(read_catalogue(catalogue, language)) for catalogue in NAMES)
+        for catalogue in NAMES:
+            assert read_catalogue(catalogue, language).items() <= i18n.catalogue(language).items()
 
 
 def constants() -> Iterator[tuple[str, ast.AST]]:
@@ -160,7 +164,8 @@ def test_every_text_is_used() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in files)
     words = set(re.findall(r"[\w.-]+", text))
     prefixes = {found for found in KEY_PREFIX.findall(text) if re.fullmatch(r"\w+\..+[._]", found)} | COMPUTED_PREFIXES
-    unused = {key for key in i18n.catalogue("en") if key not in words and not key.startswith(tuple(prefixes))}
+    keys = {key for catalogue in NAMES for key in read_catalogue(catalogue, "en")}
+    unused = {key for key in keys if key not in words and not key.startswith(tuple(prefixes))}
     assert {key for key in unused if not {key.partition(".")[2], key.rpartition(".")[2]} & words} == set()
 
 

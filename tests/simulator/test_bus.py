@@ -349,7 +349,8 @@ def test_the_rejection_of_a_model_names_the_existing_ones() -> None:
     with pytest.raises(ConfigurationError) as caught:
         open_port("sim://c999@1")
     assert str(caught.value) == (
-        "there is no simulated drive c999: expected one of c320, c300, e300, e500, e550, dzb100, vc660, df800"
+        "there is no simulated drive c999: "
+        "expected one of c320, c300, e300, e500, e550, dzb100, vc660, df800, huanyang_hy"
     )
 
 

@@ -26,6 +26,7 @@ BUILT_IN: Final = (
     "drivebus.protocols.sunfar.family:FAMILY",
     "drivebus.protocols.dzb100.family:FAMILY",
     "drivebus.protocols.modbus.family:FAMILY",
+    "drivebus.families.huanyang:FAMILY",
 )
 ENTRY_POINT_GROUP: Final = "drivebus.families"
 
@@ -87,9 +88,9 @@ class ProtocolFamily:
     scan_models: tuple[str, ...] = ()
     """Default models of a scan."""
     profiles: Path | None = None
-    """Folder of the TOML profiles that come with a family of another package."""
+    """Folder of the TOML profiles that come with the family; None: they are with the built-in ones."""
     catalogues: Path | None = None
-    """Folder of its texts, ``<name>.<language>.json``."""
+    """Folder of its texts, ``<name>.<language>.json``; None: they are with the built-in ones."""
 
     @property
     def encodings(self) -> tuple[str, ...]:
@@ -128,8 +129,7 @@ def register(family: ProtocolFamily) -> None:
     """Add a family without an entry point. Raises ValueError for the name of a built-in family."""
     if family.name in _built_in():
         raise ValueError(f"family {family.name} is built in")
-    if family.catalogues is not None:
-        i18n.add_folder(family.catalogues)
+    _add_texts(family)
     _registered[family.name] = family
 
 
@@ -153,7 +153,14 @@ _registered: dict[str, ProtocolFamily] = {}
 @cache
 def _built_in() -> dict[str, ProtocolFamily]:
     found: list[ProtocolFamily] = [resolve(path) for path in BUILT_IN]
+    for family in found:
+        _add_texts(family)
     return {family.name: family for family in found}
+
+
+def _add_texts(family: ProtocolFamily) -> None:
+    if family.catalogues is not None:
+        i18n.add_folder(family.catalogues)
 
 
 @cache

@@ -1,0 +1,105 @@
+"""Descriptions of Huanyang frames for people. The codec decides validity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.errors import ProtocolError
+from drivebus.families.huanyang.codec import (
+    CONTROL,
+    FREQUENCY,
+    READ,
+    RUN_FORWARD,
+    RUN_REVERSE,
+    STATUS,
+    STOP,
+    WRITE,
+    ControlState,
+    HuanyangCodec,
+    HuanyangReply,
+    HuanyangRequest,
+    frame_effect,
+)
+from drivebus.profiles import DriveProfile
+from drivebus.profiles.notation import format_locator
+from drivebus.protocols.codec import Complete, Effect
+from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, require_whole_frame
+
+COMMAND_NAMES = {RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse", STOP: "stop"}
+_CODEC = HuanyangCodec()
+
+
+def describe(
+    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+) -> FrameDescription:
+    """Describe a frame. Without ``direction`` and ``request``, bytes that are a request are one.
+
+    The reply to a control request has the form of a control request: only the request before it tells them apart.
+    """
+    guessed = direction or ("response" if request is not None or not _is_request(data) else "request")
+    try:
+        message = _decode(data, guessed, request)
+    except ProtocolError as error:
+        return FrameDescription(
+            family="huanyang", encoding="rtu", direction=guessed, valid=False, problems=(error_note(error),)
+        )
+    moves = guessed == "request" and frame_effect(data) is Effect.MOTION
+    return FrameDescription(
+        family="huanyang",
+        encoding="rtu",
+        direction=guessed,
+        valid=True,
+        fields=_fields(profile, message),
+        hazards=(note("huanyang.moves", address=data[0]),) if moves else (),
+        canonical=data,
+    )
+
+
+def _is_request(data: bytes) -> bool:
+    try:
+        result = _CODEC.decode_request(data)
+        return isinstance(result, Complete) and _CODEC.encode_request(result.message) == data
+    except (ProtocolError, ValueError):
+        return False
+
+
+def _decode(data: bytes, direction: Direction, request: bytes | None) -> HuanyangRequest | HuanyangReply:
+    if direction == "request":
+        result = _CODEC.decode_request(data)
+    else:
+        result = _CODEC.decode_reply(_request_of(data, request), data)
+    require_whole_frame(result, data)
+    assert isinstance(result, Complete)
+    message: HuanyangRequest | HuanyangReply = result.message
+    return message
+
+
+def _request_of(data: bytes, request: bytes | None) -> HuanyangRequest:
+    """Return the request before a reply; without one, a request that this reply would fit."""
+    if request is not None:
+        sent = _CODEC.decode_request(request)
+        require_whole_frame(sent, request)
+        assert isinstance(sent, Complete)
+        found: HuanyangRequest = sent.message
+        return found
+    address, function = data[0] if data else 0, data[1] & 0x7F if len(data) > 1 else READ
+    value = int.from_bytes(data[3:5], "big") if function == FREQUENCY else 0
+    return HuanyangRequest(address, function, data[3] if len(data) > 3 else 0, value)
+
+
+def _fields(profile: DriveProfile, message: HuanyangRequest | HuanyangReply) -> dict[str, Any]:
+    fields: dict[str, Any] = {"address": message.address, "function": message.function}
+    if isinstance(message, HuanyangReply):
+        fields["accepted"] = message.accepted
+        if not message.accepted:
+            return fields | {"data": message.index}
+    if message.function in (READ, WRITE):
+        fields["notation"] = format_locator(("parameter", message.index), profile)
+    elif message.function == STATUS:
+        fields["notation"] = format_locator(("item", message.index), profile)
+    if message.function == CONTROL and isinstance(message, HuanyangReply):
+        fields["state_bits"] = [str(bit.name).lower() for bit in ControlState if message.value & bit]
+    elif message.function == CONTROL:
+        fields |= {"command": message.value, "name": COMMAND_NAMES.get(message.value, "")}
+    has_value = isinstance(message, HuanyangReply) or message.function in (WRITE, FREQUENCY)
+    return fields | ({"data": message.value} if has_value else {})

@@ -1,0 +1,226 @@
+"""Dialect of the Huanyang family.
+
+The protocol reports frequencies and no run state: a drive whose output frequency is above 0 runs, one at 0 Hz is
+stopped. Direction and faults are not reported.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.drives.dialects.base import (
+    CommandFrame,
+    Identity,
+    Rejection,
+    StopMode,
+    frequency_word,
+    parameter_reading,
+    setpoint_matches,
+    shortest_period_s,
+    signal_reading,
+    signals_by_index,
+)
+from drivebus.drives.readings import ReadingPairs, Readings
+from drivebus.drives.state import DerivedState, Direction, DriveState
+from drivebus.errors import CapabilityError
+from drivebus.families.huanyang.codec import (
+    BROADCAST,
+    CONTROL,
+    READ,
+    RUN_FORWARD,
+    RUN_REVERSE,
+    STATUS,
+    STOP,
+    HuanyangCodec,
+    HuanyangReply,
+    HuanyangRequest,
+    control,
+    frame_effect,
+    read_parameter,
+    read_status,
+    set_frequency,
+    write_parameter,
+)
+from drivebus.profiles.model import DriveProfile, Parameter
+from drivebus.protocols.codec import Codec, Effect
+from drivebus.serial_settings import StationTiming
+from drivebus.values import Reading, missing_reading
+
+SET_FREQUENCY_ITEM, OUTPUT_FREQUENCY_ITEM = 0, 1
+ALLOWED_COMMANDS = frozenset({RUN_FORWARD, RUN_REVERSE, STOP})
+
+
+class HuanyangDialect:
+    """Dialect of one drive."""
+
+    reports_run_state = True
+    state_names: tuple[str, ...] = ("output_frequency",)
+    start_includes_setpoint = False
+
+    def __init__(
+        self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
+    ) -> None:
+        self.profile, self.address, self.options = profile, address, options
+        self.codec: Codec = HuanyangCodec()
+        self._signals = signals_by_index(profile, "item")
+        self._probes = sorted(one.locator[1] for one in profile.parameters.values() if one.locator[0] == "parameter")
+        self._sync_count = 0
+        self._last_read: HuanyangRequest | None = None
+        self.station_config = StationConfig(
+            address=address,
+            codec=self.codec,
+            timing=timing,
+            effect_of=self.effect,
+            sync_request=self._bus_sync_request,
+            label=profile.model,
+        )
+
+    def effect(self, frame: bytes) -> Effect:
+        return frame_effect(frame)
+
+    def _bus_sync_request(self, n: int) -> HuanyangRequest:
+        """Return a read of every other parameter of the profile: the reply names the parameter."""
+        own = self._probes[::2]
+        request = read_parameter(self.address, own[n % len(own)])
+        return request if request != self._last_read else self._bus_sync_request(n + 1)
+
+    def sync_request(self, avoid: Any = None) -> HuanyangRequest:
+        """Return a read of a parameter that the bus does not use for its own sync probes."""
+        own = self._probes[1::2]
+        self._sync_count += 1
+        request = read_parameter(self.address, own[self._sync_count % len(own)])
+        return self.sync_request() if request == avoid else request
+
+    def is_valid_sync_reply(self, reply: HuanyangReply) -> bool:
+        return True
+
+    def needs_sync(self, request: Any) -> bool:
+        return False
+
+    def model_check(self) -> Any | None:
+        return None
+
+    def state_reads(self) -> tuple[Any, ...]:
+        return (read_status(self.address, OUTPUT_FREQUENCY_ITEM),)
+
+    def echo_test_read(self) -> Any:
+        return read_status(self.address, OUTPUT_FREQUENCY_ITEM)
+
+    def fault_reads(self) -> tuple[Any, ...]:
+        return ()
+
+    def setpoint_reads(self) -> tuple[Any, ...]:
+        return (read_status(self.address, SET_FREQUENCY_ITEM),)
+
+    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
+        return setpoint_matches(readings, self.profile, frequency_hz)
+
+    def can_confirm_speed(self) -> bool:
+        return True
+
+    def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
+        wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
+        items = sorted(wanted | {OUTPUT_FREQUENCY_ITEM})
+        return tuple((read_status(self.address, item), self._period_s(item)) for item in items)
+
+    def _period_s(self, item: int) -> float:
+        return shortest_period_s(self.profile, tuple(signal.name for signal in self._signals.get(item, [])))
+
+    def decode_readings(self, request: Any, reply: HuanyangReply, at: float | None) -> Readings:
+        if request.function != STATUS:
+            return {}
+        signals = self._signals.get(request.index, [])
+        if not reply.accepted:
+            return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
+        return {signal.name: signal_reading(signal, reply.value, at) for signal in signals}
+
+    def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
+        """Running where the output frequency is above 0 twice, stopped where it is 0 twice."""
+        output = readings.raw_pair("output_frequency")
+        if output is None or (output[0] > 0) is not (output[1] > 0):
+            return None
+        return DerivedState(DriveState.RUNNING if output[1] > 0 else DriveState.STOPPED)
+
+    def confirms_stop(self, readings: ReadingPairs) -> bool:
+        return True
+
+    def confirms_start(self, readings: ReadingPairs) -> bool:
+        return False
+
+    def rejection(self, reply: HuanyangReply) -> Rejection | None:
+        return None if reply.accepted else Rejection("huanyang.rejected", reply.index)
+
+    def setpoint_word(self, frequency_hz: float) -> int:
+        return frequency_word(self.profile, frequency_hz, self.options)
+
+    def setpoint_frequency(self, word: int) -> float:
+        return self.profile.setpoint_scale.value(word)
+
+    def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
+        command = RUN_REVERSE if direction is Direction.REVERSE else RUN_FORWARD
+        return (CommandFrame(control(self.address, command), RetryPolicy.EDGE_TRIGGERED),)
+
+    def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
+        return (CommandFrame(set_frequency(self.address, word), RetryPolicy.IDEMPOTENT),)
+
+    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="jog")
+
+    def stop(self, mode: StopMode) -> tuple[Any, ...]:
+        if mode is not StopMode.STOP:
+            raise CapabilityError("drives.cannot", model=self.profile.model, what=mode.value)
+        return (control(self.address, STOP),)
+
+    def broadcast_stop(self) -> tuple[Any, ...]:
+        return (control(BROADCAST, STOP),)
+
+    def reset(self) -> tuple[CommandFrame, ...]:
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
+
+    def identity_reads(self) -> tuple[Any, ...]:
+        return ()
+
+    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
+        return Identity(model=self.profile.model, reported=False)
+
+    def read_parameter(self, parameter: Parameter) -> Any:
+        space, index = parameter.locator
+        return read_status(self.address, index) if space == "item" else read_parameter(self.address, index)
+
+    def parameter_raw(self, reply: HuanyangReply) -> int | None:
+        return reply.value if reply.accepted else None
+
+    def names_parameter(self, reply: HuanyangReply) -> bool:
+        return True
+
+    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
+        return parameter_reading(parameter, raw, at)
+
+    def parameter_word(self, parameter: Parameter, value: float) -> int:
+        return parameter.scale.raw(value)
+
+    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+        """Return a write of one byte where no value of the parameter needs two."""
+        request = write_parameter(self.address, parameter.locator[1], raw, self._width(parameter, raw))
+        return CommandFrame(request, RetryPolicy.EEPROM)
+
+    def _width(self, parameter: Parameter, raw: int) -> int:
+        if parameter.choices:
+            return 1
+        highest = raw if parameter.maximum is None else parameter.scale.raw(parameter.maximum)
+        return 1 if highest < 0x100 else 2
+
+    def is_allowed(self, frame: bytes) -> bool:
+        """Allow every canonical frame except a control that no source explains."""
+        if len(frame) > 3 and frame[1] == CONTROL:
+            return frame[3] in ALLOWED_COMMANDS
+        return frame_effect(frame) in (Effect.NONE, Effect.SETTING)
+
+    def set_option(self, option: str, value: Any) -> None:
+        self.options[option] = value
+
+    def on_sent(self, request: Any) -> None:
+        """Remember the last parameter read, so that the next sync probe of the bus differs from it."""
+        if request.function == READ:
+            self._last_read = request

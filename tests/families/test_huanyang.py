@@ -1,0 +1,233 @@
+"""Huanyang HY: recorded frames, the effect of every control byte, and one story on four lines."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivebus import i18n, profiles
+from drivebus.bus import Bus
+from drivebus.commissioning.decode.describe import describe_frame
+from drivebus.drives import Drive
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import CapabilityError, CodeError, DrivebusError, EchoError, PreflightError, ProtocolError
+from drivebus.families.huanyang import codec as hy
+from drivebus.families.huanyang.codec import HuanyangCodec, HuanyangReply, HuanyangRequest
+from drivebus.ports import open_port
+from drivebus.protocols.codec import Complete, Effect, Incomplete
+from drivebus.simulator.motor import Trip
+from drivebus.testing.virtual_time import run
+
+CODEC = HuanyangCodec()
+RECORDED = [
+    ("04 01 03 01 00 00 6D DB", HuanyangRequest(4, 1, 1), "04 01 02 01 02 F5 AD", HuanyangReply(4, 1, 1, 2, 1)),
+    ("04 01 03 05 00 00 2C 1A", HuanyangRequest(4, 1, 5), "04 01 03 05 17 70 22 0E", HuanyangReply(4, 1, 5, 6000)),
+    ("04 01 03 08 00 00 BD D9", HuanyangRequest(4, 1, 8), "04 01 03 08 08 98 BB B3", HuanyangReply(4, 1, 8, 2200)),
+    ("04 01 03 A3 00 00 CC 39", HuanyangRequest(4, 1, 163), "04 01 02 A3 04 0C CF", HuanyangReply(4, 1, 163, 4, 1)),
+    ("04 01 03 A5 00 00 2C 38", HuanyangRequest(4, 1, 165), "04 01 02 A5 03 4E AD", HuanyangReply(4, 1, 165, 3, 1)),
+]
+"""Requests and replies of a HY01D523B, from unininu.tistory.com/288."""
+PRINTED = [
+    ("04 02 03 08 04 4C FA EC", HuanyangRequest(4, 2, 8, 1100)),
+    ("04 03 01 01 31 44", HuanyangRequest(4, 3, 0, 0x01, 1)),
+    ("01 03 01 08 F1 8E", HuanyangRequest(1, 3, 0, 0x08, 1)),
+]
+"""From the same page, and the last from gist.github.com/Bouni/803492ed0aab3f944066."""
+REQUESTS = st.one_of(
+    st.builds(hy.read_parameter, st.integers(1, 250), st.integers(0, 255)),
+    st.builds(
+        hy.write_parameter, st.integers(1, 250), st.integers(0, 255), st.integers(0, 255), st.sampled_from((1, 2))
+    ),
+    st.builds(hy.control, st.integers(0, 250), st.integers(0, 255)),
+    st.builds(hy.read_status, st.integers(1, 250), st.integers(0, 7)),
+    st.builds(hy.set_frequency, st.integers(0, 250), st.integers(0, 0xFFFF)),
+)
+
+
+@pytest.mark.parametrize(("sent", "request_", "received", "reply"), RECORDED, ids=[row[0] for row in RECORDED])
+def test_recorded_frames(sent: str, request_: HuanyangRequest, received: str, reply: HuanyangReply) -> None:
+    assert CODEC.encode_request(request_) == bytes.fromhex(sent)
+    assert CODEC.decode_request(bytes.fromhex(sent)) == Complete(request_, 8)
+    assert CODEC.decode_reply(request_, bytes.fromhex(received)) == Complete(reply, len(bytes.fromhex(received)))
+    assert CODEC.encode_reply(reply) == bytes.fromhex(received)
+
+
+@pytest.mark.parametrize(("frame", "request_"), PRINTED, ids=[row[0] for row in PRINTED])
+def test_printed_requests(frame: str, request_: HuanyangRequest) -> None:
+    assert CODEC.encode_request(request_) == bytes.fromhex(frame)
+    assert CODEC.decode_request(bytes.fromhex(frame)).message == request_  # type: ignore[union-attr]
+
+
+def test_of_all_control_bytes_only_08h_is_a_stop_and_only_the_explained_ones_get_a_permit() -> None:
+    dialect = Drive(Bus(open_port("sim://huanyang_hy@3")), profiles.load("huanyang_hy"), 3).dialect
+    frames = {value: CODEC.encode_request(hy.control(3, value)) for value in range(256)}
+    effects = {value: hy.frame_effect(frame) for value, frame in frames.items()}
+    assert [value for value, effect in effects.items() if effect is Effect.STOP] == [0x08]
+    assert set(effects.values()) == {Effect.STOP, Effect.MOTION}
+    assert [value for value, frame in frames.items() if dialect.is_allowed(frame)] == [0x01, 0x08, 0x11]
+
+
+def test_a_frame_that_is_not_canonical_counts_as_motion() -> None:
+    stop = CODEC.encode_request(hy.control(3, hy.STOP))
+    assert hy.frame_effect(stop) is Effect.STOP
+    for frame in (stop[:-1], stop + b"\0", stop[:-1] + bytes((stop[-1] ^ 1,)), b""):
+        assert hy.frame_effect(frame) is Effect.MOTION
+    assert hy.frame_effect(CODEC.encode_request(hy.set_frequency(3, 5000))) is Effect.SETTING
+
+
+@given(st.integers(1, 250), st.integers(0, 7), st.integers(0, 0xFFFF))
+def test_no_reply_to_a_status_read_equals_its_request(address: int, item: int, value: int) -> None:
+    """A read with two zero bytes is repeated by its reply at 0 Hz: then an echo could pass for a stopped motor."""
+    request = hy.read_status(address, item)
+    assert CODEC.encode_reply(HuanyangReply(address, 4, item, value)) != CODEC.encode_request(request)
+
+
+@given(REQUESTS)
+def test_requests_are_restored(request_: HuanyangRequest) -> None:
+    frame = CODEC.encode_request(request_)
+    assert CODEC.decode_request(frame) == Complete(request_, len(frame))
+    for size in range(len(frame)):
+        found = CODEC.decode_request(frame[:size])
+        assert isinstance(found, Incomplete) and size < found.need <= len(frame)
+
+
+@given(st.binary(max_size=12), REQUESTS)
+def test_any_bytes_are_decoded_or_rejected(data: bytes, request_: HuanyangRequest) -> None:
+    for read in (CODEC.decode_request, lambda found: CODEC.decode_reply(request_, found)):
+        try:
+            result = read(data)
+        except ProtocolError:
+            continue
+        assert isinstance(result, Complete | Incomplete)
+
+
+@given(REQUESTS, st.data())
+def test_a_flipped_bit_is_detected(request_: HuanyangRequest, data: st.DataObject) -> None:
+    frame = bytearray(CODEC.encode_request(request_))
+    bit = data.draw(st.integers(0, 8 * len(frame) - 1))
+    frame[bit // 8] ^= 1 << bit % 8
+    assert hy.frame_effect(bytes(frame)) is Effect.MOTION
+
+
+def test_a_reply_to_another_number_frequency_or_function_is_rejected() -> None:
+    read, setpoint = hy.read_parameter(1, 5), hy.set_frequency(1, 5000)
+    with pytest.raises(EchoError, match="number 6"):
+        CODEC.decode_reply(read, CODEC.encode_reply(HuanyangReply(1, 1, 6, 0)))
+    with pytest.raises(EchoError, match="4999"):
+        CODEC.decode_reply(setpoint, CODEC.encode_reply(HuanyangReply(1, 5, 0, 4999)))
+    with pytest.raises(CodeError, match="function 01H"):
+        CODEC.decode_reply(setpoint, CODEC.encode_reply(HuanyangReply(1, 1, 5, 0)))
+    with pytest.raises(CodeError, match="status item 19"):  # as the manual's example of a reply is printed
+        CODEC.decode_reply(hy.read_status(1, 0), bytes.fromhex("01 04 03 13 88 89 A6 2D"))
+
+
+def test_a_rejection_is_a_reply() -> None:
+    reply = HuanyangReply(1, 1, 200, accepted=False)
+    frame = CODEC.encode_reply(reply)
+    assert frame[:4] == bytes((1, 0x81, 1, 200))
+    assert CODEC.decode_reply(hy.read_parameter(1, 200), frame) == Complete(reply, 6)
+    with pytest.raises(EchoError):
+        CODEC.decode_reply(hy.read_parameter(1, 201), frame)
+
+
+@asynccontextmanager
+async def simulated_drive(quality: str, **options: str) -> AsyncIterator[tuple[Drive, Any]]:
+    more = "".join(f"&{name}={value}" for name, value in options.items())
+    port: Any = open_port(f"sim://huanyang_hy@3?line_quality={quality}&ramp=2{more}")
+    async with Bus(port) as bus:
+        yield Drive(bus, profiles.load("huanyang_hy"), 3), port.simulated_bus.stations[0]
+
+
+async def until_confirmed(action: Any) -> None:
+    """Repeat as a user would on a line that loses frames."""
+    for _ in range(10):
+        try:
+            if (await action()).status is OutcomeStatus.CONFIRMED:
+                return
+        except DrivebusError:
+            await asyncio.sleep(1)
+    raise AssertionError("not confirmed in ten tries")
+
+
+@pytest.mark.parametrize("answer", ["state", "echo"])
+@pytest.mark.parametrize("quality", ["clean", "bytes", "loss=0.03", "late=0.02:0.3"])
+def test_the_story_of_a_day(quality: str, answer: str) -> None:
+    async def play() -> None:
+        async with simulated_drive(quality, answer=answer) as (drive, station):
+            await until_confirmed(lambda: drive.run(20.0))
+            await asyncio.sleep(3)
+            station.advance(asyncio.get_running_loop().time())
+            assert station.motor.output_hz == pytest.approx(20.0)
+            await until_confirmed(lambda: drive.set_frequency(12.34))
+            await asyncio.sleep(3)
+            station.advance(asyncio.get_running_loop().time())
+            assert station.motor.output_hz == pytest.approx(12.34)
+            await until_confirmed(drive.stop)
+            station.advance(asyncio.get_running_loop().time())
+            assert not station.motor.energised
+            await until_confirmed(lambda: drive.run(10.0, Direction.REVERSE))
+            await asyncio.sleep(3)
+            station.advance(asyncio.get_running_loop().time())
+            assert station.motor.output_hz == pytest.approx(-10.0)
+            await until_confirmed(drive.stop)
+
+    run(play())
+
+
+def test_a_tripped_drive_shows_0_hz_and_no_fault_and_nothing_claims_to_reset_it() -> None:
+    async def play() -> None:
+        async with simulated_drive("clean") as (drive, station):
+            await drive.run(20.0)
+            await asyncio.sleep(3)
+            station.trip(Trip.OVERCURRENT_RUNNING)
+            status = await drive.status()
+            assert (status.state, status.fault) == (DriveState.STOPPED, None)
+            with pytest.raises(CapabilityError):
+                await drive.reset_fault()
+
+    run(play())
+
+
+def test_no_start_while_commands_come_from_the_keypad() -> None:
+    async def play() -> None:
+        async with simulated_drive("clean") as (drive, station):
+            station.keypad_set(1, 0)
+            with pytest.raises(PreflightError, match="PD001"):
+                await drive.run(20.0)
+            assert station.motor.starts == 0
+
+    run(play())
+
+
+def test_parameters_of_one_and_two_bytes_are_written_with_their_own_width() -> None:
+    async def play() -> None:
+        async with simulated_drive("clean") as (drive, station):
+            await drive.write({"PD014": 12.0, "PD023": 0}, save=True)
+            assert (station.memory[14], station.memory[23]) == (120, 0)
+            frames = [
+                drive.dialect.write_parameter(drive.profile.parameters[name], 1, True) for name in ("PD014", "PD023")
+            ]
+            assert [frame.request.width for frame in frames] == [2, 1]
+
+    run(play())
+
+
+@pytest.mark.parametrize(("language", "moves"), [("en", "may start the motor"), ("zh", "可能启动")])
+def test_a_reverse_start_is_described_with_its_hazard(language: str, moves: str) -> None:
+    found = describe_frame("huanyang_hy", CODEC.encode_request(hy.control(4, hy.RUN_REVERSE)))
+    assert (found.valid, found.fields["name"]) == (True, "run_reverse")
+    ((key, params),) = found.hazards
+    assert moves in i18n.text(key, language, **params)
+
+
+def test_the_reply_to_a_control_is_described_as_state_bits() -> None:
+    request, reply = (CODEC.encode_request(hy.control(4, value)) for value in (hy.RUN_REVERSE, 0x2D))
+    found = describe_frame("huanyang_hy", reply, request=request)
+    assert found.fields["state_bits"] == ["run_command", "reverse_command", "running", "running_reverse"]
