@@ -12,6 +12,7 @@ import pytest
 from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoState
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy, StationConfig
+from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.transaction import EchoFilter, Transaction
 from drivebus.errors import LineError, NoReply, PortLost
 from drivebus.protocols import sunfar
@@ -236,3 +237,20 @@ def test_a_cut_reply_that_begins_like_the_request_is_not_called_silence() -> Non
     error = transaction.final_error()
     assert isinstance(error, NoReply)
     assert (error.key, error.params["bytes"]) == ("bus.truncated", 3)
+
+
+@pytest.mark.parametrize(
+    ("request_of", "key"),
+    [(write_request, "bus.only_own_frame"), (lambda core: read_request(), "bus.no_reply")],
+    ids=["reply equals the request", "reply differs"],
+)
+def test_a_reply_that_may_have_passed_for_the_echo_is_not_called_silence(request_of: Any, key: str) -> None:
+    """A doubled mirrored reply looks like an echo with its reply; the next reply is then taken for the echo."""
+    core = make_core(1, echo="on")
+    prepared = PreparedRequest(request_of(core), None, core.stations[1], core.settings)
+    echo = EchoFilter(prepared.data, tentative=False)
+    transaction = Transaction(prepared, 0.0, CHARACTER_S, has_line_timing=False, echo=echo)
+    transaction.on_data(prepared.data, 0.05)
+    error = transaction.final_error()
+    assert isinstance(error, NoReply) and error.key == key
+    assert str(error) != key

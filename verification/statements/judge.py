@@ -200,7 +200,7 @@ class Judge:
                 foreign = any(e.line_fault in ("foreign", "damaged") for e in around)
                 if not foreign or (params["found"] != self.line.address + 1 and "damaged" not in _faults(around)):
                     yield "no such address replied"
-            case "bus.own_echo":
+            case "bus.own_echo" | "bus.only_own_frame":
                 received = [e.reply for e in around] + ([e.request for e in around] if self.line.plan.echoes else [])
                 if not any(e.request in received for e in around):
                     yield "no reply equals its request"

@@ -22,8 +22,6 @@ from enum import Enum
 
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.transaction import EchoFilter, Transaction
-from drivebus.errors import ProtocolError
-from drivebus.protocols.codec import Incomplete
 
 MAX_MISSING_ECHOES = 3  # frames in a row without their echo that make a detected echo uncertain again
 
@@ -60,7 +58,7 @@ class EchoDetector:
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
-        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and is_mirrorable(prepared)):
+        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and prepared.is_mirrorable()):
             return None
         return EchoFilter(prepared.data, tentative=self.state is EchoState.UNKNOWN)
 
@@ -98,14 +96,6 @@ class EchoDetector:
             self.state, self._mirrored_frame = EchoState.ON, b""
 
 
-def is_mirrorable(prepared: PreparedRequest) -> bool:
-    """Return whether the request's own bytes could pass for the beginning of its reply."""
-    try:
-        return not isinstance(prepared.codec.decode_reply(prepared.request, prepared.data), Incomplete)
-    except ProtocolError:
-        return False
-
-
 def _echoed_before_tx_end(transaction: Transaction) -> bool:
     """Return whether our frame was received in part before our own last bit, when no station can have replied."""
     early = transaction.bytes_before_tx_end
@@ -115,5 +105,5 @@ def _echoed_before_tx_end(transaction: Transaction) -> bool:
 def _echoed_as_reply(transaction: Transaction) -> bool:
     """Return whether our frame stands in place of a reply, or twice where its reply equals it."""
     data, received = transaction.prepared.data, bytes(transaction.buffer)
-    found = received.startswith(data + data) if is_mirrorable(transaction.prepared) else data in received
+    found = received.startswith(data + data) if transaction.prepared.is_mirrorable() else data in received
     return transaction.error is not None and found

@@ -7,8 +7,8 @@ from typing import Any
 
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.bus.station import Station
-from drivebus.errors import NotPermitted
-from drivebus.protocols.codec import Codec, Effect
+from drivebus.errors import NotPermitted, ProtocolError
+from drivebus.protocols.codec import Codec, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
 READ_ATTEMPTS = 2  # a read is retried once
@@ -85,6 +85,13 @@ class PreparedRequest:
             return IDEMPOTENT_ATTEMPTS
         policy = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
         return IDEMPOTENT_ATTEMPTS if policy is RetryPolicy.IDEMPOTENT else 1
+
+    def is_mirrorable(self) -> bool:
+        """Return whether the request's own bytes could pass for the beginning of its reply."""
+        try:
+            return not isinstance(self.codec.decode_reply(self.request, self.data), Incomplete)
+        except ProtocolError:
+            return False
 
     def permit_error(self, now: float) -> NotPermitted | None:
         """Return why this frame may not be sent now, None if it may. Reads and stops need no permit."""

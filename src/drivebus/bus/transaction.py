@@ -147,12 +147,17 @@ class Transaction:
         withheld = 0 if self.echo is None or self.echo.is_complete else self.echo.matched
         count = len(self.buffer) + withheld  # a cut reply may begin like our own frame
         return NoReply(
-            "bus.truncated" if count else "bus.no_reply",
+            "bus.truncated" if count else self._nothing_received_key(),
             station=self.prepared.station.address,
             attempt=self.prepared.attempts,
             bytes=count,
             milliseconds=round((self.deadline - self.tx_end_at) * 1000),
         )
+
+    def _nothing_received_key(self) -> str:
+        """Return the error without any byte beside the echo, which may have been a reply that equals the request."""
+        echoed = self.echo is not None and self.echo.is_complete and bool(self.echo.sent)
+        return "bus.only_own_frame" if echoed and self.prepared.is_mirrorable() else "bus.no_reply"
 
     def earliest_useful_at(self) -> float | None:
         """Return the time before which no byte can complete the reply at this baud rate; None: any byte may."""

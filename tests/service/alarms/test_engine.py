@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.errors import NotFound
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
@@ -80,6 +81,13 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
     assert run(alarms, *views) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
     assert [alarm.value for alarm in alarms.active()] == [5, 4]
     assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
+
+
+def test_a_fault_whose_word_is_read_a_moment_later_is_one_alarm_with_its_name() -> None:
+    """The status word shows a fault before the fault word is read; an alarm without a code titled the incident."""
+    unnamed = view(fault={**OVERCURRENT, "code": UNNAMED_FAULT_CODE})
+    assert run(engine(), (0, unnamed), (1, view(fault=OVERCURRENT)), (2, view(fault=OVERCURRENT))) == ["1 raised fault"]
+    assert run(engine(), (0, unnamed), (1, unnamed), (2, unnamed), (3, unnamed)) == ["2 raised fault"]
 
 
 def test_another_fault_has_its_own_delay() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -105,8 +106,11 @@ def test_a_drive_that_keeps_running_is_stopped_and_still_needs_a_waiver() -> Non
             found = await comm_loss(kit)
             assert found["kind"] == "runs_on" and found["tested"]["result"] == "runs_on"
             assert not kit.station("fan-1").motor.energised, "the test stops the drive at its end"
-            with pytest.raises(WaiverRequired):
+            after_s = int(re.search(r"still ran after (\d+) s", found["text"]["en"])[1])  # type: ignore[index]
+            assert after_s <= found["tested"]["silence_s"] < after_s + 1, "it says no longer time than was seen"
+            with pytest.raises(WaiverRequired) as blocked:
                 await start(kit)
+            assert blocked.value.key == "plant.waiver_needed_tested", "it was tested: another test alone helps nobody"
             await kit.grant_waivers("fan-1")
             await start(kit)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.service.alarms.model import AlarmKey
 from drivebus.service.config.model import AlarmConfig, AlarmKind
 from drivebus.service.live.views import DriveView, SignalView
@@ -14,6 +15,8 @@ from drivebus.values import Quality
 
 FIRST_REPLY_TIMEOUT_S = 10.0
 """A drive that has never answered raises ``no_response`` only after this time."""
+UNNAMED_FAULT_DELAY_S = 2.0
+"""Time for the fault word to be read after the status word has shown a fault: the alarm then names the fault."""
 DELAY_TOLERANCE_S = 1e-9
 """Larger than the rounding error of added seconds at the end of a delay."""
 
@@ -105,7 +108,9 @@ def _is_good_number(signal: SignalView) -> bool:
 def _fault(setting: AlarmConfig, view: DriveView) -> Observation:
     """Normal only if the drive answers and reports no fault; unknown if it does not answer."""
     if view.fault is not None:
-        return Observation(LimitState.VIOLATED, view.fault.get("code"), {"fault": view.fault})
+        code = view.fault.get("code")
+        delay_s = UNNAMED_FAULT_DELAY_S if code == UNNAMED_FAULT_CODE else 0.0
+        return Observation(LimitState.VIOLATED, code, {"fault": view.fault}, delay_s)
     reported = view.signals.get("fault")
     good = view.state != "unknown" or (reported is not None and reported.quality is Quality.GOOD)
     return Observation(LimitState.NORMAL if good and view.presence == "online" else LimitState.UNKNOWN)

@@ -87,8 +87,8 @@ class CommLossRecord:
 
     @property
     def after_s(self) -> int:
-        """Whole seconds after which the drive had certainly stopped."""
-        return math.ceil(self.silence_s)
+        """Whole seconds after which the drive had certainly stopped, or during which it certainly ran on."""
+        return math.floor(self.silence_s) if self.result is CommLossResult.RUNS_ON else math.ceil(self.silence_s)
 
 
 def record_key(drive: str) -> str:

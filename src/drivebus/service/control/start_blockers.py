@@ -44,7 +44,10 @@ def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
     """Return the error of a missing waiver; one that was recorded for another drive of this name is mentioned."""
     other = runtime.waiver_of_another
     if other is None:
-        return WaiverRequired("plant.waiver_needed", drive=runtime.id, why=_why(runtime))
+        record = runtime.comm_loss_record
+        tested = record is not None and record.holds_for(runtime.comm_loss_parameters)
+        key = "plant.waiver_needed_tested" if tested else "plant.waiver_needed"
+        return WaiverRequired(key, drive=runtime.id, why=_why(runtime))
     return WaiverRequired("plant.waiver_of_another", drive=runtime.id, why=_why(runtime), **other.recorded_for)
 
 
