@@ -401,3 +401,13 @@ def test_a_fault_that_is_not_described_still_has_its_number_in_both_languages() 
         "fault 5, not described in the manual",
         "故障 5，手册未说明",
     )
+
+
+@pytest.mark.parametrize("name", profiles.models())
+def test_no_reading_or_fault_of_an_included_model_stands_without_its_source(name: str) -> None:
+    """A fault without evidence counts as the user's own."""
+    profile = profiles.load(name)
+    named = {f"fault {code}": fault.evidence for code, fault in profile.faults.items()}
+    named |= {signal.name: signal.evidence for signal in profile.signals.values()}
+    for what, evidence in named.items():
+        assert evidence is not None and evidence.kind != "user", what
