@@ -50,6 +50,7 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
     yield from check_effect(profile)
     yield from _check_setpoint(profile)
     yield from _check_options(profile)
+    yield from _check_identity(profile)
 
 
 def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
@@ -258,6 +259,14 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
     if profile.status is not None and profile.status.register_ in (word, setpoint):
         found = f"{profile.status.register_:04X}H"
         yield issue("duplicate", ("status", "register"), found, related=related, other="[commands]")
+
+
+def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that the register of the identity is that of a signal: its polls then show the model."""
+    registers = {_register_of(profile, one.notation, one) for one in profile.signals.values()} - {None}
+    if profile.identity is not None and profile.identity.register_ not in registers:
+        choices = _join(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
+        yield issue("choice", ("identity", "register"), f"{profile.identity.register_:04X}H", choices=choices)
 
 
 def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:

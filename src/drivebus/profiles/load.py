@@ -298,6 +298,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         modbus=_build_modbus(parsed),
         commands=_build_commands(parsed.commands),
         status=_build_status(parsed.status),
+        identity_register=parsed.identity.register_ if parsed.identity else None,
         group_sizes=dict(parsed.group_sizes),
         ramp_notations=(parsed.ramp[0], parsed.ramp[1]) if parsed.ramp else None,
         keypad=tuple(_build_text(step) for step in parsed.keypad),
@@ -536,6 +537,6 @@ def _share_question(share: m.SetpointShare | None) -> tuple[m.OpenQuestion, ...]
 
 
 def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:
-    names = ("serial", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus")
+    names = ("serial", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus", "identity")
     sections = {name: getattr(parsed, name) for name in names}
     return {name: parse_evidence(section.evidence) for name, section in sections.items() if section is not None}

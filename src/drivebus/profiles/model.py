@@ -341,6 +341,8 @@ class DriveProfile:
     modbus: ModbusFeatures | None = None
     commands: CommandMap | None = None
     status: StatusMap | None = None
+    identity_register: int | None = None
+    """Register that look-alikes with the same status register do not have; None where the status tells them apart."""
     group_sizes: Mapping[str, int] = field(default_factory=dict)
     """Group to its number of parameters, supplied by the user (VC660): gives Fgg.nn its index."""
     ramp_notations: tuple[str, str] | None = None

@@ -298,6 +298,14 @@ class LimitsIn(StrictTable):
     evidence: EvidenceLine
 
 
+class IdentityIn(StrictTable):
+    """Register that look-alikes with the same status register do not have: an answer shows the map."""
+
+    register_: Annotated[Word, Field(alias="register")]
+    """Register of a signal, which is polled anyway."""
+    evidence: EvidenceLine
+
+
 class WriteIn(StrictTable):
     ram: bool
     eeprom: bool = True
@@ -357,5 +365,6 @@ class ProfileIn(StrictTable):
     modbus: ModbusIn | None = None
     commands: CommandsIn | None = None
     status: StatusIn | None = None
+    identity: IdentityIn | None = None
     keypad: list[BilingualTextIn] = []
     wiring: BilingualTextIn | None = None

@@ -232,6 +232,8 @@ class ModbusDialect:
         """The word that stops this model may start another one, so its status is read before the first command."""
         if not self._is_model_open:
             return None
+        if self.profile.identity_register is not None:
+            return ReadRegisters(self.address, self.profile.identity_register, 1)
         if self.status_map is None:
             return self.echo_test_read()
         status = self.status_map.register
@@ -278,8 +280,12 @@ class ModbusDialect:
         found: dict[str, Reading] = {}
         for register, raw in zip(registers, reply.values, strict=True):
             found |= self._register_readings(register, raw, at)
-        if self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD):
-            self._is_model_open = False
+        identity = self.profile.identity_register
+        if identity is not None:
+            shows_model = identity in registers
+        else:
+            shows_model = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
+        self._is_model_open = self._is_model_open and not shows_model
         return found
 
     def _rejected_readings(self, registers: range) -> Readings:
