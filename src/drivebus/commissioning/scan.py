@@ -313,31 +313,39 @@ def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int)
 
 
 async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
-    """Probe an address with the first candidate, and with the others only if bytes are received."""
+    """Probe an address with the first candidate, and with the others only if bytes are received.
+
+    Models with the same request are probed once; of those that were answered, only models whose status has the value
+    that was read are named, if there are any.
+    """
     fits: list[ScanCandidate] = []
-    answered: dict[bytes, bool] = {}  # probes that were sent; models with the same one are not probed again
+    doubtful: set[str] = set()
+    answered: dict[bytes, Any] = {}  # probe to its reply, None where it was rejected or missing
     first: BusResult | None = None
     good: BusResult | None = None
     for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
             continue
         dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
-        frame = dialect.codec.encode_request(probe_request(dialect))
-        if frame in answered:
-            fits += [candidate] if answered[frame] else []
-            continue
-        result, rejected = await _probe(bus, dialect, address)
-        answered[frame] = result.reply is not None and not rejected
-        if result.received:
-            first = first or result
-        if answered[frame]:
-            fits.append(candidate)
-            good = good or result
+        request = probe_request(dialect)
+        frame = dialect.codec.encode_request(request)
+        if frame not in answered:
+            result, rejected = await _probe(bus, dialect, address)
+            answered[frame] = None if rejected else result.reply
+            if result.received:
+                first = first or result
+            if answered[frame] is not None:
+                good = good or result
         if first is None:
             return None
+        if answered[frame] is not None:
+            fits.append(candidate)
+            if _is_foreign_status(dialect, request, answered[frame]):
+                doubtful.add(candidate.profile.model)
     if first is None:
         return None
     answer = good or first
+    fits = [candidate for candidate in fits if candidate.profile.model not in doubtful] or fits
     candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
@@ -351,6 +359,12 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         exchange=(answer.sent, answer.received),
         valid_reply=bool(fits),
     )
+
+
+def _is_foreign_status(dialect: Dialect, request: Any, reply: Any) -> bool:
+    """Return whether the status in a reply has a value, or a reserved bit, that the model does not have."""
+    state = dialect.decode_readings(request, reply, None).get("state")
+    return state is not None and state.reason == "drives.reserved_bits"
 
 
 def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate]:
