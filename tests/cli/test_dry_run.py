@@ -215,3 +215,14 @@ def test_the_plan_of_a_share_reads_the_maximum_frequency_and_says_which_one_it_a
     assert any(one.startswith("0303F00A0001") for one in sent)  # P0-10
     assert any(one.startswith("030610000FA0") for one in sent)  # 4000 of 10000
     assert "P0-10, shown for 50 Hz" in " ".join(document["notes"])
+
+
+@pytest.mark.parametrize("command", ["stop", "coast"])
+def test_the_plan_of_a_first_stop_begins_with_the_read_that_shows_the_model(command: str) -> None:
+    sent = [one["hex"].replace(" ", "") for one in dry(command, "--model", "gd10", "--address", "3")["frames"]]
+    assert len(sent) == 2 and sent[0].startswith("030321000001") and sent[1].startswith("03062000")
+
+
+def test_the_plan_of_a_stop_with_an_assumed_model_has_no_read() -> None:
+    document = dry("stop", "--model", "gd10", "--address", "3", "--assume-model")
+    assert [one["hex"].replace(" ", "")[:12] for one in document["frames"]] == ["030620000005"]

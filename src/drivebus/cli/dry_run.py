@@ -124,6 +124,13 @@ class DryRun:
         station = self.dialect.station_config
         self.frames += plan_frames(purpose, requests, station.codec, station.timing, self.serial_settings)
 
+    def add_model_check(self) -> bool:
+        """Add the read that the first stop to a station of this model waits for. Return whether there is one."""
+        check = self.dialect.model_check()
+        if check is not None:
+            self.add("model_check", (check,))
+        return check is not None
+
     def print(self, *notes: str) -> ExitCode:
         """Print the frames; ``notes`` are catalogue keys."""
         return print_plan(self.frames, self.serial_settings, [*self._notes, *((note, {}) for note in notes)])

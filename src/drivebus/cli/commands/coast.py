@@ -19,6 +19,7 @@ async def _coast(target: Target) -> ExitCode:
 def _requests(dry: DryRun) -> Any:
     from drivebus.drives.dialects.base import StopMode
 
+    dry.add_model_check()
     return dry.dialect.stop(StopMode.COAST)
 
 

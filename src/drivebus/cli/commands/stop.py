@@ -211,11 +211,9 @@ def _print_plan(
     frames: list[PlannedFrame] = []
     for number, address in enumerate(addresses):
         dry = DryRun(replace(target, address=address))
-        check = None if assume_model else dry.dialect.model_check()
-        if broadcast and number == 0 and check is None:
+        is_checked = not assume_model and dry.add_model_check()
+        if broadcast and number == 0 and not is_checked:
             dry.add("broadcast_stop", dry.dialect.broadcast_stop())
-        if check is not None:
-            dry.add("model_check", (check,))
         mode = StopMode.QUICK_STOP if quick else StopMode.STOP
         dry.add(mode.value, dry.dialect.stop(mode))
         frames += dry.frames
