@@ -11,7 +11,7 @@ import pytest
 from drivebus.errors import ConfigurationError
 from drivebus.protocols.family import clear_registry, protocol_families, protocol_family, register, resolve
 
-BUILT_IN_NAMES = ["sunfar", "dzb100", "modbus", "huanyang"]
+BUILT_IN_NAMES = ["sunfar", "dzb100", "modbus", "huanyang", "mitsubishi"]
 
 
 @pytest.fixture

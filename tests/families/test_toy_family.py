@@ -124,7 +124,14 @@ def test_no_file_of_drivebus_names_the_family() -> None:
 
 
 def test_the_registry_finds_the_family_by_its_entry_point(installed: None) -> None:
-    assert [family.name for family in protocol_families()] == ["sunfar", "dzb100", "modbus", "huanyang", "toy"]
+    assert [family.name for family in protocol_families()] == [
+        "sunfar",
+        "dzb100",
+        "modbus",
+        "huanyang",
+        "mitsubishi",
+        "toy",
+    ]
     assert protocol_family("toy").max_error_rate == 0.005
     assert default_scan_models()[-1] == "toy1"
 

@@ -350,7 +350,8 @@ def test_the_rejection_of_a_model_names_the_existing_ones() -> None:
         open_port("sim://c999@1")
     assert str(caught.value) == (
         "there is no simulated drive c999: "
-        "expected one of c320, c300, e300, e500, e550, dzb100, vc660, df800, huanyang_hy"
+        "expected one of c320, c300, e300, e500, e550, dzb100, vc660, df800, huanyang_hy, "
+        "fr_a500, fr_e500, fr_a700, fr_e700, fr_f700, fr_d700"
     )
 
 

@@ -27,6 +27,7 @@ BUILT_IN: Final = (
     "drivebus.protocols.dzb100.family:FAMILY",
     "drivebus.protocols.modbus.family:FAMILY",
     "drivebus.families.huanyang:FAMILY",
+    "drivebus.families.mitsubishi:FAMILY",
 )
 ENTRY_POINT_GROUP: Final = "drivebus.families"
 
