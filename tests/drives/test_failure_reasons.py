@@ -13,6 +13,7 @@ from drivebus.drives import DriveStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, PreflightError
 from drivebus.protocols.checksum import sum16
+from drivebus.protocols.modbus.rtu import build_frame
 from drivebus.simulator.port import simulated_bus_of
 from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
 
@@ -114,6 +115,16 @@ def test_a_reply_from_another_address_is_named_and_starts_stay_refused(model: st
     errors = errors_of(model, misaddress, foreign_master=True)
     assert_named(errors, "bus.other_station_replied")
     assert "address 2" in errors[0].text() and "station 1" in errors[0].text()
+
+
+def test_a_rejection_from_another_address_is_named_and_not_called_silence() -> None:
+    """A rejection is shorter than the reply that it stands for."""
+
+    def foreign_rejection(reply: bytes) -> Replies:
+        return ((0.0, build_frame(bytes((2, reply[1] | 0x80, 2)))),)
+
+    errors = errors_of("vc660", lambda bench: replace_replies(bench, foreign_rejection), foreign_master=True)
+    assert_named(errors, "bus.other_station_replied")
 
 
 def test_a_reserved_state_is_named() -> None:

@@ -79,7 +79,7 @@ class Judge:
         if (
             "unknown whether" not in text
             and ("the drive acknowledged" in text or "the drive accepted" in text or "was accepted" in text)
-            and not any(e.is_clean and e.reaction is not None and not e.reaction.rejected for e in acting)
+            and not any(self._is_accepted(e, statement) for e in acting)
         ):
             yield "no acting frame got a positive reply"
 
@@ -204,6 +204,12 @@ class Judge:
                 received = [e.reply for e in around] + ([e.request for e in around] if self.line.plan.echoes else [])
                 if not any(e.request in received for e in around):
                     yield "no reply equals its request"
+
+    @staticmethod
+    def _is_accepted(exchange: Exchange, statement: Statement) -> bool:
+        """Return whether a whole positive reply was delivered before the statement, in its time or a little late."""
+        whole = exchange.is_clean or (exchange.line_fault == "late" and exchange.reply_at <= statement.ended_at)
+        return whole and exchange.reaction is not None and not exchange.reaction.rejected
 
     @staticmethod
     def _is_tail(text: str, around: list[Exchange]) -> bool:

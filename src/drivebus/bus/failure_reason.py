@@ -57,9 +57,9 @@ def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | N
 
 
 def _other_station_replied(transaction: Transaction) -> AddressError | None:
-    """Return the error of one frame with our reply's length and another address, with nothing else received."""
+    """Return the error of one reply under another address, a rejection too, with nothing else received."""
     frames = transaction.foreign_frames or []
-    if len(frames) != 1 or len(frames[0][0]) != transaction.prepared.reply_bytes:
+    if len(frames) != 1 or len(frames[0][0]) > transaction.prepared.reply_bytes:
         return None
     station = transaction.prepared.station.address
     return AddressError("bus.other_station_replied", station=station, expected=station, found=frames[0][1].found)
