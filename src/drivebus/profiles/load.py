@@ -328,7 +328,8 @@ def parse_evidence(line: str) -> m.Evidence:
 
 
 def _build_text(parsed: BilingualTextIn) -> Text:
-    return Text(parsed.en, parsed.zh)
+    """Return a text in both languages; the schema requires one of them."""
+    return Text(parsed.en or parsed.zh or "", parsed.zh or parsed.en or "")
 
 
 def _build_scale(parsed: ScaleIn) -> Scale:

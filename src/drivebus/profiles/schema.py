@@ -7,9 +7,9 @@ preconditions by notation, faults by code, caveats by id), so that ``extends`` i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
 from pydantic_core import PydanticKnownError
 
 from drivebus.protocols.family import ProtocolFamily, protocol_families
@@ -124,8 +124,21 @@ class StrictTable(BaseModel):
 
 
 class BilingualTextIn(StrictTable):
-    en: Sentence
-    zh: Sentence
+    """Text by language. A plain string, or a table of one language, serves for both."""
+
+    en: Sentence | None = None
+    zh: Sentence | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _table_of_string(cls, text: Any) -> Any:
+        return {"en": text} if isinstance(text, str) else text
+
+    @model_validator(mode="after")
+    def _require_language(self) -> Self:
+        if self.en is None and self.zh is None:
+            raise PydanticKnownError("missing", {})
+        return self
 
 
 class ScaleIn(StrictTable):
