@@ -16,6 +16,9 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
     page.locator(".stopbar [data-select]", has_text=str(len(every))).click()
     assert page.locator("dialog input[type=checkbox]").count() == len(every)
+    page.click("dialog [data-do=choose-none]")
+    assert page.locator("dialog input:checked").count() == 0 and page.locator("[data-do=selection]").is_disabled()
+    page.click("dialog [data-do=choose-all]")
     page.locator("dialog input[type=checkbox]").first.uncheck()
     page.click("[data-do=selection]")
     page.locator("dialog .notice li").wait_for()
@@ -27,6 +30,10 @@ def test_the_same_user_in_a_second_window_is_named_as_you(stage: Stage, visit: A
     first.click("[data-do=take]")
     text = i18n.text("page.lease_other_window", "zh")
     second.locator(".lease .holder", has_text=text).wait_for()
+    take_over = i18n.text("page.take_over", "zh")
+    second.click(f".lease .button:has-text('{take_over}')")
+    second.click(f"dialog .button.main:has-text('{take_over}')")
+    first.locator(".takeovers .banner", has_text="in another window").wait_for()
 
 
 def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence(stage: Stage, visit: Any) -> None:

@@ -131,6 +131,19 @@ def test_a_silent_connection_makes_all_values_stale(stage: Stage, visit: Any) ->
     page.locator(".tile .value.good").first.wait_for()
 
 
+def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_of_its_priority(page: Any) -> None:
+    script = """async () => {
+      const [store, m] = await Promise.all(['store', 'alarm-list'].map((one) => import(`/static/js/${one}.js`)));
+      const alarm = (id, priority, acknowledged_ms, raised_ms) => ({
+        id, priority, acknowledged_ms, raised_ms, shelved_until_ms: null });
+      store.applyDelta({ topics: { alarms: { active: [
+        alarm('read', 'critical', 5, 4), alarm('new', 'critical', null, 1), alarm('low', 'low', null, 9)] } } });
+      await new Promise((resolve) => { setTimeout(resolve, 100); });
+      return [m.openAlarms().map(({ id }) => id), m.urgentAlarms().map(({ id }) => id)];
+    }"""
+    assert page.evaluate(script) == [["new", "read", "low"], ["new"]]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)

@@ -2,17 +2,20 @@
 import { serviceNow, topic } from "./store.js";
 
 const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
-const byPriority = (one, other) => RANK[one.priority] - RANK[other.priority] || other.raised_ms - one.raised_ms;
+const isAcknowledged = (alarm) => alarm.acknowledged_ms !== null;
+const byPriority = (one, other) => RANK[one.priority] - RANK[other.priority]
+  || isAcknowledged(one) - isAcknowledged(other) || other.raised_ms - one.raised_ms;
 const active = () => topic("alarms").value?.active ?? [];
 
 export const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > serviceNow();
 
-/** Alarms that are not shelved, by priority and newest first. */
+export const unacknowledged = (alarms) => alarms.filter((alarm) => !isAcknowledged(alarm));
+
+/** Alarms that are not shelved, by priority, then those that no user has acknowledged, then newest first. */
 export const openAlarms = () => active().filter((alarm) => !isShelved(alarm)).sort(byPriority);
 
 /** Shelved alarms in the same order. */
 export const shelvedAlarms = () => active().filter(isShelved).sort(byPriority);
 
 /** Alarms that need an operator now: critical or high, not shelved, not acknowledged. */
-export const urgentAlarms = () => openAlarms().filter((alarm) => RANK[alarm.priority] <= RANK.high
-  && alarm.acknowledged_ms === null);
+export const urgentAlarms = () => unacknowledged(openAlarms()).filter((alarm) => RANK[alarm.priority] <= RANK.high);

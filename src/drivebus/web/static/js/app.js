@@ -3,7 +3,7 @@ import { computed, effect, html, render, signal, useEffect, useState } from "./l
 import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
-import { openAlarms } from "./alarm-list.js";
+import { openAlarms, unacknowledged } from "./alarm-list.js";
 import { startAlarmSound } from "./alarm-sound.js";
 import { connection, isLive, start } from "./live.js";
 import { startLeaseRenewal } from "./control-leases.js";
@@ -90,7 +90,7 @@ effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titleOf(plant) : "drivebus";
   const way = `page.nav_${route.value.page}`;
-  const waiting = loggedIn.value ? openAlarms().filter((alarm) => alarm.acknowledged_ms === null).length : 0;
+  const waiting = loggedIn.value ? unacknowledged(openAlarms()).length : 0;
   const count = waiting > 0 ? `(${waiting}) ` : "";
   document.title = count + (language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name);
 });

@@ -3,7 +3,7 @@ import { html, signal, useEffect } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
-import { openAlarms } from "./alarm-list.js";
+import { openAlarms, unacknowledged } from "./alarm-list.js";
 import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
@@ -11,7 +11,7 @@ import { closedText, connection, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { drive, topic } from "./store.js";
-import { acknowledgeEach, groupAlarms, groupSubject, unacknowledged } from "./parts/alarm-groups.js";
+import { acknowledgeEach, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
 import { PriorityMark } from "./parts/state.js";
 import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
@@ -105,13 +105,18 @@ function AlarmStrip() {
     ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</section>`;
 }
 
+function takeoverKey({ owner, time_ms }) {
+  if (owner === session.value?.user) return time_ms === null ? "page.taken_window_unseen" : "page.taken_window";
+  return time_ms === null ? "page.taken_unseen" : "page.taken";
+}
+
 /** Takeovers of a drive. The live region exists before its text, so that screen readers announce it. */
 function Takeovers() {
   return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
     const view = drive(one.drive).value;
     const params = { owner: one.owner, name: view ? titleOf(view) : one.drive, time: clock(one.time_ms) };
     return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
-      <a href=${href("drive", one.drive)}>${t(one.time_ms === null ? "page.taken_unseen" : "page.taken", params)}</a>
+      <a href=${href("drive", one.drive)}>${t(takeoverKey(one), params)}</a>
       <${Button} onClick=${() => dismiss(one)} data-do="read">${t("page.taken_read")}<//></div>`;
   })}</div>`;
 }

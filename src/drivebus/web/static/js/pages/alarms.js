@@ -1,14 +1,14 @@
 // Alarms: active, shelved and past ones, and incidents.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { openAlarms, shelvedAlarms } from "../alarm-list.js";
+import { openAlarms, shelvedAlarms, unacknowledged } from "../alarm-list.js";
 import { duration, moment } from "../format.js";
 import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
-import { acknowledgeEach, unacknowledged } from "../parts/alarm-groups.js";
+import { acknowledgeEach } from "../parts/alarm-groups.js";
 import { AlarmDetails, AlarmRemedy, AlarmRows } from "../parts/alarm-rows.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";

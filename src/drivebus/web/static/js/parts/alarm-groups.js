@@ -1,6 +1,7 @@
 // Equal alarms as one group: the same condition on drives of the same bus. A lost bus raises one for each drive.
 import { computed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
+import { unacknowledged } from "../alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
 import { driveTitle } from "./titles.js";
@@ -44,8 +45,6 @@ export function groupAlarms(alarms) {
   }
   return [...groups.values()].flatMap((equal) => (equal.length < MIN_EQUAL ? equal.map((alarm) => [alarm]) : [equal]));
 }
-
-export const unacknowledged = (alarms) => alarms.filter((alarm) => alarm.acknowledged_ms === null);
 
 /** Acknowledge each alarm by itself, so that each has its audit record. */
 export async function acknowledgeEach(alarms) {

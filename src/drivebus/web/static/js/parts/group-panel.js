@@ -24,13 +24,15 @@ function commonLimits(views) {
 
 const Merged = ({ ids, text }) => html`<li><b>${ids.map(nameOf).join(t("page.comma"))}</b>${t("page.colon")}${text}</li>`;
 
-/** Outcome of each drive of a group; equal refusals are one. */
+/** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {
   const entries = Object.entries(outcomes);
+  const ended = mergeSentences(entries.filter(([, one]) => one.status).map(([id, one]) => ({
+    id, key: one.status + localized(one.text), text: one.text }))).map((one) => ({
+    ...one, text: t(`page.outcome_${outcomes[one.ids[0]].status}`) + t("page.colon") + one.text }));
   const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
-  return html`<${Notice} live><ul>${entries.filter(([, one]) => one.status).map(([id, one]) => html`<li key=${id}>
-    <b>${nameOf(id)}</b>${t("page.colon")}${t(`page.outcome_${one.status}`)}${t("page.colon")}${localized(one.text)}</li>`)}
-    ${refused.map((one) => html`<${Merged} key=${one.ids[0]} ...${one} />`)}</ul><//>`;
+  return html`<${Notice} live><ul>${[...ended, ...refused].map((one) => html`<${Merged} key=${one.ids[0]} ...${one} />`)}
+    </ul><//>`;
 }
 
 /** Button of an action on several drives, one after the other. */

@@ -7,6 +7,8 @@ import { drive } from "../store.js";
 import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 
 const MIN_REASON_LENGTH = 3;
+/** More drives have buttons that choose all or none. */
+const FEW = 3;
 
 export const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 
@@ -57,7 +59,10 @@ function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) 
   };
   const off = busy || !isLive.value || drives.length === 0;
   return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>
-    <div class="row">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
+    ${offered.length > FEW && html`<div class="row"><${Button} kind="quiet" onClick=${() => setLeft([])}
+      data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
+      onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
+    <div class="row choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
       checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>
     ${withReason && html`<${Field} label=${t("page.waiver_reason")}><input value=${reason} maxlength="500" required
       minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
