@@ -52,6 +52,17 @@ def test_a_page_out_of_date_is_reported_with_an_exit_code(tmp_path: Path) -> Non
     assert page.read_text() == (ROOT / "docs" / "protocols" / "vc660.md").read_text()
 
 
+def test_every_model_has_its_page_in_both_languages_and_no_page_is_left_over() -> None:
+    folder = ROOT / "docs" / "reference" / "models"
+    names = {"README", *profiles.models()}
+    assert {page.name for page in folder.iterdir()} == {
+        f"{name}{suffix}.md" for name in names for suffix in ("", ".zh")
+    }
+    for suffix in ("", ".zh"):
+        readme = (ROOT / f"README{suffix}.md").read_text(encoding="utf-8")
+        assert [name for name in profiles.models() if f"(docs/reference/models/{name}{suffix}.md)" not in readme] == []
+
+
 def test_every_family_has_its_page_in_both_languages() -> None:
     names = {f"{model}{suffix}.md" for model in ("c320", "dzb100", "vc660", "df800") for suffix in ("", ".zh")}
     assert {page.name for page in PAGES} == names

@@ -11,15 +11,15 @@ from generator import terms
 from generator.terms import CAPABILITIES, GRADES, localized, term
 
 MODELS_WITH_PAGE = ("c320", "dzb100", "vc660", "df800")
-ORDER = (*MODELS_WITH_PAGE, "c300", "e300", "e500", "e550")
 PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
 def shipped() -> list[DriveProfile]:
-    """Return the built-in profiles, without those of the user."""
-    data = profiles.load("c320").source.rsplit("/", 2)[0]
-    names = {name for name in profiles.models() if profiles.load(name).source.startswith(data)}
-    return [profiles.load(name) for name in [*ORDER, *sorted(names - set(ORDER))]]
+    """Return the built-in profiles, without those of the user: four with a protocol page first, then by maker."""
+    package = profiles.load("c320").source.rsplit("/", 4)[0]
+    found = {name: profiles.load(name) for name in profiles.models()}
+    others = [one for name, one in found.items() if one.source.startswith(package) and name not in MODELS_WITH_PAGE]
+    return [found[name] for name in MODELS_WITH_PAGE] + sorted(others, key=lambda one: (one.maker.en, one.model))
 
 
 def table_of(found: list[DriveProfile], language: str, link: str) -> str:
@@ -29,7 +29,7 @@ def table_of(found: list[DriveProfile], language: str, link: str) -> str:
 
 def table(language: str) -> str:
     """Return the table of all drives."""
-    return table_of(shipped(), language, "docs/protocols/")
+    return table_of(shipped(), language, "docs/reference/models/")
 
 
 def related_models(profile: DriveProfile, language: str) -> str:
@@ -47,7 +47,7 @@ def _page(profile: DriveProfile) -> str:
 def _row(profile: DriveProfile, language: str, link: str) -> list[str]:
     suffix = "" if language == "en" else f".{language}"
     name = f"`{profile.model}`"
-    page = f"[{name}]({link}{_page(profile)}{suffix}.md)" if link else name
+    page = f"[{name}]({link}{profile.model}{suffix}.md)" if link else name
     lacking = [localized(text, language) for what, text in CAPABILITIES.items() if what not in profile.capabilities]
     low, high = profile.addresses
     return [

@@ -1,4 +1,4 @@
-"""Pages with generated parts, and the text between their marks."""
+"""Pages with generated parts, the text between their marks, and pages that are generated as a whole."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from generator import (
     fault_matrix,
     frames,
     metrics_reference,
+    model_pages,
     plant_reference,
     profile_tables,
     python_reference,
@@ -82,6 +83,10 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     yield page, _fill_marks(page, {"names": python_reference.page(language)})
     page = reference / f"metrics{suffix}.md"
     yield page, _fill_marks(page, metrics_reference.parts(language))
+    shipped = drives.shipped()
+    for profile in shipped:
+        yield root / model_pages.FOLDER / f"{profile.model}{suffix}.md", model_pages.page(profile, language)
+    yield root / model_pages.FOLDER / f"README{suffix}.md", model_pages.index(shipped, language)
     for model in drives.MODELS_WITH_PAGE:
         page = root / "docs" / "protocols" / f"{model}{suffix}.md"
         yield page, _fill_marks(page, _parts(root, model, language))

@@ -64,8 +64,9 @@ def _marked(choices: Iterable[object], factory: object) -> str:
 def keypad(profile: DriveProfile, language: str) -> str:
     """Return the keypad steps in order, then the wiring."""
     steps = "\n".join(f"{n}. {localized(step, language)}" for n, step in enumerate(profile.keypad, 1))
-    wiring = localized(profile.wiring, language) if profile.wiring else ""
-    return f"{steps}\n\n{term('wiring', language)}{colon(language)}{wiring}\n"
+    if profile.wiring is None:
+        return f"{steps}\n"
+    return f"{steps}\n\n{term('wiring', language)}{colon(language)}{localized(profile.wiring, language)}\n"
 
 
 def signals(profile: DriveProfile, language: str) -> str:

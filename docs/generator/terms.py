@@ -119,6 +119,10 @@ TERMS = {
     "request": Text("request", "请求"),
     "response": Text("response", "应答"),
     "answers": Text("answers", "应答对象"),
+    "models_by_maker": Text(
+        "Every model that drivebus knows, by maker. `drivebus models --search WORD` searches them.",
+        "drivebus 支持的全部型号，按厂家排列。可用 `drivebus models --search 关键词` 查找。",
+    ),
     "erratum": Text("Erratum", "勘误"),
     "hazard": Text("Hazard", "危险"),
     "ambiguous": Text("Ambiguous; the manual meant", "有歧义，手册本意为"),
@@ -171,9 +175,9 @@ def evidence(found: Evidence, language: str) -> str:
 
 
 def phrase(sentence: str, language: str) -> str:
-    """Return a sentence of a vector or of evidence. Raises KeyError if phrases.zh.json lacks its Chinese."""
+    """Return a sentence of a vector or of evidence; a source without a Chinese phrase is cited as it is."""
     wordless = re.search("[a-z]{2,}", sentence) is None
-    return sentence if language == "en" or wordless else PHRASES[sentence]
+    return sentence if language == "en" or wordless else PHRASES.get(sentence, sentence)
 
 
 def colon(language: str) -> str:
