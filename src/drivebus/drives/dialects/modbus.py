@@ -132,6 +132,7 @@ class ModbusDialect:
         self._signals = signals_by_index(profile, "holding")
         self._sync_count = 0
         self._is_model_open = profile.needs_model_check
+        self._is_status_shown = False
         status = profile.status
         self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
         self.state_names = ("state",) if status is None or status.shows_fault else ("state", *self._fault_names)
@@ -229,11 +230,15 @@ class ModbusDialect:
         return isinstance(request, ReadRegisters)
 
     def model_check(self) -> Any | None:
-        """The word that stops this model may start another one, so its status is read before the first command."""
+        """The word that stops this model may start another one, so its status is read before the first command.
+
+        So is its identity register, where another model has the same states at the same address.
+        """
         if not self._is_model_open:
             return None
-        if self.profile.identity_register is not None:
-            return ReadRegisters(self.address, self.profile.identity_register, 1)
+        identity = self.profile.identity_register
+        if identity is not None and self._is_status_shown:
+            return ReadRegisters(self.address, identity, 1)
         if self.status_map is None:
             return self.echo_test_read()
         status = self.status_map.register
@@ -280,12 +285,11 @@ class ModbusDialect:
         found: dict[str, Reading] = {}
         for register, raw in zip(registers, reply.values, strict=True):
             found |= self._register_readings(register, raw, at)
+        shows_status = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
+        self._is_status_shown = self._is_status_shown or shows_status
         identity = self.profile.identity_register
-        if identity is not None:
-            shows_model = identity in registers
-        else:
-            shows_model = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
-        self._is_model_open = self._is_model_open and not shows_model
+        if self._is_status_shown and (identity is None or identity in registers):
+            self._is_model_open = False
         return found
 
     def _rejected_readings(self, registers: range) -> Readings:

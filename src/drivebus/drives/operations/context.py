@@ -157,11 +157,11 @@ class OperationContext:
 
         The word that stops one model starts another one at the same register.
         """
-        request = self.dialect.model_check()
-        if request is None:
-            return None
-        result = yield from self.read(request)
-        if self.dialect.model_check() is None:
+        while (request := self.dialect.model_check()) is not None:
+            result = yield from self.read(request)
+            if self.dialect.model_check() == request:
+                break
+        else:
             return None
         if isinstance(result.error, DrivebusError):
             return UnconfirmedModel(_both_texts(result.error.key, **result.error.params), answered=False)
