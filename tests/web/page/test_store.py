@@ -164,6 +164,7 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
     page.evaluate("location.hash = '#/alarms'")
     page.reload()
     page.locator(".line.live").wait_for()
+    message.filter(has_text=name).wait_for()  # the drives' names come a moment after the connection
     assert re.search(reply_text, message.inner_text()) and page.get_attribute(".takeovers", "role") == "status"
     page.click("[data-do=read]")
     message.wait_for(state="detached")
