@@ -611,6 +611,22 @@ def test_a_monitor_follows_the_drive(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", TELLING)
+def test_a_trip_on_a_slow_bus_is_shown_when_it_is_read_and_not_one_period_later(model: str) -> None:
+    """A word counts when two reads agree, and a bus of 30 drives read each only every 15 s."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            with bench.drive().monitor(period_s=15.0) as monitor:
+                await asyncio.sleep(50)
+                bench.station().trip(Trip.OVERVOLTAGE)
+                await asyncio.sleep(16)
+                fault = monitor.status().fault
+                assert fault is not None and fault.code == bench.station().trip_code(Trip.OVERVOLTAGE)
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", TELLING)
 def test_a_monitor_shows_the_reads_of_a_command(model: str) -> None:
     """Outcome and status agree although the polls come every minute."""
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus.bus import Bus, Poll, PollSubscription
 from drivebus.bus.messages import BusResult
-from drivebus.drives.dialects.base import Dialect, reported_fault
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, reported_fault
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
@@ -19,6 +19,7 @@ from drivebus.values import Quality, Reading
 
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
+WORDS = ("state", "fault")  # beginnings of the names of status and fault words
 READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 
@@ -53,6 +54,8 @@ class Monitor:
         self._validity_s: dict[str, float] = {}
         self._requests: dict[str, Any] = {}
         """Poll that each reading comes from."""
+        self._read_twice: set[Any] = set()
+        """Polls that were repeated at once because a word had changed."""
         polls = status_polls(dialect, self._names, period_s)
         self._poll_validity_s: dict[Any, float] = {poll.request: self._validity_of(poll) for poll in polls}
         self._state_validity_s = min(self._poll_validity_s.values(), default=MIN_READING_VALIDITY_S)
@@ -93,15 +96,34 @@ class Monitor:
         self._validity_s |= {name: limit for name in facts if name in self._names or name not in self._validity_s}
         self._requests |= dict.fromkeys(facts, request)
         self._apply(facts)
+        self._repeat_changed_words(request, facts)
+
+    def _repeat_changed_words(self, request: Any, facts: Readings) -> None:
+        """Repeat a poll at once, and once, where a status or fault word has changed: two equal reads count.
+
+        On a slow bus its next turn is many seconds later.
+        """
+        words = [name for name in facts if name.startswith(WORDS)]
+        has_changed = any(
+            pair is not None and pair[0] != pair[1] for pair in (self._reading_pairs.raw_pair(name) for name in words)
+        )
+        if self._watch is None or not has_changed or request in self._read_twice:
+            self._read_twice.discard(request)
+            return
+        self._read_twice.add(request)
+        self._watch.make_due({request})
 
     def _apply(self, facts: Readings) -> None:
         self._reading_pairs.add(facts)
         derived = self._dialect.derive_state(self._reading_pairs)
         if derived is not None:
-            is_fault_over = self._derived.state is DriveState.FAULT and derived.state is not DriveState.FAULT
-            self._derived = derived
-            if is_fault_over:
+            before, self._derived = self._derived, derived
+            if before.state is DriveState.FAULT and derived.state is not DriveState.FAULT:
                 self._read_hidden_values()
+            if derived.fault_code == UNNAMED_FAULT_CODE != before.fault_code and self._watch is not None:
+                # Its code was not read yet, or it was reset since the state was read.
+                states = {self._requests[name] for name in self._dialect.state_names if name in self._requests}
+                self._watch.make_due({*self._dialect.fault_reads(), *states})
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
 
     def _read_hidden_values(self) -> None:

@@ -83,11 +83,23 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
     assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
 
 
+UNNAMED = view(
+    fault={"code": UNNAMED_FAULT_CODE, "label": "", "text": {"en": "a fault without a code", "zh": "没有代码的故障"}}
+)
+
+
 def test_a_fault_whose_word_is_read_a_moment_later_is_one_alarm_with_its_name() -> None:
     """The status word shows a fault before the fault word is read; an alarm without a code titled the incident."""
-    unnamed = view(fault={**OVERCURRENT, "code": UNNAMED_FAULT_CODE})
-    assert run(engine(), (0, unnamed), (1, view(fault=OVERCURRENT)), (2, view(fault=OVERCURRENT))) == ["1 raised fault"]
-    assert run(engine(), (0, unnamed), (1, unnamed), (2, unnamed), (3, unnamed)) == ["2 raised fault"]
+    assert run(engine(), (0, UNNAMED), (1, view(fault=OVERCURRENT)), (2, view(fault=OVERCURRENT))) == ["1 raised fault"]
+    alone = engine()
+    assert run(alone, (0, UNNAMED), (1, UNNAMED), (2, UNNAMED), (3, UNNAMED)) == ["2 raised fault"]
+    assert alone.active()[0].text.en == "Fan reports a fault: a fault without a code", "-1 is no code of the drive"
+
+
+def test_a_fault_word_that_is_cleared_before_the_state_is_no_other_fault() -> None:
+    """After a reset the fault word was read first: the alarm cleared, and came again without a code."""
+    found = run(engine(), (0, view(fault=OVERCURRENT)), (1, UNNAMED), (5, UNNAMED), (6, view()))
+    assert found == ["0 raised fault", "6 cleared fault"]
 
 
 def test_another_fault_has_its_own_delay() -> None:

@@ -16,6 +16,7 @@ from drivebus.errors import NotFound
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.app import Service
+from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.incidents import IncidentStore
 from drivebus.service.incidents.store import MAX_NOTES
 from drivebus.simulator.motor import Trip
@@ -25,12 +26,12 @@ from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, fake_stora
 
 
 @asynccontextmanager
-async def service_with_logs(folder: Path) -> AsyncIterator[ServiceKit]:
+async def service_with_logs(folder: Path, plant: PlantConfig | None = None) -> AsyncIterator[ServiceKit]:
     log = AlarmLog(folder / "alarms.jsonl")
     trail, history = FakeAuditTrail(), FakeHistory()
     storage = fake_storage(trail, history, alarm_log=log, incidents=IncidentStore(folder / "incidents"))
     try:
-        async with Service(plant_config(), storage) as service:
+        async with Service(plant or plant_config(), storage) as service:
             yield ServiceKit(service, trail, history, MemoryStore(), storage)
         await log.close()
     finally:
@@ -81,6 +82,35 @@ def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: 
             assert shown["parameters"]["F9.4"]["reason"] == "drives.item_not_echoed", "not a rejection: 0 in a fault"
             (tmp_path / "x.dbcap").write_text(incident["capture"]["text"])
             assert len(read_capture(tmp_path / "x.dbcap").records) > 20
+
+    run(scenario())
+
+
+def test_a_trip_on_a_slow_bus_is_one_event_one_alarm_and_one_incident_with_its_code(tmp_path: Path) -> None:
+    """Each word is read every 15 s and counts only when it was read twice: the fault word came 12 s after the state."""
+    slow = DriveConfig(id="fan-1", bus="a", address=1, model="eds300", min_poll_interval_s=15.0)
+    plant = plant_config(buses=(BusConfig("a", "sim://eds300@1"),), drives=(slow,), groups=())
+
+    async def scenario() -> None:
+        async with service_with_logs(tmp_path, plant) as kit:
+            for pause_s in (60, 7, 11):
+                await asyncio.sleep(pause_s)
+                before = len(kit.history.events)
+                kit.station("fan-1").trip(Trip.UNDERVOLTAGE)
+                await asyncio.sleep(16)
+                (alarm,) = await faults(kit)
+                news = kit.history.events[before:]
+                found = [
+                    one["text"]["en"]
+                    for one in news
+                    if one["kind"] in ("fault", "alarm") and one["outcome"] != "cleared"
+                ]
+                assert found == ["alarm E5, see the alarm table of the manual", alarm["text"]["en"]]
+                incident = (await kit.call("incidents.list"))["items"][0]
+                assert (alarm["value"], incident["text"]) == (5, alarm["text"])
+                kit.station("fan-1").motor.reset()
+                await asyncio.sleep(40)
+                await kit.call("alarm.acknowledge", alarm=alarm["id"])
 
     run(scenario())
 

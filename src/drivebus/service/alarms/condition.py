@@ -70,7 +70,8 @@ class AlarmCondition:
         return cleared, found if self._becomes_active(found, now) else None
 
     def _is_other_fault(self, found: Observation) -> bool:
-        return self.setting.kind is AlarmKind.FAULT and found.state is LimitState.VIOLATED and found.value != self.value
+        is_fault = self.setting.kind is AlarmKind.FAULT and found.state is LimitState.VIOLATED
+        return is_fault and found.value not in (self.value, UNNAMED_FAULT_CODE)
 
     def _becomes_active(self, found: Observation, now: float) -> bool:
         """Return whether the limit has been violated for the whole delay. Unknown values do not restart the delay."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivebus import i18n
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms.condition import AlarmCondition, Observation
@@ -149,7 +150,9 @@ def system_alarm(
 
 def _fault_text(fault: Mapping[str, Any]) -> Text:
     """Return a fault's label and meaning; the label alone if the meaning contains it."""
-    label, text = str(fault.get("label") or fault.get("code") or ""), fault.get("text") or {}
+    code = fault.get("code")
+    label = str(fault.get("label") or ("" if code in (None, UNNAMED_FAULT_CODE) else code))
+    text = fault.get("text") or {}
     meanings = [str(text.get(language) or "") for language in ("en", "zh")]
     return Text(*(one if label in one else f"{label} {one}".strip() for one in meanings))
 

@@ -85,6 +85,8 @@ class DriveRuntime:
         self.reported_presence: Presence | None = None
         self.reported_fault: int | None = None
         """Presence, and code of the fault, of which an event was published last."""
+        self.unnamed_fault_at: float | None = None
+        """Monotonic time since which it has reported a fault without a code."""
         self.comm_loss_requested_at: float | None = None
         self._last_sampled: dict[str, float | None] = {}
 

@@ -12,9 +12,11 @@ from functools import partial
 from pathlib import Path
 
 from drivebus.bus.station import Presence
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
+from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
 from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
@@ -180,10 +182,19 @@ class SupervisionCycle:
         if fault is None:
             if status.state is not DriveState.UNKNOWN or "status" not in runtime.profile.capabilities:
                 runtime.reported_fault = None
-        elif runtime.reported_fault != fault.code:
+        elif runtime.reported_fault != fault.code and not self._is_naming_awaited(runtime, fault.code):
             runtime.reported_fault = fault.code
             key = "plant.drive_fault_says" if fault.label in fault.text.en else "plant.drive_fault"
             self._plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
+
+    def _is_naming_awaited(self, runtime: DriveRuntime, code: int) -> bool:
+        """Return whether a fault has no code yet because its fault word is being read."""
+        now = self._plant.now()
+        if code != UNNAMED_FAULT_CODE:
+            runtime.unnamed_fault_at = None
+        elif runtime.unnamed_fault_at is None:
+            runtime.unnamed_fault_at = now
+        return runtime.unnamed_fault_at is not None and now - runtime.unnamed_fault_at < UNNAMED_FAULT_DELAY_S
 
     def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""

@@ -25,7 +25,7 @@ export function CurrentFault({ view, children }) {
     <h2 id="fault-title">${!localized(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultText(fault)}</h2>
     <dl class="facts">${fault.cause && html`<dt>${t("page.cause")}</dt><dd>${localized(fault.cause)}</dd>`}
     ${fault.remedy && html`<dt>${t("page.remedy")}</dt><dd>${localized(fault.remedy)}</dd>`}
-    <dt>${t("page.code")}</dt><dd>${fault.code}</dd></dl>
+    <dt>${t("page.code")}</dt><dd>${fault.code < 0 ? NO_VALUE : fault.code}</dd></dl>
     <div class="row">${children}${incident && html`<a class="button" data-do="incident"
       href=${href("incidents", incident)}>${t("page.open_incident")}</a>`}</div></div></section>`;
 }
