@@ -267,3 +267,30 @@ def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> 
     }""")
     stage.regain_server()
     assert drawn == ["fan-2"]
+
+
+def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
+    """The browser refused it, with a warning for each alarm."""
+    page.evaluate(
+        "() => { window.tried = 0; window.touched = { hasBeenActive: false }; "
+        "Object.defineProperty(navigator, 'userActivation', { get: () => window.touched }); "
+        "const Real = AudioContext; "
+        "window.AudioContext = class extends Real { constructor() { super(); window.tried += 1; } }; }"
+    )
+    evaluate(page, "alarm-sound", "m.play()")
+    assert page.evaluate("window.tried") == 0
+    page.evaluate("window.touched = { hasBeenActive: true }")
+    evaluate(page, "alarm-sound", "m.play()")
+    assert page.evaluate("window.tried") == 1
+
+
+@pytest.mark.parametrize(
+    ("search", "expected"), [("", ["a", "b"]), ("英沃 vc", ["a"]), ("DELTA rtu", []), ("delta", ["b"])]
+)
+def test_models_are_found_by_words_of_either_language(page: Any, search: str, expected: list[str]) -> None:
+    models = (
+        "[{model: 'a', family: 'modbus', maker: {en: 'Yingwo', zh: '英沃'}, title: {en: 'VC660', zh: 'VC660'}}, "
+        "{model: 'b', family: 'modbus', maker: {en: 'Delta', zh: '台达'}, title: {en: 'MS300', zh: 'MS300'}}]"
+    )
+    found = evaluate(page, "parts/model-list", f"m.matching({models}, '{search}').map((one) => one.model)")
+    assert found == expected

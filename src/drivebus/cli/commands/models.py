@@ -13,18 +13,12 @@ from drivebus.cli.output import paragraphs
 
 def _models(search: str) -> ExitCode:
     """List all models, or those that ``search`` names; return 2 if a file is rejected."""
-    from drivebus import profiles
     from drivebus.errors import ProfileError
+    from drivebus.profiles.listing import list_models, matches_search
 
-    found: list[dict[str, Any]] = []
-    refused: list[ProfileError] = []
-    for name in dict.fromkeys(profiles.models()):
-        try:
-            profile = profiles.load(name)
-            if _matches(name, profile, search):
-                found.append(_row(name, profile))
-        except ProfileError as error:
-            refused.append(error)
+    all_models = list(list_models())
+    refused = [one for one in all_models if isinstance(one, ProfileError)]
+    found = [_row(one) for one in all_models if not isinstance(one, ProfileError) and matches_search(one, search)]
     code = ExitCode.USAGE if refused else ExitCode.DONE
     output.print_json({"models": found, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
     output.print_text(_table(found) if found else output.text("models.none", search=search))
@@ -34,27 +28,9 @@ def _models(search: str) -> ExitCode:
     return code
 
 
-def _matches(name: str, profile: Any, search: str) -> bool:
-    """Return whether model, maker and title, in either language, contain every word of a search."""
-    texts = [name, *(text for both in (profile.maker, profile.title) for text in (both.en, both.zh))]
-    joined = " ".join(texts).casefold()
-    return all(word in joined for word in search.casefold().split())
-
-
-def _row(name: str, profile: Any) -> dict[str, Any]:
-    """Return a model; ``name`` is the value of ``--model``, the user's own file may contain the name of its base."""
-    return {
-        "model": name,
-        "title": output.to_json_value(profile.title),
-        "maker": output.to_json_value(profile.maker),
-        "family": profile.family,
-        "encodings": list(profile.encodings),
-        "serial": {"baud": profile.serial.baud, "format": profile.serial.format},
-        "addresses": list(profile.addresses),
-        "broadcast": profile.broadcast,
-        "grade": profile.grade,
-        "capabilities": sorted(profile.capabilities),
-    }
+def _row(summary: dict[str, Any]) -> dict[str, Any]:
+    """Return a model with its texts in the user's language."""
+    return summary | {name: output.to_json_value(summary[name]) for name in ("title", "maker")}
 
 
 def _table(found: list[dict[str, Any]]) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from drivebus.errors import CapabilityError
+from drivebus import profiles
+from drivebus.errors import CapabilityError, NotFound, ProfileError
+from drivebus.profiles.listing import list_models
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.alarms import AUDIT_LIST, AUDIT_VERIFY
@@ -27,6 +29,7 @@ from drivebus.service.api.operations.history import (
     TimeRangeParams,
     TrendParams,
 )
+from drivebus.service.api.operations.models import MODELS_GET, MODELS_LIST, ModelParams
 from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.plant import PLANT_GET, PLANT_STATISTICS
 from drivebus.service.api.profile_json import profile_json, readings_json
@@ -35,6 +38,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.live.publisher import bus_view, drive_view, plant_topic
 from drivebus.service.live.recent_views import RecentDriveViews
+from drivebus.service.live.views import text_json
 from drivebus.service.runtime.fairness import ITEMS_PER_TURN, iter_cooperatively, yield_to_loop
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -87,6 +91,23 @@ class Queries:
     @handles(DRIVES_PROFILE)
     async def get_profile(self, params: DriveParams, actor: Actor) -> Json:
         return profile_json(self.plant.drive_runtime(params.drive).profile)
+
+    @handles(MODELS_LIST)
+    async def list_models(self, params: NoParams, actor: Actor) -> Json:
+        """Return every model; a rejected file of the user is left out."""
+        found: list[Json] = []
+        for one in list_models():
+            await yield_to_loop()
+            if not isinstance(one, ProfileError):
+                found.append(one | {name: text_json(one[name]) for name in ("title", "maker")})
+        return {"models": found}
+
+    @handles(MODELS_GET)
+    async def get_model(self, params: ModelParams, actor: Actor) -> Json:
+        """Return the profile of a model by its name; a path is no name. Raises NotFound."""
+        if params.model not in profiles.models():
+            raise NotFound("models.unknown", model=params.model)
+        return profile_json(profiles.load(params.model))
 
     @handles(GROUPS_LIST)
     async def list_groups(self, params: NoParams, actor: Actor) -> Json:

@@ -16,8 +16,9 @@ export function chooseSound(on) {
   savePreference("sound", on);
 }
 
-function play() {
-  // A browser lets a page sound only after the user's first click or key on it.
+/** Sound both tones. A browser lets a page sound only after the user's first click or key on it, and warns before. */
+export function play() {
+  if (navigator.userActivation?.hasBeenActive === false) return;
   audio ??= new AudioContext();
   audio.resume();
   TONES_HZ.forEach((hertz, n) => {

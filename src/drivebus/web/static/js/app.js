@@ -17,7 +17,7 @@ import { ErrorNote, Loading, Notice } from "./ui.js";
 import { Login } from "./pages/login.js";
 
 /** Page → its module; each exports Page({id, query}). Loaded when first opened. */
-const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "incidents"]);
+const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "incidents", "models"]);
 const loaded = new Map();
 const loadProblem = signal(null);
 

@@ -22,6 +22,8 @@ const NAV_PAGES = [
   ["fleet", "view"], ["buses", "view"], ["alarms", "view"], ["history", "view"], ["audit", "audit"],
   ["settings", "view"],
 ];
+/** Page without a link of its own → the page whose link is marked. */
+const PARENT_PAGES = { drive: "fleet", models: "settings" };
 const menu = signal(false);
 /** English text of the service's notice that the user has closed. */
 const closedNotice = signal("");
@@ -29,7 +31,7 @@ const closedLoginNotice = signal("");
 
 function NavLink({ page }) {
   const open = page === "alarms" ? openAlarms().length : 0;
-  const here = route.value.page === page || (page === "fleet" && route.value.page === "drive");
+  const here = page === (PARENT_PAGES[route.value.page] ?? route.value.page);
   return html`<a href=${href(page)} aria-current=${here ? "page" : undefined} onClick=${() => { menu.value = false; }}>
     ${t(`page.nav_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}
       </span></span>`}</a>`;

@@ -48,7 +48,7 @@ export function FaultsTab({ view, profile }) {
       : html`<p>${t("page.no_fault_table")}</p>`}</div>`;
 }
 
-function KnownFaults({ view, profile }) {
+export function KnownFaults({ view, profile }) {
   const [search, setSearch] = useState("");
   const rows = useMemo(() => {
     const word = search.trim().toLowerCase();
@@ -57,7 +57,7 @@ function KnownFaults({ view, profile }) {
   return html`<div class="stack"><${Field} label=${t("page.search")}><input type="search" value=${search}
       onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
     <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
-      rowClass=${(one) => (view.fault?.code === one.code ? "changed" : undefined)} columns=${[
+      rowClass=${(one) => (view?.fault?.code === one.code ? "changed" : undefined)} columns=${[
         [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],
         [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NO_VALUE, "wide"],
         [t("page.remedy"), (one) => localized(one.remedy) || NO_VALUE, "wide"],

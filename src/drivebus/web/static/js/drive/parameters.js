@@ -157,3 +157,15 @@ export function ParametersTab({ view, profile }) {
       onClose=${() => setReviewing(false)}
       onDone=${(done) => { for (const one of done) edit(one, ""); read(done); }} />`}</div>`;
 }
+
+/** Parameters of a model that the plant may not have: nothing is read. */
+export function ModelParameters({ profile }) {
+  return html`<${Table} caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
+    columns=${[
+      [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
+      [t("page.parameter"), (one) => localized(one.text), "wide"],
+      [t("page.range"), (one) => html`${rangeOf(one)}`],
+      [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : shownValue(one, one.factory, null))],
+      [t("page.unit"), (one) => one.unit],
+    ]} />`;
+}

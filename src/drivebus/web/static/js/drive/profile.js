@@ -3,6 +3,7 @@ import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { isLive } from "../live.js";
+import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
 
@@ -46,14 +47,20 @@ function Identity({ id }) {
 }
 
 export function ProfileTab({ view, profile }) {
-  return html`<div class="stack"><${Facts} profile=${profile} />
+  return html`<${ModelProfile} profile=${profile}>
     ${profile.capabilities.includes("identify") && may("operate") && html`<${Identity} key=${view.id} id=${view.id} />`}
+    <p><a href=${href("models")}>${t("page.models_back")}</a></p><//>`;
+}
+
+export function ModelProfile({ profile, children }) {
+  return html`<div class="stack"><${Facts} profile=${profile} />${children}
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
       <${Notice} key=${one.id} kind="warning" title=${one.id}><p>${localized(one.text)}</p>
       <p class="soft">${t("page.evidence", {
         source: one.evidence.source || t(`page.evidence_${one.evidence.kind}`) })}</p><//>`)}`}
-    <h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li key=${n}>${localized(text)}</li>`)}</ol>
-    <h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>
+    ${profile.keypad.length > 0 && html`<h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li
+      key=${n}>${localized(text)}</li>`)}</ol>`}
+    ${profile.wiring && html`<h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>`}
     ${profile.open_questions.length > 0 && html`<h3>${t("page.open_questions")}</h3>
       ${profile.open_questions.map((one) => html`
       <${Notice} key=${one.name} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.procedure)}</p>

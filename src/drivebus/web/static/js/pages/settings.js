@@ -9,6 +9,7 @@ import { topic } from "../store.js";
 import { styled } from "../style.js";
 import { Choice, Tabs } from "../ui.js";
 import { Configuration } from "../parts/configuration.js";
+import { ModelList } from "../parts/model-list.js";
 import { OwnSessions } from "../parts/own-sessions.js";
 import { Password } from "../parts/password.js";
 import { Tokens } from "../parts/tokens.js";
@@ -22,6 +23,7 @@ export function Page({ query }) {
     ["tokens", t("page.tokens"), () => html`<${Tokens} />`],
     ...(may("administer") ? [["users", t("page.users"), () => html`<${Users} />`]] : []),
     ...(may("configure") ? [["configuration", t("page.configuration"), () => html`<${Configuration} />`]] : []),
+    ["models", t("page.models"), () => html`<${ModelList} />`],
     ["about", t("page.about"), () => html`<${About} />`],
   ];
   return html`<h1>${t("page.nav_settings")}</h1>

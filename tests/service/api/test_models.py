@@ -1,0 +1,46 @@
+"""Models over the API: the same list as the command line, and the profile of one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivebus import profiles
+from drivebus.errors import NotFound
+from drivebus.testing.virtual_time import run
+from fixtures.service import running_service
+
+
+def test_every_model_is_listed_with_its_texts_in_both_languages() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            found = (await kit.call("models.list"))["models"]
+            assert [one["model"] for one in found] == profiles.models()
+            vc660 = next(one for one in found if one["model"] == "vc660")
+            assert (vc660["maker"]["zh"], vc660["serial"]["baud"]) == (profiles.load("vc660").maker.zh, 9600)
+
+    run(scenario())
+
+
+def test_the_profile_of_a_model_that_the_plant_does_not_have_is_shown() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            found = await kit.call("models.get", model="gd10")
+            assert found["signals"] and found["grade"] == "draft"
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("name", ["nothing", "{folder}/own.toml"])
+def test_a_path_is_no_name_of_a_model(name: str, tmp_path: Path) -> None:
+    """A client must not find out which files this machine has."""
+    (tmp_path / "own.toml").write_text('format = 1\nextends = "vc660"\nmodel = "own"\n', encoding="utf-8")
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            with pytest.raises(NotFound) as caught:
+                await kit.call("models.get", model=name.format(folder=tmp_path))
+            assert caught.value.key == "models.unknown"
+
+    run(scenario())
