@@ -23,6 +23,7 @@ from generator import (
     python_reference,
     rest_reference,
     security,
+    sentences,
     verification,
 )
 from verification import ids
@@ -75,6 +76,8 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
     page = reference / f"errors{suffix}.md"
     yield page, _fill_marks(page, {"errors": error_reference.page(language)})
+    page = reference / f"sentences{suffix}.md"
+    yield page, _fill_marks(page, sentences.parts(root, language))
     page = reference / f"plant-toml{suffix}.md"
     yield page, _fill_marks(page, plant_reference.page(language))
     page = reference / f"rest-api{suffix}.md"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
 from drivebus.commissioning.decode.describe import describe_frame
-from drivebus.drives import Drive
+from drivebus.drives import Drive, create_dialect
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import CapabilityError, CodeError, DrivebusError, EchoError, PreflightError, ProtocolError
@@ -231,3 +231,10 @@ def test_the_reply_to_a_control_is_described_as_state_bits() -> None:
     request, reply = (CODEC.encode_request(hy.control(4, value)) for value in (hy.RUN_REVERSE, 0x2D))
     found = describe_frame("huanyang_hy", reply, request=request)
     assert found.fields["state_bits"] == ["run_command", "reverse_command", "running", "running_reverse"]
+
+
+def test_a_rejected_request_is_said_to_be_rejected() -> None:
+    dialect = create_dialect(profiles.load("huanyang_hy"), 1)
+    rejection = dialect.rejection(HuanyangReply(1, 0x05, accepted=False))
+    assert rejection is not None and rejection.key == "huanyang.rejected"
+    assert dialect.rejection(HuanyangReply(1, 0x05)) is None

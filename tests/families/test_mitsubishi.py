@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
 from drivebus.commissioning.decode.describe import describe_frame
-from drivebus.drives import Drive
+from drivebus.drives import Drive, create_dialect
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import (
@@ -193,3 +193,27 @@ def test_a_reverse_start_is_described_with_its_hazard(language: str, moves: str)
     assert moves in i18n.text(key, language, **params)
     reply = describe_frame("fr_e500", bytes.fromhex("02 30 31 31 37 37 30 03 33 30"))
     assert reply.fields["data"] == 0x1770
+
+
+@pytest.mark.parametrize(
+    ("error", "key"),
+    [
+        (0xA, "mitsubishi.error_a"),
+        (0xB, "mitsubishi.error_b"),
+        (0xC, "mitsubishi.error_c"),
+        (0x1, "mitsubishi.error"),
+    ],
+)
+def test_each_error_code_has_its_own_sentence_and_another_one_its_number(error: int, key: str) -> None:
+    dialect = create_dialect(profiles.load("fr_a500"), 1)
+    rejection = dialect.rejection(MitsubishiReply(1, error=error))
+    assert rejection is not None and (rejection.key, rejection.code) == (key, error)
+    assert dialect.rejection(MitsubishiReply(1)) is None
+
+
+def test_a_station_that_no_drive_can_have_is_named() -> None:
+    frame = CODEC.encode_request(MitsubishiRequest(31, fr.STATUS))
+    body = b"20" + frame[3:-2]
+    with pytest.raises(AddressError) as caught:
+        CODEC.decode_request(frame[:1] + body + f"{sum(body) & 0xFF:02X}".encode())
+    assert (caught.value.key, caught.value.params["found"]) == ("mitsubishi.station", 32)

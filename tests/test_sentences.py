@@ -1,0 +1,60 @@
+"""Reference of the sentences: every text has its place there, and every test that it names exists."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "docs"))
+
+from generator import sentences  # noqa: E402
+
+MOST_WITHOUT_TEST = 80
+"""Sentences that no test names or uses, most of them of the page; the table marks them."""
+SHOWN_BY_TESTS = ("drives.", "bus.", "bus_stop.", "interlocks.", "alarms.", "huanyang.", "mitsubishi.")
+
+NOT_SHOWN = {"drives.setpoint_coding_no_match", "drives.setpoint_not_shown"}
+"""Sentences about a drive that no simulated or fake drive of the tests brings about."""
+
+
+def test_every_text_is_in_the_table_or_in_a_group_of_other_texts() -> None:
+    assert sentences.unassigned_keys() == []
+
+
+def test_every_pattern_of_the_table_has_a_text() -> None:
+    patterns = {**sentences.CONDITIONS, **sentences.GROUPS}
+    keys = sentences.sentence_keys()
+    assert len(keys) > 400
+    unused = [
+        pattern
+        for pattern in sentences.CONDITIONS
+        if not any(key == pattern or (pattern[-1] == "*" and key.startswith(pattern[:-1])) for key in keys)
+    ]
+    assert unused == []
+    assert {patterns[pattern] for pattern in sentences.GROUPS} == sentences.OTHER_TEXTS.keys()
+
+
+def test_every_recorded_test_exists() -> None:
+    missing = []
+    for place in sorted(set(sentences.USED_IN.values())):
+        file, *_, name = place.split("::")
+        path = ROOT / file
+        if not path.is_file() or re.search(rf"def {name}\(", path.read_text(encoding="utf-8")) is None:
+            missing.append(place)
+    assert missing == [], "record again: tests/fixtures/sentence_recorder.py"
+
+
+def test_every_statement_about_a_drive_is_shown_by_a_test() -> None:
+    found = sentences.proofs(ROOT)
+    without = [key for key in found if not found[key] and key not in sentences.USED_IN]
+    assert {key for key in without if key.startswith(SHOWN_BY_TESTS)} == NOT_SHOWN
+    assert len(without) <= MOST_WITHOUT_TEST
+
+
+def test_a_text_names_a_sentence_only_if_no_other_sentence_has_it() -> None:
+    """A short word, or one of several sentences, proves nothing."""
+    assert not sentences.is_wording("stopped")
+    assert sentences.is_wording("no reply within")
+    assert sentences.is_wording("停机未确认：请现场检查")
