@@ -233,7 +233,7 @@ def test_the_reply_to_a_control_is_described_as_state_bits() -> None:
     assert found.fields["state_bits"] == ["run_command", "reverse_command", "running", "running_reverse"]
 
 
-def test_a_rejected_request_is_said_to_be_rejected() -> None:
+def test_a_rejected_request_is_reported_as_rejected() -> None:
     dialect = create_dialect(profiles.load("huanyang_hy"), 1)
     rejection = dialect.rejection(HuanyangReply(1, 0x05, accepted=False))
     assert rejection is not None and rejection.key == "huanyang.rejected"
