@@ -132,19 +132,36 @@ def test_a_long_name_loses_its_middle_because_names_differ_at_the_end(scripts: A
 ALARMED_NAMES = """
   const parse = JSON.parse;
   const changed = (_, found) => (found?.title?.en && found.bus
-    ? { ...found, title: { en: `Line 0 motor ${found.id}`, zh: found.title.zh }, alarms: { critical: 1 } } : found);
+    ? { ...found, title: { en: `Line 0 motor ${found.id}`, zh: found.title.zh }, alarms: { critical: 1 }, state: STATE }
+    : found);
   JSON.parse = (text, ...rest) => parse(text, ...(rest.length ? rest : [changed]));
 """
 
 
-def test_the_names_of_dense_tiles_with_an_alarm_are_completely_visible(visit: Any) -> None:
+OVERFLOWING = "all => all.filter((one) => one.scrollWidth > one.clientWidth).length"
+
+
+@pytest.mark.parametrize("state", ["stopped", "unknown"])
+def test_a_dense_tile_with_an_alarm_shows_its_whole_name_and_value(visit: Any, state: str) -> None:
+    """Regression: beside the word "unknown" the unit of the frequency ran over the right edge."""
     page = visit("#/fleet", size=(1440, 900))
-    page.add_init_script(ALARMED_NAMES)
+    page.add_init_script(ALARMED_NAMES.replace("STATE", json.dumps(state)))
     page.evaluate("localStorage.setItem('drivebus.fleet', JSON.stringify({ size: 'dense' }))")
     page.reload()
     page.locator(".tiles.dense .priority").nth(4).wait_for()
     names = page.locator(".tilename")
     assert names.first.inner_text() == "Line 0 motor fan-1"
     assert names.evaluate_all("all => all.filter((one) => one.scrollHeight > one.clientHeight + 1).length") == 0
-    assert names.evaluate_all("all => all.filter((one) => one.scrollWidth > one.clientWidth).length") == 0
-    assert page.locator(".tile").first.bounding_box()["height"] < 90
+    assert names.evaluate_all(OVERFLOWING) == 0
+    assert page.locator(".tilelink").evaluate_all(OVERFLOWING) == 0
+    assert page.locator(".tile").first.bounding_box()["height"] < {"stopped": 90, "unknown": 110}[state]
+
+
+def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) -> None:
+    page = visit("#/fleet", size=(360, 740))
+    page.locator(".tile").nth(4).wait_for()
+    covered = page.locator(".tile").evaluate_all("""all => all.filter((tile) => {
+      const [word, stop] = ['.word', '.tilestop'].map((one) => tile.querySelector(one).getBoundingClientRect());
+      return word.right > stop.left && word.top < stop.bottom && word.bottom > stop.top;
+    }).length""")
+    assert covered == 0

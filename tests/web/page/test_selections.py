@@ -10,12 +10,14 @@ from fixtures.browser import Stage
 
 
 def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage, visit: Any) -> None:
-    page = visit("#/drive/pump-1")
+    page = visit("#/drive/pump-1", size=(360, 560))
     every = [view["id"] for view in stage.call("drives.list")["drives"]]
     page.click(".stop[data-stop=all]")
     page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
     page.locator(".stopbar [data-select]", has_text=str(len(every))).click()
     assert page.locator("dialog input[type=checkbox]").count() == len(every)
+    box, act, bar = (page.locator(one).bounding_box() for one in ("dialog", "[data-do=selection]", ".stopbar"))
+    assert act["y"] + act["height"] <= box["y"] + box["height"] <= bar["y"], "the dialog's buttons are below the fold"
     page.click("dialog [data-do=choose-none]")
     assert page.locator("dialog input:checked").count() == 0 and page.locator("[data-do=selection]").is_disabled()
     page.click("dialog [data-do=choose-all]")

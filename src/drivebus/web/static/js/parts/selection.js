@@ -62,7 +62,7 @@ function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) 
     ${offered.length > FEW && html`<div class="row"><${Button} kind="quiet" onClick=${() => setLeft([])}
       data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
-    <div class="row choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
+    <div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
       checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>
     ${withReason && html`<${Field} label=${t("page.waiver_reason")}><input value=${reason} maxlength="500" required
       minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
