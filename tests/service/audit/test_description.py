@@ -65,6 +65,17 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             "Shelve alarm Flue gas fan · No reply: 60 min, reason: bearing",
             "搁置报警 引风机 · 无应答：60 分钟，原因：bearing",
         ),
+        (
+            record(
+                "alarms.shelve",
+                minutes=60,
+                reason="cable",
+                drives=["fan-3", *(f"m-{n}" for n in range(9))],
+                alarm_title={"en": "No reply", "zh": "无应答"},
+            ),
+            "Shelve alarms Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 4 more · No reply: 60 min, reason: cable",
+            "搁置多条报警 引风机，m-0，m-1，m-2，m-3，m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
+        ),
         (record("login", "ann"), "Log in", "登录"),
         (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
         (

@@ -7,7 +7,7 @@ done first and then recorded.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +20,10 @@ from drivebus.errors import (
     PermissionDenied,
     ServiceUnavailable,
 )
-from drivebus.service.alarms import SystemAlarm
+from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.api.errors import error_to_json, os_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
-from drivebus.service.api.operations.alarms import AlarmParams
+from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.audit import AuditEntry
@@ -123,12 +123,10 @@ class Dispatcher:
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
     ) -> Json:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
-        alarm = self.plant.alarms.find(params.alarm) if isinstance(params, AlarmParams) else None
-        if alarm is None:
-            entry = _audit_entry(operation, params.model_dump(), actor, drives=ticket.stop_counts)
-        else:
-            known = params.model_dump() | {"alarm_title": text_json(alarm.title)}
-            entry = _audit_entry(operation, known, actor, drives=[alarm.drive] if alarm.drive else [])
+        alarms = self._affected_alarms(params)
+        known = params.model_dump() | _common_title(alarms)
+        drives = dict.fromkeys(alarm.drive for alarm in alarms if alarm.drive) if alarms else ticket.stop_counts
+        entry = _audit_entry(operation, known, actor, drives=drives)
         try:
             number = await self._record(replace(entry, outcome="requested"))
         except AuditUnavailable:
@@ -167,6 +165,12 @@ class Dispatcher:
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
         followers = self.plant.followers(params.drive) if isinstance(params, RunParams | SetFrequencyParams) else ()
         return [*(self.plant.drive_runtime(id) for id in drives), *(follower for _, follower in followers)]
+
+    def _affected_alarms(self, params: OperationParams) -> list[Alarm]:
+        """Return the active alarms that a command affects."""
+        single = [params.alarm] if isinstance(params, AlarmParams) else []
+        ids = params.alarms if isinstance(params, AlarmSelectionParams) else single
+        return [alarm for id in ids if (alarm := self.plant.alarms.find(id)) is not None]
 
     # --- audit records ---------------------------------------------------------------------------------------------
 
@@ -222,6 +226,12 @@ def _audit_entry(
         params=known | ({"drives": others} if others else {}),
         outcome=outcome,
     )
+
+
+def _common_title(alarms: Sequence[Alarm]) -> Json:
+    """Return the title of alarms as a parameter of their audit record, where all have the same."""
+    titles = {alarm.title for alarm in alarms}
+    return {"alarm_title": text_json(titles.pop())} if len(titles) == 1 else {}
 
 
 def _unrecorded_entry(entry: AuditEntry) -> AuditEntry:

@@ -21,6 +21,8 @@ Titles = Mapping[str, Mapping[str, Text]]
 NO_TITLES: Titles = {}
 MAX_VALUES = 8
 """Parameters of a write that are shown by value; the rest is counted in the record only."""
+MAX_DRIVES = 6
+"""Drives of one command on several alarms that are named; the rest is counted."""
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
 NUMBERS = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 _PLACEHOLDER = re.compile(r"\{\w+\}")
@@ -73,12 +75,19 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
         return Text("", "")
     alarm = params.get("alarm_title")
     if isinstance(alarm, Mapping):
-        of = _joined([_title("drive", str(one), titles) for one in params.get("drives", ())])
+        of = _named_drives(params.get("drives"), titles)
         return Text(
             *(" · ".join(filter(None, (getattr(of, language), alarm.get(language)))) for language in ("en", "zh"))
         )
     kind = next((kind for kind in titles if params.get(kind) == target), item["what"].partition(".")[0])
     return _title(kind, target, titles)
+
+
+def _named_drives(drives: Any, titles: Titles) -> Text:
+    """Return the titles of the first ``MAX_DRIVES`` of these drives, with the number of the others."""
+    ids = [str(one) for one in drives] if isinstance(drives, list) else []
+    shown = _joined([_title("drive", id, titles) for id in ids[:MAX_DRIVES]])
+    return shown if len(ids) <= MAX_DRIVES else bilingual_text("audit.more", shown=shown, n=len(ids) - MAX_DRIVES)
 
 
 def _title(kind: str, id: str, titles: Titles) -> Text:

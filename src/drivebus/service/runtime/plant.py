@@ -279,7 +279,7 @@ class Plant:
                 listener.on_alarm(change)
         for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "incident"):
             text = localized(f"plant.alarm_{word}", {"text": alarm.text})
-            actor = alarm.acknowledged_by if word == "acknowledged" else None
+            actor = {"acknowledged": alarm.acknowledged_by, "shelved": alarm.shelved_by}.get(word)
             self.publish_event_text(
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
             )

@@ -19,6 +19,8 @@ from drivebus.service.api.operations.operation import (
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
+MAX_SELECTED_ALARMS = 1000
+
 
 class AlarmParams(OperationParams):
     """Raised alarm that the operation acts on, by its id in ``alarms.list``."""
@@ -26,10 +28,26 @@ class AlarmParams(OperationParams):
     alarm: Annotated[Name, Field(examples=["fault:fan-1:3"])]
 
 
+class AlarmSelectionParams(OperationParams):
+    """Raised alarms that the operation acts on, by their ids in ``alarms.list``; one audit record names them all."""
+
+    alarms: Annotated[list[Name], Field(min_length=1, max_length=MAX_SELECTED_ALARMS, examples=[["a3", "a4"]])]
+
+
+Minutes = Annotated[int, Field(ge=1, le=1440, examples=[60])]
+
+
 class ShelveParams(AlarmParams):
     """The shelving of an alarm."""
 
-    minutes: int = Field(ge=1, le=1440, examples=[60])
+    minutes: Minutes
+    reason: Reason
+
+
+class ShelveSelectionParams(AlarmSelectionParams):
+    """The shelving of several alarms, for the same time and reason."""
+
+    minutes: Minutes
     reason: Reason
 
 
@@ -49,6 +67,12 @@ class ActiveAlarmsResponse(ApiObject):
     """All active alarms."""
 
     active: list[dict[str, Any]]
+
+
+class AlarmOutcomesResponse(ApiObject):
+    """Result for each alarm by its id: ``done``, ``unchanged``, or an error; another user may have been faster."""
+
+    outcomes: dict[str, dict[str, Any]]
 
 
 class AuditVerificationResponse(ApiObject):
@@ -106,6 +130,48 @@ ALARM_UNSHELVE = Operation(
     params=AlarmParams,
     audit=Audit.BEST_EFFORT,
     summary=Text("End the shelving of an alarm", "取消搁置"),
+)
+
+ALARMS_ACKNOWLEDGE = Operation(
+    name="alarms.acknowledge",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/acknowledge",
+    params=AlarmSelectionParams,
+    response=AlarmOutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Acknowledge several alarms; `done`, `unchanged` or an error for each",
+        "确认多条报警；每条的结果为 `done`、`unchanged` 或错误",
+    ),
+)
+
+ALARMS_SHELVE = Operation(
+    name="alarms.shelve",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/shelve",
+    params=ShelveSelectionParams,
+    response=AlarmOutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Shelve several alarms for the same time and reason; `done` or an error for each",
+        "以同一时间和原因搁置多条报警；每条的结果为 `done` 或错误",
+    ),
+)
+
+ALARMS_UNSHELVE = Operation(
+    name="alarms.unshelve",
+    right=Right.OPERATE,
+    method="POST",
+    path="/alarms/unshelve",
+    params=AlarmSelectionParams,
+    response=AlarmOutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "End the shelving of several alarms; `done`, `unchanged` or an error for each",
+        "取消多条报警的搁置；每条的结果为 `done`、`unchanged` 或错误",
+    ),
 )
 
 INCIDENTS_LIST = Operation(

@@ -11,7 +11,7 @@ import { closedText, connection, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { drive, topic } from "./store.js";
-import { acknowledgeEach, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
+import { acknowledgeAll, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
 import { PriorityMark } from "./parts/state.js";
 import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
@@ -84,7 +84,7 @@ function ConnectionNotice() {
 
 function Acknowledge({ alarms }) {
   const [run, busy, error] = useRequest();
-  const send = () => run(() => acknowledgeEach(alarms));
+  const send = () => run(() => acknowledgeAll(alarms));
   return html`<${Button} busy=${busy} disabled=${connection.value !== "live"} onClick=${send} data-do="acknowledge">
     ${alarms.length > 1 ? t("page.acknowledge_all", { n: alarms.length }) : t("page.acknowledge")}<//><${ErrorNote}
     error=${error} />`;

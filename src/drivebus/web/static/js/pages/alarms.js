@@ -8,7 +8,7 @@ import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
-import { acknowledgeEach } from "../parts/alarm-groups.js";
+import { acknowledgeAll } from "../parts/alarm-groups.js";
 import { AlarmDetails, AlarmRemedy, AlarmRows } from "../parts/alarm-rows.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { PagedEnd, usePaged } from "../parts/paged.js";
@@ -36,7 +36,7 @@ function Active({ alarms }) {
   const waiting = unacknowledged(alarms);
   return html`<div class="stack">
     ${waiting.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!isLive.value}
-      onClick=${() => run(() => acknowledgeEach(waiting))}>
+      onClick=${() => run(() => acknowledgeAll(waiting))}>
       ${t("page.acknowledge_all", { n: waiting.length })}<//></div>`}
     <${ErrorNote} error=${error} />
     <${AlarmRows} alarms=${alarms} empty=${t("page.no_alarms")} /></div>`;

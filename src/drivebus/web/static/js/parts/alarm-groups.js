@@ -9,6 +9,8 @@ import { driveTitle } from "./titles.js";
 /** Fewer equal alarms are rows of their own: a group would need as much room. */
 const MIN_EQUAL = 3;
 const NAMES_SHOWN = 6;
+/** The service's limit of the alarms of one request. */
+const MAX_SELECTED = 1000;
 
 const buses = new Map();
 
@@ -21,9 +23,11 @@ function busTitle(id) {
   return buses.get(id).value;
 }
 
-/** What equal alarms have in common. The value of a fault is its code, that of a threshold only a number. */
+/** What equal alarms have in common. The value of a fault is its code, that of a threshold only a number. Shelved
+ * alarms are equal where they were shelved together: their group has one author, reason and end. */
 const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.setting, alarm.priority, alarm.subject,
-  busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null]);
+  busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
+  alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
 
 /** Bus and first names of a group's drives, each once. */
 export function groupSubject(alarms) {
@@ -46,16 +50,19 @@ export function groupAlarms(alarms) {
   return [...groups.values()].flatMap((equal) => (equal.length < MIN_EQUAL ? equal.map((alarm) => [alarm]) : [equal]));
 }
 
-/** Acknowledge each alarm by itself, so that each has its audit record. */
-export async function acknowledgeEach(alarms) {
-  for (const alarm of unacknowledged(alarms)) await acknowledge(alarm);
-  return true;
-}
+/** Acknowledge these alarms with one request, which is one record of the audit trail. */
+export const acknowledgeAll = (alarms) => changeAll("acknowledge", unacknowledged(alarms));
 
-async function acknowledge(alarm) {
-  try {
-    await api.post(`/alarms/${encodeURIComponent(alarm.id)}/acknowledge`);
-  } catch (error) {
-    if (error.code !== "alarms.unknown") throw error; // another user has acknowledged it meanwhile
+/** Shelve these alarms for the same time and reason. */
+export const shelveAll = (alarms, minutes, reason) => changeAll("shelve", alarms, { minutes, reason });
+
+export const unshelveAll = (alarms) => changeAll("unshelve", alarms);
+
+/** An alarm that is gone is no error: another user has acknowledged it meanwhile. */
+async function changeAll(action, alarms, fields = {}) {
+  for (let from = 0; from < alarms.length; from += MAX_SELECTED) {
+    const ids = alarms.slice(from, from + MAX_SELECTED).map((alarm) => alarm.id);
+    await api.post(`/alarms/${action}`, { alarms: ids, ...fields });
   }
+  return true;
 }

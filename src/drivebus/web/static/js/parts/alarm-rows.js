@@ -10,7 +10,7 @@ import { may } from "../session.js";
 import { serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
 import { unacknowledged } from "../alarm-list.js";
-import { acknowledgeEach, groupAlarms, groupSubject } from "./alarm-groups.js";
+import { acknowledgeAll, groupAlarms, groupSubject, unshelveAll } from "./alarm-groups.js";
 import { AlarmState } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve.js";
 import { PriorityMark } from "./state.js";
@@ -38,6 +38,7 @@ function plantNowTicking() {
 
 function GroupRow({ alarms }) {
   const [open, setOpen] = useState(false);
+  const [shelving, setShelving] = useState(false);
   const [run, busy, error] = useRequest();
   const [first] = alarms;
   const waiting = unacknowledged(alarms);
@@ -48,15 +49,20 @@ function GroupRow({ alarms }) {
     <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
       <span>${groupSubject(alarms)}</span><${AlarmRemedy} alarm=${first} /></div>
     <div class="when"><b>${t("page.alarm_group_open", { n: waiting.length })}</b>
-      <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span></div>
+      <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
-      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => run(() => acknowledgeEach(waiting))}>
-      ${t("page.acknowledge_all", { n: waiting.length })}<//>`}</div>
+      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => run(() => acknowledgeAll(waiting))}>
+      ${t("page.acknowledge_all", { n: waiting.length })}<//>`}
+      ${may("operate") && !isShelved(first) && html`<${Button} disabled=${!isLive.value} data-alarm="shelve"
+        onClick=${() => setShelving(true)}>${t("page.shelve_all", { n: alarms.length })}<//>`}
+      ${may("operate") && isShelved(first) && html`<${Button} busy=${busy} disabled=${!isLive.value} data-alarm="unshelve"
+        onClick=${() => run(() => unshelveAll(alarms))}>${t("page.unshelve_all", { n: alarms.length })}<//>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     <details class="whole" open=${open} onToggle=${(event) => setOpen(event.currentTarget.open)}>
       <summary>${t("page.alarm_group_each")}</summary>
       ${open && html`<ul class="alarms">${alarms.map((alarm) => html`<${AlarmRow} key=${alarm.id} alarm=${alarm} />`)}
-        </ul>`}</details></li>`;
+        </ul>`}</details>
+    ${shelving && html`<${ShelveDialog} alarms=${alarms} onClose=${() => setShelving(false)} />`}</li>`;
 }
 
 function AlarmRow({ alarm }) {
@@ -71,11 +77,7 @@ function AlarmRow({ alarm }) {
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${localized(alarm.text)}</p><${AlarmRemedy} alarm=${alarm} /></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
-      <span>${raisedAgo(alarm)}</span>
-      ${isShelved(alarm) && html`
-        <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
-        ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}
-          </span>`}`}</div>
+      <span>${raisedAgo(alarm)}</span><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
         onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
@@ -85,8 +87,13 @@ function AlarmRow({ alarm }) {
         onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
       ${alarm.incident && html`<a class="button" href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
-    ${shelving && html`<${ShelveDialog} alarm=${alarm} onClose=${() => setShelving(false)} />`}</li>`;
+    ${shelving && html`<${ShelveDialog} alarms=${[alarm]} onClose=${() => setShelving(false)} />`}</li>`;
 }
+
+/** End, author and reason of a shelving. */
+const ShelvedNote = ({ alarm }) => isShelved(alarm) && html`
+  <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
+  ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}</span>`}`;
 
 /** What to do about an alarm; closed until the user asks. */
 export function AlarmRemedy({ alarm }) {

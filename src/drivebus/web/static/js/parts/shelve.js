@@ -1,24 +1,30 @@
-// Dialog to shelve an alarm for a time, with a reason for the next shift.
+// Dialog to shelve an alarm, or a group of equal ones, for a time, with a reason for the next shift.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { Button, Choice, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
+import { groupSubject, shelveAll } from "./alarm-groups.js";
 import { driveTitle } from "./titles.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
 const MIN_REASON_LENGTH = 3;
 
-export function ShelveDialog({ alarm, onClose }) {
+export function ShelveDialog({ alarms, onClose }) {
+  const [alarm] = alarms;
   const [minutes, setMinutes] = useState(60);
   const [reason, setReason] = useState("");
   const [run, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes,
-      reason: reason.trim() }))) onClose();
+    const shelve = alarms.length > 1 ? () => shelveAll(alarms, minutes, reason.trim())
+      : () => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes, reason: reason.trim() });
+    if (await run(shelve)) onClose();
   };
-  return html`<${Dialog} title=${t("page.shelve_title")} onClose=${onClose}>
-    <p><strong>${alarm.drive && driveTitle(alarm.drive) + t("page.colon")}${localized(alarm.title)}</strong></p><p>${t("page.shelve_how")}</p>
+  const title = alarms.length > 1 ? t("page.shelve_title_all", { n: alarms.length }) : t("page.shelve_title");
+  const subject = alarms.length > 1 ? groupSubject(alarms) : alarm.drive && driveTitle(alarm.drive);
+  return html`<${Dialog} title=${title} onClose=${onClose}>
+    <p><strong>${localized(alarm.title)}</strong>${subject && t("page.colon") + subject}</p><p>${t(alarms.length > 1 ? "page.shelve_how_all"
+      : "page.shelve_how")}</p>
     <form class="stack" onSubmit=${send}>
       <${Choice} label=${t("page.shelve_for")} value=${minutes} onChange=${setMinutes}
         options=${MINUTES.map((one) => [one, t(`page.minutes_${one}`)])} />
