@@ -138,12 +138,39 @@ def test_the_fleet_is_read_from_three_metres(stage: Stage, visit: Any) -> None:
 def test_the_last_row_can_be_scrolled_above_a_stop_bar_of_any_height(visit: Any) -> None:
     page = visit("#/fleet", size=(700, 500))
     page.locator(".tile").nth(4).wait_for()
-    page.evaluate("document.querySelector('.stop-status').style.height = '180px'")
+    page.evaluate("document.querySelector('.stop-status').style.minHeight = '180px'")
     page.wait_for_function("""() => {
       scrollTo(0, 1e6);
       const edges = (one) => document.querySelector(one).getBoundingClientRect();
       return edges(".stopbar").height > 180 && edges(".tile:last-child").bottom <= edges(".stopbar").top;
     }""")  # a function: the page's policy forbids evaluating text
+
+
+PLACES = """() => [...document.querySelectorAll('main button, .stop, nav a')]
+  .map((one) => one.getBoundingClientRect()).map(({ x, y }) => [x, y])"""
+
+NEWS = """async () => {
+  const [store, taken, stops] = await Promise.all(
+    ['store', 'control-taken', 'stops'].map((one) => import(`/static/js/${one}.js`)));
+  const words = { en: 'x '.repeat(300), zh: 'x' };
+  store.applyDelta({ topics: { plant: { notice: words }, alarms: { active: [{ id: 'a', drive: 'fan-1',
+    kind: 'fault', priority: 'critical', title: words, text: words, acknowledged_ms: null, shelved_until_ms: null,
+    raised_ms: 1 }] } } });
+  taken.takeovers.value = [{ drive: 'fan-1', owner: 'bob', time_ms: 1 }];
+  stops.stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, text: () => words.en, time_ms: 1 }];
+  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  return document.querySelectorAll('.notices .banner, .strip .banner.critical, .stop-status.bad').length;
+}"""
+
+
+@pytest.mark.parametrize(("address", "width"), [("#/fleet", 1440), ("#/drive/fan-1", 360)])
+def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(visit: Any, address: str, width: int) -> None:
+    page = visit(address, size=(width, 740))
+    page.locator(".tile >> nth=4" if width > 360 else ".control [data-do=stop]").wait_for()
+    page.wait_for_load_state("networkidle")
+    before = page.evaluate(PLACES)
+    assert page.evaluate(NEWS) == 4
+    assert len(before) > 5 and page.evaluate(PLACES) == before
 
 
 def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: Any) -> None:

@@ -1,5 +1,5 @@
 // Frame of every page: header with navigation, connection state, alarm strip, stop bar.
-import { html, signal, useEffect } from "./lib.js";
+import { html, signal, useEffect, useRef } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
@@ -7,9 +7,10 @@ import { openAlarms, unacknowledged } from "./alarm-list.js";
 import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
-import { closedText, connection, lostAt, now, reconnect } from "./live.js";
+import { closedText, connection, isLive, lostAt, now, reconnect } from "./live.js";
 import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
+import { usePublishedHeight } from "./published-height.js";
 import { drive, topic } from "./store.js";
 import { acknowledgeAll, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
 import { PriorityMark } from "./parts/state.js";
@@ -33,8 +34,8 @@ function NavLink({ page }) {
   const open = page === "alarms" ? openAlarms().length : 0;
   const here = page === (PARENT_PAGES[route.value.page] ?? route.value.page);
   return html`<a href=${href(page)} aria-current=${here ? "page" : undefined} onClick=${() => { menu.value = false; }}>
-    ${t(`page.nav_${page}`)}${open > 0 && html`<span class="count">${open}<span class="sr"> ${t("page.alarms_open")}
-      </span></span>`}</a>`;
+    ${t(`page.nav_${page}`)}${page === "alarms" && html`<span class=${`count ${open > 0 ? "" : "none"}`}>${open}<span class="sr">
+      ${t("page.alarms_open")}</span></span>`}</a>`;
 }
 
 function ConnectionMark() {
@@ -71,7 +72,7 @@ function PageHeader() {
       <${Button} kind="quiet" onClick=${logout}>${t("page.log_out")}<//></div></div><${ConnectionMark} /></header>`;
 }
 
-/** Banner over the page while no value is live. */
+/** Banner while no value is live. */
 function ConnectionNotice() {
   if (connection.value === "live") return null;
   if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
@@ -90,21 +91,26 @@ function Acknowledge({ alarms }) {
     error=${error} />`;
 }
 
-/** Newest alarm of the highest priority that is not acknowledged, or the group of equal ones that it belongs to. */
+/** Newest alarm of the highest priority that is not acknowledged, or the group of equal ones that it belongs to. Its
+ * place is reserved: an alarm that comes or goes moves no button. */
 function AlarmStrip() {
+  if (route.value.page === "alarms") return null;
   const [equal, ...more] = groupAlarms(unacknowledged(openAlarms()));
-  if (!equal || route.value.page === "alarms") return null;
+  return html`<section class="strip" aria-label=${t("page.nav_alarms")}>${equal
+    ? html`<${StripAlarm} equal=${equal} others=${more.flat().length} />`
+    : isLive.value && html`<p class="strip-calm"><${Icon} name="check" />${t("page.no_alarm_waits")}</p>`}</section>`;
+}
+
+function StripAlarm({ equal, others }) {
   const [alarm] = equal;
-  const others = more.flat().length;
   const view = alarm.drive && drive(alarm.drive).value;
-  return html`<section class=${`banner alarm ${alarm.priority}`} aria-label=${t("page.nav_alarms")}>
-    <${PriorityMark} priority=${alarm.priority} />
-    ${equal.length > 1 ? html`<a href=${href("alarms")}>${t("page.alarm_group", { title: localized(alarm.title),
-      n: equal.length })} · ${groupSubject(equal)}</a>` : html`<a href=${alarm.drive ? href("drive", alarm.drive)
-      : href("alarms")}>
-      ${view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text)}</a>`}
-    ${others > 0 && html`<a href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
-    ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</section>`;
+  const text = view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text);
+  const group = t("page.alarm_group", { title: localized(alarm.title), n: equal.length });
+  return html`<div class=${`banner alarm ${alarm.priority}`}><${PriorityMark} priority=${alarm.priority} />
+    ${equal.length > 1 ? html`<a href=${href("alarms")}>${group} · ${groupSubject(equal)}</a>`
+      : html`<a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${text}</a>`}
+    ${others > 0 && html`<a class="more" href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
+    ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</div>`;
 }
 
 function takeoverKey({ owner, time_ms }) {
@@ -149,13 +155,21 @@ function PlantNotice() {
     ${plant.state === "stopping" && html`<${Notice} kind="warning">${t("page.service_stopping")}<//>`}`;
 }
 
+/** Notices that come and go by themselves: over the page, so that none moves a button. */
+function Notices() {
+  const box = useRef(null);
+  usePublishedHeight(box, "--notices");
+  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} />
+    <${Takeovers} /></div>`;
+}
+
 /** `children` is the page of the address. */
 export function Shell({ children }) {
   const { page, id } = route.value;
   useEffect(() => { scrollTo(0, 0); }, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${PageHeader} /><${ConnectionNotice} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} /><${Takeovers} /><${AlarmStrip} />
+    <${PageHeader} /><${Notices} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${connection.value === "live" ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }

@@ -7,6 +7,7 @@ import { Icon } from "./icons.js";
 import { isLive } from "./live.js";
 import { route } from "./router.js";
 import { may } from "./session.js";
+import { usePublishedHeight } from "./published-height.js";
 import { drive, group, idsOf } from "./store.js";
 import { nameOf, stop, stops } from "./stops.js";
 import { ReleaseButton } from "./parts/selection.js";
@@ -65,21 +66,9 @@ function StopStatus() {
       </span></p>`;
 }
 
-/** Publish the bar's height as `--bar`, so that the last row of a page can be scrolled above it. */
-function useBarHeight() {
-  const bar = useRef(null);
-  useEffect(() => {
-    const element = bar.current; // the observer is called once more after the removal, when the reference is empty
-    const publish = () => document.documentElement.style.setProperty("--bar", `${element.offsetHeight}px`);
-    const watch = new ResizeObserver(publish);
-    watch.observe(element);
-    return () => watch.disconnect();
-  }, []);
-  return bar;
-}
-
 export function StopBar() {
-  const bar = useBarHeight();
+  const bar = useRef(null);
+  usePublishedHeight(bar, "--bar");
   if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="stop-status">${t("page.stop_no_right")}</p></footer>`;
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;

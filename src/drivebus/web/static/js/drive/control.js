@@ -91,7 +91,7 @@ function Motion({ view, disabled }) {
     ${started?.outcome && html`<${OutcomeNote} outcome=${started.outcome} />`}</div>`;
 }
 
-/** Stops of this drive; never disabled. */
+/** Stops of this drive; never disabled. They stand first in their panel: what comes or goes below moves none. */
 function Stops({ view }) {
   const kinds = ["stop", ...["coast", "quick_stop"].filter((how) => view.capabilities.includes(how))];
   return html`<div class="row" role="group" aria-label=${t("page.bus_stop")}>${kinds.map((how) => html`
@@ -134,9 +134,9 @@ export function ControlPanel({ view }) {
   const canJog = view.capabilities.includes("jog");
   return html`<section class="panel stack control" aria-labelledby="control-title"><h2 id="control-title">
     ${t("page.control")}</h2>
-    <${ControlLease} view=${view} />${why && hasControl(view) && html`<${Notice}>${why}<//>`}
+    ${may("stop") && html`<${Stops} view=${view} />`}<${ControlLease} view=${view} />${why && hasControl(view) && html`<${Notice}>${why}<//>`}
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
-    <${LastStop} view=${view} />${may("stop") && html`<${Stops} view=${view} />`}
+    <${LastStop} view=${view} />
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
     ${view.state === "fault" && !view.fault && html`<${Reset} view=${view} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
