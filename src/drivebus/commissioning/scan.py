@@ -29,6 +29,8 @@ FIXED_SETTINGS_SCHEMES = frozenset({"tcp", "memory", "replay"})
 LIKELY_BAUDS = (9600, 19200, 4800, 38400)
 LIKELY_ADDRESSES = range(9)
 """Searched first: nearly every drive is found there, long before the rest."""
+PARAMETER_NUMBERS = 1000
+"""Registers below it are parameters in many drives, so that a status register there proves little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +164,11 @@ def probe_duration_s(candidate: ScanCandidate, settings: SerialSettings) -> floa
 
 
 def probe_request(dialect: Dialect) -> Any:
-    """Return the probe of an address: the read of the drive state, else the family's sync probe.
+    """Return the probe of an address: the shortest read of the drive state, else the family's sync probe.
 
     Raises ValueError if its bytes could do more than read.
     """
-    reads = dialect.state_reads()
-    request = reads[0] if reads else dialect.station_config.sync_request(0)
+    request = dialect.echo_test_read() if dialect.state_reads() else dialect.station_config.sync_request(0)
     if dialect.station_config.effect_of(dialect.station_config.codec.encode_request(request)) is not Effect.NONE:
         raise ValueError(f"{request} is not a read")
     return request
@@ -316,31 +317,41 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     """Probe an address with the first candidate, and with the others only if bytes are received.
 
     Models with the same request are probed once; of those that were answered, only models whose status has the value
-    that was read are named, if there are any.
+    that was read, and whose other registers of state and identity were answered, are named, if there are any.
     """
     fits: list[ScanCandidate] = []
     doubtful: set[str] = set()
     answered: dict[bytes, Any] = {}  # probe to its reply, None where it was rejected or missing
     first: BusResult | None = None
     good: BusResult | None = None
-    for candidate in scan_pass.candidates:
-        if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
-            continue
-        dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
-        request = probe_request(dialect)
+
+    async def reply_to(dialect: Dialect, request: Any) -> Any | None:
+        nonlocal first, good
         frame = dialect.codec.encode_request(request)
         if frame not in answered:
-            result, rejected = await _probe(bus, dialect, address)
+            result, rejected = await _probe(bus, dialect, request)
             answered[frame] = None if rejected else result.reply
             if result.received:
                 first = first or result
             if answered[frame] is not None:
                 good = good or result
+        return answered[frame]
+
+    async def answers_all(dialect: Dialect) -> bool:
+        further = [*dialect.state_reads()[:1], dialect.model_check()]
+        return all([await reply_to(dialect, read) is not None for read in further if read is not None])
+
+    for candidate in scan_pass.candidates:
+        if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
+            continue
+        dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
+        request = probe_request(dialect)
+        reply = await reply_to(dialect, request)
         if first is None:
             return None
-        if answered[frame] is not None:
+        if reply is not None:
             fits.append(candidate)
-            if _is_foreign_status(dialect, request, answered[frame]):
+            if _is_foreign_status(dialect, request, reply) or not await answers_all(dialect):
                 doubtful.add(candidate.profile.model)
     if first is None:
         return None
@@ -368,20 +379,33 @@ def _is_foreign_status(dialect: Dialect, request: Any, reply: Any) -> bool:
 
 
 def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate]:
-    """Prefer models whose status register answered to those of a parameter that many drives have."""
-    with_status = [candidate for candidate in fits if candidate.profile.status is not None]
-    return with_status or list(fits)
+    """Prefer models whose status register answered to those of a parameter that many drives have.
+
+    A model without status register stays beside them where all of these registers may be parameters of its own; models
+    whose status register has a number that is a parameter in many drives come last.
+    """
+    registers = [status.register for candidate in fits if (status := candidate.profile.status) is not None]
+
+    def stays(profile: DriveProfile) -> bool:
+        highest = -1 if profile.notation.style == "register" else profile.notation.highest
+        return profile.status is not None or max(registers, default=-1) <= highest
+
+    def may_be_a_parameter(candidate: ScanCandidate) -> bool:
+        status = candidate.profile.status
+        return status is not None and status.register < PARAMETER_NUMBERS
+
+    return sorted((one for one in fits if stays(one.profile)), key=may_be_a_parameter)
 
 
-async def _probe(bus: Bus, dialect: Dialect, address: int) -> tuple[BusResult, bool]:
+async def _probe(bus: Bus, dialect: Dialect, request: Any) -> tuple[BusResult, bool]:
     """Send one probe; the second value is True if the drive rejected it."""
     bus.add_station(dialect.station_config)
     try:
         result = await bus.transact(
-            BusRequest(station=address, request=probe_request(dialect), priority=RequestPriority.PROBE)
+            BusRequest(station=dialect.address, request=request, priority=RequestPriority.PROBE)
         )
     finally:
-        bus.remove_station(address)
+        bus.remove_station(dialect.address)
     if isinstance(result.error, PortError):
         raise result.error
     rejected = result.reply is not None and dialect.rejection(result.reply) is not None
