@@ -19,6 +19,7 @@ from drivebus.service.api.queries import Queries
 from drivebus.service.auth.actor import SERVICE_NAME, Actor, local_actor
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.comm_loss_test import CommLossTests
+from drivebus.service.control.control_commands import ControlCommands
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.jogs import RemoteJogs
@@ -98,6 +99,7 @@ class Service:
             drive_store=storage.drives,
         )
         self.commands = DriveCommands(self.plant)
+        self.control = ControlCommands(self.plant)
         self.groups = GroupCommands(self.plant, self.commands)
         self.stops = StopCommands(self.plant, self.commands)
         self.jogs = RemoteJogs(self.plant, self.commands)
@@ -108,6 +110,7 @@ class Service:
         handlers = bound_handlers(
             (
                 self.commands,
+                self.control,
                 self.groups,
                 self.stops,
                 self.jogs,
@@ -126,6 +129,7 @@ class Service:
             self.publisher,
             self.jogs,
             self.policies,
+            self.control,
             storage=storage,
             incidents=self.incidents,
             watchdog=watchdog,

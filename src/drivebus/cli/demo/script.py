@@ -13,12 +13,12 @@ from drivebus.cli.demo.plant import DemoPlant
 from drivebus.cli.remote.convert import parse_outcome
 from drivebus.cli.stop_result import drives_by_status, result_text
 from drivebus.errors import DrivebusError, ServiceUnavailable
+from drivebus.service.api.operations.control import LEASE_RELEASE
 from drivebus.service.api.operations.drives import (
     DRIVE_RESET,
     DRIVE_RUN,
     DRIVE_SET_FREQUENCY,
     DRIVE_STOP,
-    LEASE_RELEASE,
 )
 from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.types import Json

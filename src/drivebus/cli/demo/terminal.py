@@ -19,13 +19,13 @@ from drivebus.cli.remote.client import LocalClient
 from drivebus.cli.tui.rows import BusRow, DriveRow
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.errors import DrivebusError, ServiceUnavailable
+from drivebus.service.api.operations.control import LEASE_TAKE
 from drivebus.service.api.operations.drives import (
     DRIVE_RESET,
     DRIVE_RUN,
     DRIVE_SET_FREQUENCY,
     DRIVE_STOP,
     DRIVES_GET,
-    LEASE_TAKE,
     START_INHIBIT_RELEASE,
 )
 from drivebus.service.api.operations.plant import PLANT_STOP

@@ -16,6 +16,7 @@ from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_stat
 from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
+from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW, LEASE_TAKE
 from drivebus.service.api.operations.drives import (
     DRIVE_ARM,
     DRIVE_JOG,
@@ -26,9 +27,6 @@ from drivebus.service.api.operations.drives import (
     DRIVE_SET_FREQUENCY,
     DRIVE_STOP,
     DRIVES_GET,
-    LEASE_RELEASE,
-    LEASE_RENEW,
-    LEASE_TAKE,
     PARAMETERS_READ,
     PARAMETERS_WRITE,
 )

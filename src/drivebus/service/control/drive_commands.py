@@ -23,9 +23,6 @@ from drivebus.service.api.operations.drives import (
     DRIVE_RUN,
     DRIVE_SET_FREQUENCY,
     DRIVE_STOP,
-    LEASE_RELEASE,
-    LEASE_RENEW,
-    LEASE_TAKE,
     PARAMETERS_WRITE,
     START_INHIBIT_RELEASE,
     WAIVER_GRANT,
@@ -41,7 +38,7 @@ from drivebus.service.api.operations.drives import (
 )
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
-from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S, arm_target_of_test
+from drivebus.service.control.leases import ARM_TTL_S, arm_target_of_test
 from drivebus.service.control.start_blockers import check_start, check_test_start
 from drivebus.service.control.tickets import CommandTicket
 from drivebus.service.control.waivers import CommLossWaiver
@@ -51,7 +48,7 @@ from drivebus.types import Json
 
 
 class DriveCommands:
-    """Leases, arms, motion, parameters, waivers and limits of single drives."""
+    """Arms, motion, parameters, waivers and limits of single drives."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -74,33 +71,6 @@ class DriveCommands:
             except ControlNotHeld as error:
                 raise ControlNotHeld("plant.follower_not_owned", drive=follower.id, leader=drive, why=error) from error
         return runtime
-
-    # --- control ------------------------------------------------------------------------------------------------
-
-    @handles(LEASE_TAKE)
-    async def take_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
-        taken = self.plant.leases.take(runtime.id, actor, now)
-        if taken is not None:
-            self.plant.publish_event("lease", runtime.id, "plant.lease_taken", actor=actor.name, owner=taken.actor.name)
-        return self._lease_json(runtime)
-
-    @handles(LEASE_RENEW)
-    async def renew_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime = self.plant.drive_runtime(params.drive)
-        self.plant.leases.renew(runtime.id, actor, self.plant.now())
-        return self._lease_json(runtime)
-
-    @handles(LEASE_RELEASE)
-    async def release_lease(self, params: DriveParams, actor: Actor) -> Json:
-        runtime = self.plant.drive_runtime(params.drive)
-        self.plant.leases.release(runtime.id, actor, self.plant.now())
-        return {}
-
-    def _lease_json(self, runtime: DriveRuntime) -> Json:
-        now = self.plant.now()
-        lease = self.plant.leases.get(runtime.id, now)
-        return {"lease": None if lease is None else lease.view(self.plant.clock).as_json(), "ttl_s": LEASE_TTL_S}
 
     @handles(DRIVE_ARM)
     async def arm_start(self, params: ArmParams, actor: Actor) -> Json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivebus.errors import ArmRequired, ControlNotHeld
 from drivebus.service.auth.actor import Actor
@@ -28,6 +28,8 @@ class ControlLease:
     drive: str
     actor: Actor
     expires_at: float
+    claimed: bool = True
+    """False for one that was handed over and not used since: at its end it counts as released, not as lost."""
 
     def view(self, clock: UtcClock) -> LeaseView:
         return LeaseView(self.actor.name, self.actor.session, clock.utc_ms(self.expires_at))
@@ -76,6 +78,21 @@ class ControlLeases:
             raise ControlNotHeld("plant.no_lease", drive=drive)
         elif held.actor.session != actor.session:
             raise _not_owner_error(held)
+        elif not held.claimed:
+            self._leases[drive] = replace(held, claimed=True)
+
+    def require_held(self, drive: str, actor: Actor, now: float) -> None:
+        """Raise ControlNotHeld unless the actor has control of the drive now."""
+        held = self.get(drive, now)
+        if held is None:
+            raise ControlNotHeld("plant.no_lease", drive=drive)
+        if held.actor.session != actor.session:
+            raise _not_owner_error(held)
+
+    def hand_over(self, drive: str, actor: Actor, to: Actor, now: float) -> None:
+        """Release the lease of ``actor`` to ``to``, which has to use it before it ends. Raises ControlNotHeld."""
+        self.require_held(drive, actor, now)
+        self._leases[drive] = ControlLease(drive, to, now + LEASE_TTL_S, claimed=False)
 
     def release(self, drive: str, actor: Actor, now: float) -> None:
         """End a lease; there may be none. Raises ControlNotHeld where it is another session's."""

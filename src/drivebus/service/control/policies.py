@@ -37,12 +37,21 @@ class StopPolicies:
 
     def _on_lease_expired(self, runtime: DriveRuntime, lease: ControlLease) -> None:
         owner = lease.actor.name
+        if not lease.claimed:
+            self._on_hand_over_unused(runtime, owner)
+            return
         self.plant.publish_event("lease", runtime.id, "plant.lease_lost", actor=owner, owner=owner)
         if not may_be_running(runtime) and not _state_lost(runtime):
             return
         if runtime.config.on_client_lost is OnClientLost.STOP:
             self.stop_drive(runtime, "plant.stopped_client_lost", owner=owner)
         else:
+            self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
+
+    def _on_hand_over_unused(self, runtime: DriveRuntime, owner: str) -> None:
+        """Handle control that was handed over and never used: the drive goes on as after a release, with an alarm."""
+        self.plant.publish_event("lease", runtime.id, "plant.control_not_taken", actor=owner, owner=owner)
+        if may_be_running(runtime):
             self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:

@@ -60,6 +60,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
     """Return the present view of a drive."""
     status, now, config = status or runtime.status(), plant.now(), runtime.config
     lease = plant.leases.get(runtime.id, now)
+    request = plant.control_requests.get(runtime.id)
     minimum, maximum = runtime.drive.range_hz
     return DriveView(
         id=runtime.id,
@@ -80,6 +81,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         maximum_hz=maximum,
         comm_loss=runtime.comm_loss,
         lease=None if lease is None else lease.view(plant.clock),
+        control_request=None if request is None else request.view(plant.clock),
         start_inhibited=runtime.bus.start_inhibited(config.address),
         last_stop=runtime.last_stop,
         stop_pending=runtime.drive.stop_pending,

@@ -6,7 +6,7 @@ Times are UTC milliseconds (``time_ms``) of the plant's own clock, for labels; a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from drivebus.drives.state import Fault
@@ -128,6 +128,28 @@ class LeaseView:
         return {"owner": self.owner, "session": self.session, "expires_ms": self.expires_ms}
 
 
+ControlRequestState = Literal["open", "granted", "declined", "expired", "withdrawn", "released"]
+"""State of a request for control; ``released``: no session has control any more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlRequestView:
+    """Newest request for control of a drive by a session that does not have it. Times are UTC milliseconds."""
+
+    id: str
+    user: str
+    session: str
+    reason: str | None
+    state: ControlRequestState
+    requested_ms: int
+    expires_ms: int
+    answered_by: str | None
+    """User who granted or declined it."""
+
+    def as_json(self) -> Json:
+        return asdict(self)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveView:
     """Present state of one drive; topic ``drives/<id>``."""
@@ -153,6 +175,7 @@ class DriveView:
     maximum_hz: float
     comm_loss: CommLossView
     lease: LeaseView | None = None
+    control_request: ControlRequestView | None = None
     start_inhibited: bool = False
     """Whether a bus stop inhibits every start until it is released."""
     last_stop: StopView | None = None
@@ -202,6 +225,7 @@ class DriveView:
             "comm_loss": self.comm_loss.as_json(),
             "last_stop": None if self.last_stop is None else self.last_stop.as_json(),
             "lease": None if self.lease is None else self.lease.as_json(),
+            "control_request": None if self.control_request is None else self.control_request.as_json(),
             "start_blockers": list(self.start_blockers),
             "alarms": dict(self.alarms),
             "signals": {name: signal.as_json() for name, signal in self.signals.items()},

@@ -20,6 +20,7 @@ from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
+from drivebus.service.control.control_requests import ControlRequests
 from drivebus.service.control.leases import ArmTokens, ControlLeases, arm_target_of_test
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
@@ -113,6 +114,7 @@ class Plant:
     buses: dict[str, BusRuntime] = field(default_factory=dict)
     drives: dict[str, DriveRuntime] = field(default_factory=dict)
     leases: ControlLeases = field(default_factory=ControlLeases)
+    control_requests: ControlRequests = field(default_factory=ControlRequests)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
     """Drive → number of stop requests: a start with an older count is superseded. A reload keeps it."""
@@ -173,6 +175,7 @@ class Plant:
     def remove_drive(self, drive: str) -> None:
         """Discard what is known of a drive that is no longer part of the plant."""
         self.leases.remove_drive(drive)
+        self.control_requests.remove_drive(drive)
         self.views.pop(drive, None)
         self.hub.remove(f"drives/{drive}")
         for listener in self._listeners:

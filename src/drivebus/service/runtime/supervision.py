@@ -21,6 +21,7 @@ from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig
+from drivebus.service.control.control_commands import ControlCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
 from drivebus.service.incidents.service import IncidentService
@@ -53,12 +54,14 @@ class SupervisionCycle:
         publisher: LivePublisher,
         jogs: RemoteJogs,
         policies: StopPolicies,
+        control: ControlCommands,
         *,
         storage: Storage,
         incidents: IncidentService,
         watchdog: SystemdNotifier | None = None,
     ) -> None:
         self._plant, self._publisher, self._jogs, self._policies = plant, publisher, jogs, policies
+        self._control = control
         self._storage, self._incidents, self._watchdog = storage, incidents, watchdog
         self._cycles = 0
         self._disk_task: asyncio.Task[None] | None = None
@@ -95,6 +98,7 @@ class SupervisionCycle:
             yield partial(self._supervise_drive, runtime)
         yield lambda: self._policies.enforce_interlocks(plant.views, plant.now())
         yield lambda: self._policies.expire_leases(plant.now())
+        yield self._control.expire_requests
         yield self._jogs.expire
         for group in plant.config.groups:
             yield partial(self._publish_group, group)

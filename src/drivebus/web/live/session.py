@@ -10,7 +10,7 @@ from drivebus.errors import DrivebusError
 from drivebus.gateways.fanout import FanoutGroup, Subscriber, encode_message
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.service.api.errors import error_to_json, localized
-from drivebus.service.api.operations.drives import LEASE_RENEW
+from drivebus.service.api.operations.control import LEASE_RENEW
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.context import credential_of

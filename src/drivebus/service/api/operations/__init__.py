@@ -5,7 +5,18 @@ The modules hold the declarations by subject, each with its parameters and its r
 
 from __future__ import annotations
 
-from drivebus.service.api.operations import alarms, buses, comm_loss, drives, groups, history, models, plant, selections
+from drivebus.service.api.operations import (
+    alarms,
+    buses,
+    comm_loss,
+    control,
+    drives,
+    groups,
+    history,
+    models,
+    plant,
+    selections,
+)
 from drivebus.service.api.operations.operation import (
     API_PREFIX,
     Audit,
@@ -15,7 +26,7 @@ from drivebus.service.api.operations.operation import (
 )
 
 OPERATIONS: dict[str, Operation] = collect_operations(
-    plant, drives, comm_loss, selections, groups, buses, history, alarms, models
+    plant, drives, control, comm_loss, selections, groups, buses, history, alarms, models
 )
 """Every operation of the service by name."""
 

@@ -1,4 +1,4 @@
-"""Operations on one drive: its state, parameters, control lease, motion, limits and waiver."""
+"""Operations on one drive: its state, parameters, motion, limits and waiver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivebus.service.api.operations.operation import (
     Reason,
 )
 from drivebus.service.auth.rights import Right
-from drivebus.service.live.views import StopKind
+from drivebus.service.live.views import ControlRequestState, StopKind
 from drivebus.values import Text
 
 Direction = Literal["forward", "reverse"]
@@ -195,6 +195,22 @@ class LeaseObject(ApiObject):
     expires_ms: int
 
 
+class ControlRequestObject(ApiObject):
+    """Newest request for control of the drive, until 60 s after its end. ``answered_by``: who granted or declined it.
+
+    ``released``: no session has control any more; ``withdrawn``: by the session that asked, or because it took control.
+    """
+
+    id: str
+    user: str
+    session: str
+    reason: str | None
+    state: ControlRequestState
+    requested_ms: int
+    expires_ms: int
+    answered_by: str | None
+
+
 class DriveObject(ApiObject):
     """Present state of one drive."""
 
@@ -217,6 +233,7 @@ class DriveObject(ApiObject):
     maximum_hz: float
     comm_loss: CommLossObject
     lease: LeaseObject | None
+    control_request: ControlRequestObject | None
     start_inhibited: bool
     last_stop: StopObject | None
     stop_pending: bool
@@ -248,13 +265,6 @@ class IdentityResponse(ApiObject):
     digits: dict[str, str]
     host_controls: bool | None
     host_sets_frequency: bool | None
-
-
-class LeaseResponse(ApiObject):
-    """A control lease and its full duration in seconds."""
-
-    lease: LeaseObject
-    ttl_s: float
 
 
 class ArmResponse(ApiObject):
@@ -343,41 +353,6 @@ PARAMETERS_WRITE = Operation(
         "Write parameters, to RAM or with save to EEPROM; each is read back",
         "写参数，写入 RAM，或用 save 写入 EEPROM；逐个回读",
     ),
-)
-
-LEASE_TAKE = Operation(
-    name="lease.take",
-    right=Right.OPERATE,
-    method="POST",
-    path="/drives/{drive}/lease",
-    params=DriveParams,
-    response=LeaseResponse,
-    audit=Audit.BEST_EFFORT,
-    summary=Text(
-        "Take control of a drive: only this session may command it", "取得一台变频器的控制权，只有本会话可以命令它"
-    ),
-)
-
-LEASE_RENEW = Operation(
-    name="lease.renew",
-    right=Right.STOP,  # a session that became idle in front of a running drive keeps it, and may stop it
-    method="POST",
-    path="/drives/{drive}/lease/renew",
-    params=DriveParams,
-    response=LeaseResponse,
-    keepalive=True,
-    background=True,
-    summary=Text("Keep control of a drive for ten seconds more", "把控制权再保持十秒"),
-)
-
-LEASE_RELEASE = Operation(
-    name="lease.release",
-    right=Right.OPERATE,
-    method="DELETE",
-    path="/drives/{drive}/lease",
-    params=DriveParams,
-    audit=Audit.BEST_EFFORT,
-    summary=Text("Release control of a drive", "交还控制权"),
 )
 
 DRIVE_ARM = Operation(
