@@ -96,6 +96,10 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
     expect(page.locator(".notice.bad").first).to_contain_text("Flue gas fan")
     expect(page.locator(".trend-plot canvas")).to_be_visible()
     expect(page.locator(".trend-readout tbody tr").first).to_contain_text("output frequency")
+    shown = page.locator(".trend-readout tbody tr:not(.off) th").all_inner_texts()
+    assert shown == [
+        i18n.text(f"signal.{name}", "en") for name in ("output_frequency", "dc_bus_voltage", "output_voltage")
+    ]
     frames = page.get_by_role("region", name=word("frames_title"))
     assert frames.locator("tbody tr").count() > 20
     with page.expect_download() as saved:

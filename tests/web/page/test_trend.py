@@ -45,7 +45,7 @@ def test_the_first_label_of_an_empty_chart_is_not_cut_off(scripts: Any) -> None:
         host.style.width = "300px";
         const chart = new m.Chart(host, { selected() {}, pointed() {}, drawn() {} });
         const plot = chart.build([{ tag: "a.b", label: "b", unit: "Hz", hue: 0 }], { height: 200, locale: "en-GB" });
-        chart.draw([[], [], [], [], []], { from: 0, to: 60_000 }, { markers: [], strips: [] });
+        chart.draw([[], [], [], [], []], { from: 0, to: 60_000 }, { markers: [], strips: [], states: [] });
         const room = plot.bbox.left / devicePixelRatio;
         plot.ctx.font = getComputedStyle(host).font;
         chart.destroy();
@@ -141,6 +141,47 @@ def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
 )
 def test_a_duration_is_shown_with_its_two_largest_units(scripts: Any, span: int, message: str) -> None:
     assert module(scripts, "labels", f"m.duration({span}, name => name)") == message
+
+
+LINES = [
+    {"tag": f"d.{name}", "unit": unit}
+    for name, unit in [("hz", "Hz"), ("a", "A"), ("v", "V"), ("set", "Hz"), ("fault_word_0", "")]
+]
+FAULT_WORD = {"t": [0, 1000, 2000], "min": [0, 0, 64], "mean": [0, 32, 64], "max": [0, 64, 64], "q": [0, 0, 0]}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "recent", "units"),
+    [
+        ([], [], ["Hz", "A"]),
+        (["d.a"], [], ["Hz", "V"]),
+        ([], ["d.v"], ["V", "Hz"]),
+        (["d.hz", "d.a", "d.v", "d.set"], [], []),
+    ],
+)
+def test_a_chart_has_the_axes_of_two_units_and_none_for_a_word(
+    scripts: Any, hidden: list[str], recent: list[str], units: list[str]
+) -> None:
+    """Regression: an incident's chart of 18 signals had nine axes."""
+    call = f"m.axisUnits({json.dumps(LINES)}, new Set({json.dumps(hidden)}), {json.dumps(recent)})"
+    assert module(scripts, "units", call) == units
+
+
+def test_a_chart_of_many_signals_begins_with_those_of_two_units(scripts: Any) -> None:
+    found = module(scripts, "units", f"m.firstLines({json.dumps(LINES)})")
+    assert [one["tag"] for one in found] == ["d.hz", "d.a", "d.set"]
+
+
+def test_a_fault_word_has_steps_and_values_but_no_mean(scripts: Any) -> None:
+    """Regression: a fault word of 64 that had been 0 was shown as 32, a bit that no drive had set."""
+    found = module(scripts, "columns", f"m.split({json.dumps(FAULT_WORD)}, {{isWord: true}})")
+    assert found["good"] == [0, None, 64] and found["high"] == [0, 64, 64] and found["low"] == [0, 0, 64]
+    window = "{from: 0, to: 9000}"
+    assert module(scripts, "units", f"m.valuesOfWord({json.dumps(FAULT_WORD)}, {window})") == [0, None, 64]
+    word = json.dumps(LINES[-1])
+    assert module(scripts, "readout", f"m.near({word}, {json.dumps(FAULT_WORD)}, 1000)")["value"] is None
+    hertz = json.dumps(LINES[0])
+    assert module(scripts, "readout", f"m.near({hertz}, {json.dumps(FAULT_WORD)}, 1000)")["value"] == 32
 
 
 # --- on the screen ------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { signalName, signalRank } from "../format.js";
+import { firstLines } from "../trend/units.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
 /** Signals shown at first. */
@@ -35,7 +36,7 @@ export function TrendTab({ view }) {
   if (error && !tags) return html`<${ErrorNote} error=${error} />`;
   if (!part.Trend || !tags) return html`<${Loading} />`;
   if (tags.length === 0) return html`<p class="loading">${t("page.no_history")}</p>`;
-  const chosen = picked ?? tags.slice(0, DEFAULT_SIGNAL_COUNT).map((one) => one.tag);
+  const chosen = picked ?? firstLines(tags).slice(0, DEFAULT_SIGNAL_COUNT).map((one) => one.tag);
   const lines = tags.map((one, hue) => ({
     tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % 8,
   })).filter((line) => chosen.includes(line.tag));

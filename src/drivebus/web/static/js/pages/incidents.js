@@ -16,6 +16,7 @@ import { clock } from "../trend/labels.js";
 import { HUES } from "../trend/chart.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
+import { firstLines } from "../trend/units.js";
 
 await styled("pages");
 
@@ -99,7 +100,9 @@ function Signals({ found }) {
     tag, drive: found.drive, label: signalName(signal), unit, hue: at % HUES,
   }));
   if (lines.length === 0) return html`<p class="help">${t("page.nothing")}</p>`;
-  return html`<${Trend} lines=${lines} source=${source} window=${source.window} height=${320} />`;
+  const first = firstLines(lines);
+  const hidden = lines.filter((line) => !first.includes(line)).map((line) => line.tag);
+  return html`<${Trend} lines=${lines} source=${source} window=${source.window} hidden=${hidden} height=${320} />`;
 }
 
 function Parameters({ parameters }) {

@@ -5,7 +5,8 @@ import uPlot from "../../../vendor/uplot.js";
 import { drawBands } from "./draw-bands.js";
 import { COLUMNS, indexAt } from "./columns.js";
 import { dayLine, timeLabel } from "./labels.js";
-import { drawEvents } from "./draw-events.js";
+import { STATES_PX, drawEvents } from "./draw-events.js";
+import { axisUnits, isWord } from "./units.js";
 
 /** Number of line colours; more lines share them. */
 export const HUES = 8;
@@ -14,15 +15,13 @@ const THICK = 1.75;
 const THIN = 1;
 /** Half the width of a date label, which is centred on its moment, also without a value axis beside it. */
 const HALF_LABEL_PX = 36;
-/** Below this width only two units keep their axis: the others are read in the table. */
-const NARROW_PX = 560;
 
 /** Colours and font of a chart from the style sheet, so that a theme changes them too. */
 export function colours(host) {
   const style = getComputedStyle(host);
   const named = (name) => style.getPropertyValue(name).trim();
   return {
-    ink: named("--soft"), grid: named("--grid"), font: style.fontFamily, fault: named("--critical"), mark: named("--ink"),
+    ink: named("--soft"), grid: named("--grid"), font: style.fontFamily, fault: named("--critical"), onFault: named("--on-critical"), mark: named("--ink"),
     lines: Array.from({ length: HUES }, (_, at) => named(`--trace-${at + 1}`)),
   };
 }
@@ -35,22 +34,24 @@ export class Chart {
   constructor(host, hooks) {
     this.host = host;
     this.hooks = hooks;
-    this.extras = { markers: [], strips: [] };
+    this.extras = { markers: [], strips: [], states: [] };
     this.window = { from: 0, to: 1 };
     this.plot = null;
   }
 
-  /** New lines, language, theme or size: a new plot. `lines` are `{tag, label, unit, hue}`. */
-  build(lines, { height, locale }) {
+  /** New lines, language, theme or size: a new plot. `lines` are `{tag, label, unit, hue}`; `hasStates` keeps the place
+   * of a row of states. */
+  build(lines, { height, locale, hasStates = false }) {
     this.plot?.destroy();
     this.colours = colours(this.host);
     this.lines = lines;
+    this.axes = [];
     const width = Math.max(200, this.host.clientWidth);
-    this.plot = new uPlot(this._options(lines, width, height, locale), this._empty(), this.host);
+    this.plot = new uPlot(this._options(lines, width, height, locale, hasStates), this._empty(), this.host);
     return this.plot;
   }
 
-  /** Show a table of `columns.table` in a window. `extras` are `{markers, strips}`. */
+  /** Show a table of `columns.table` in a window. `extras` are `{markers, strips, states}`. */
   draw(data, window, extras) {
     this.window = window;
     this.extras = extras;
@@ -74,14 +75,27 @@ export class Chart {
     drawBands(plot, this.lines, isShown, (line) => translucent(this._hue(line)));
   }
 
-  /** Show all lines except the tags in `hidden`. */
-  show(hidden) {
+  /** Show all lines except the tags in `hidden`; `recent` are the tags that the user has shown, newest first. */
+  show(hidden, recent) {
+    this._showAxes(axisUnits(this.lines, hidden, recent));
     this.lines.forEach((line, at) => {
       const isShown = !hidden.has(line.tag);
       if (this.plot.series[1 + at * COLUMNS].show === isShown) return;
       for (let column = 0; column < COLUMNS; column += 1) this.plot.setSeries(1 + at * COLUMNS + column,
         { show: isShown });
     });
+  }
+
+  _showAxes(units) {
+    if (units.join() === this.axes.join()) return;
+    this.axes = units;
+    this.plot.axes.slice(1).forEach((axis) => {
+      const at = units.findIndex((unit) => scaleOfUnit(unit) === axis.scale);
+      axis.show = at >= 0;
+      axis.side = at === 1 ? RIGHT : LEFT;
+      axis.grid.show = at === 0;
+    });
+    this.plot.redraw(false, true);
   }
 
   resize(height) {
@@ -98,17 +112,16 @@ export class Chart {
     return [[], ...this.lines.flatMap(() => [[], [], [], []])];
   }
 
-  _options(lines, width, height, locale) {
-    const units = [...new Set(lines.map((line) => line.unit))];
-    const shown = width < NARROW_PX ? units.slice(0, 2) : units;
+  _options(lines, width, height, locale, hasStates) {
+    const units = [...new Set(lines.filter((line) => !isWord(line)).map((line) => line.unit))];
     return {
-      width, height, ms: 1, legend: { show: false }, padding: [10, shown.length > 1 ? 0 : 12, 0, edge],
+      width, height, ms: 1, legend: { show: false }, padding: [hasStates ? STATES_PX : 10, rightEdge, 0, edge],
       cursor: {
         y: false, points: { size: 7 }, drag: { x: true, y: false, setScale: false },
         dataIdx: nearest,
       },
-      scales: Object.fromEntries([["x", { time: true, auto: false }], ...units.map((unit) => [scale(unit), Y])]),
-      axes: [this._timeAxis(locale), ...shown.map((unit, at) => this._valueAxis(unit, at))],
+      scales: Object.fromEntries([["x", { time: true, auto: false }], ...lines.map((line) => [scale(line), Y])]),
+      axes: [this._timeAxis(locale), ...units.map((unit) => this._valueAxis(unit))],
       series: [{}, ...lines.flatMap((line) => this._series(line))],
       hooks: {
         drawAxes: [(plot) => this._bands(plot)],
@@ -124,7 +137,7 @@ export class Chart {
   }
 
   _series(line) {
-    const plain = { scale: scale(line.unit), label: line.label };
+    const plain = { scale: scale(line), label: line.label, ...(isWord(line) ? { paths: STEPS } : {}) };
     // The edges only widen the scale; `bands` paints them.
     const edge = { ...plain, stroke: "transparent", width: 0, points: { show: false }, paths: () => null };
     const stroke = this._hue(line);
@@ -140,22 +153,22 @@ export class Chart {
       stroke: this.colours.ink, font: this._font(), grid: this._lines(), ticks: this._lines(), space: 72, size: 46,
       values: (plot, splits) => {
         const span = plot.scales.x.max - plot.scales.x.min;
-        let day = "";
+        let [day, time] = ["", ""];
         return splits.map((at) => {
-          const below = dayLine(at, span, locale);
-          const isNew = below !== day;
-          day = below;
-          return timeLabel(at, span, locale) + (isNew && below ? `\n${below}` : "");
+          const [above, below] = [timeLabel(at, span, locale), dayLine(at, span, locale)];
+          const [isNewDay, isNewTime] = [below !== day, above !== time];
+          [day, time] = [below, above];
+          return (isNewTime ? above : "") + (isNewDay && below ? `\n${below}` : "");
         });
       },
     };
   }
 
-  _valueAxis(unit, at) {
+  _valueAxis(unit) {
     return {
-      scale: scale(unit), side: at % 2 ? 1 : 3, size: AXIS_PX, stroke: this.colours.ink, font: this._font(),
-      grid: at ? { show: false } : this._lines(), ticks: this._lines(), space: 34,
-      label: unit || " ", labelSize: 18, labelGap: 0, labelFont: this._font(),
+      scale: scaleOfUnit(unit), side: LEFT, size: AXIS_PX, stroke: this.colours.ink, font: this._font(),
+      grid: this._lines(), ticks: this._lines(), space: 34,
+      label: unit, labelSize: 18, labelGap: 0, labelFont: this._font(),
       values: (_, splits) => splits.map((value) => tick(value, splits)),
     };
   }
@@ -182,6 +195,9 @@ export class Chart {
   }
 }
 
+/** Sides of an axis, as uPlot counts them. */
+const [RIGHT, LEFT] = [1, 3];
+const STEPS = uPlot.paths.stepped({ align: 1 });
 const Y = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
 /** Label of a tick, with enough decimals to distinguish it from the next. */
 function tick(value, splits) {
@@ -191,7 +207,9 @@ function tick(value, splits) {
 
 /** Padding of the left edge of an empty chart: uPlot draws no value axis where no value is known. */
 const edge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
-const scale = (unit) => `y ${unit}`;
+const rightEdge = (plot, side, axes) => (axes[side] ? 0 : 12);
+const scaleOfUnit = (unit) => `y ${unit}`;
+const scale = (line) => scaleOfUnit(isWord(line) ? line.tag : line.unit);
 const translucent = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
 const pointed = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
 

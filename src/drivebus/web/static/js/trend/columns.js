@@ -5,33 +5,37 @@
 
 import uPlot from "../../../vendor/uplot.js";
 import { BAD, GOOD, UNCERTAIN } from "../quality.js";
+import { isWhole } from "./units.js";
 
 export const COLUMNS = 4;
 
-/** @returns {{t: number[], high, low, good, uncertain}} columns of one tag. */
-export function split({ t, min, mean, max, q }) {
+/** @returns {{t: number[], high, low, good, uncertain}} columns of one tag. A word has no mean: where a point stands for
+ * several of its values it has a band without a line. */
+export function split({ t, min, mean, max, q }, { isWord = false } = {}) {
+  const hasLine = isWord && isWhole({ min, max }) ? (at) => min[at] === max[at] : () => true;
   const good = new Array(t.length).fill(null);
   const uncertain = new Array(t.length).fill(null);
   const isThere = (at) => mean[at] !== null && mean[at] !== undefined && q[at] !== BAD;
   for (let at = 0; at < t.length; at += 1) {
-    if (!isThere(at)) continue;
+    if (!isThere(at) || !hasLine(at)) continue;
     if (q[at] === GOOD) good[at] = mean[at];
     else uncertain[at] = mean[at];
   }
   // The dashed line reaches to its good neighbours.
   for (let at = 0; at < t.length; at += 1) {
     if (good[at] === null) continue;
-    const beside = (other) => other >= 0 && other < t.length && isThere(other) && q[other] === UNCERTAIN;
+    const beside = (other) => other >= 0 && other < t.length && uncertain[other] !== null && q[other] === UNCERTAIN;
     if (beside(at - 1) || beside(at + 1)) uncertain[at] = good[at];
   }
   const known = (values) => t.map((_, at) => (isThere(at) ? values[at] ?? mean[at] : null));
   return { t, high: known(max), low: known(min), good, uncertain };
 }
 
-/** One table for all tags, over the times of all of them. A tag without samples stays, empty. */
-export function table(tags, series) {
+/** One table for all tags, over the times of all of them. A tag without samples stays, empty. `words` are the tags of
+ * words. */
+export function table(tags, series, words = []) {
   const parts = tags.map((tag) => {
-    const { t, high, low, good, uncertain } = split(series[tag] ?? EMPTY);
+    const { t, high, low, good, uncertain } = split(series[tag] ?? EMPTY, { isWord: words.includes(tag) });
     return [t, high, low, good, uncertain];
   });
   return parts.length ? uPlot.join(parts) : [[]];
@@ -66,7 +70,7 @@ export function indexAt(t, moment) {
   return low - 1;
 }
 
-/** Value of a tag at a moment: the sample nearest to it within `reach` ms, or null. */
+/** Value of a tag at a moment: the sample nearest to it within `reach` ms and its place `at` in the series, or null. */
 export function valueAt(series, moment, reach) {
   if (!series) return null;
   const before = indexAt(series.t, moment);
@@ -75,8 +79,8 @@ export function valueAt(series, moment, reach) {
     .sort((one, other) => Math.abs(series.t[one] - moment) - Math.abs(series.t[other] - moment));
   if (at === undefined || Math.abs(series.t[at] - moment) > reach) return null;
   const value = series.mean[at];
-  if (value === null || value === undefined || series.q[at] === BAD) return { t: series.t[at], value: null, q: BAD };
-  return { t: series.t[at], value, q: series.q[at] };
+  if (value === null || value === undefined || series.q[at] === BAD) return { at, t: series.t[at], value: null, q: BAD };
+  return { at, t: series.t[at], value, q: series.q[at] };
 }
 
 /** Lowest, mean of the means and highest within a window; null where nothing is known. */

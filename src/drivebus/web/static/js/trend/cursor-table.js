@@ -8,6 +8,7 @@ import { Icon } from "../icons.js";
 import { summary } from "./columns.js";
 import { duration, moment } from "./labels.js";
 import { near, shown } from "./readout.js";
+import { isWhole, isWord, valuesOfWord } from "./units.js";
 
 const WITHIN = ["page.lowest", "page.mean", "page.highest"];
 const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];
@@ -29,6 +30,14 @@ export function CursorTable({ view, source, lines, onRemove }) {
       onRemove=${onRemove} />`)}</tbody></table></div>`;
 }
 
+/** Values shown of a word; the older ones are left out. */
+const MAX_VALUES = 6;
+
+function valuesText(values) {
+  const shownValues = values.slice(-MAX_VALUES).map((value) => value ?? "…");
+  return [...(values.length > MAX_VALUES ? ["…"] : []), ...shownValues].join(" → ") || NO_VALUE;
+}
+
 function Where({ view, isFixed }) {
   const at = view.pointed.value;
   if (at === null) return t(isFixed ? "page.values_within" : "page.values_now");
@@ -45,32 +54,35 @@ function Row({ line, view, source, onRemove }) {
     source.series.value;
     const series = source.whole()[line.tag];
     const { a, b } = view.cursors.value ?? {};
+    if (a === undefined && isWord(line) && series && isWhole(series)) return valuesOfWord(series, view.window.value);
     if (a === undefined) {
       const found = summary(series, view.window.value);
       return [found?.low, found?.mean, found?.high].map((value) => ({ value: value ?? null }));
     }
-    const [one, other] = [near(series, a), near(series, b)];
-    const known = one?.value != null && other?.value != null;
+    const [one, other] = [near(line, series, a), near(line, series, b)];
+    const known = !isWord(line) && one?.value != null && other?.value != null;
     return [one, other, { value: known ? other.value - one.value : null }];
   });
   const hidden = view.hidden.value.has(line.tag);
+  const isValues = figures.value.every((one) => one === null || typeof one === "number");
   return html`<tr class=${hidden ? "off" : ""}>
     <th scope="row"><button type="button" class="trend-line" aria-pressed=${hidden ? "false" : "true"}
       onClick=${() => view.toggleLine(line.tag)} title=${t("page.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
     <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
-    ${figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.cursors.value
-      ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
+    ${isValues ? html`<td class="right more" colspan="3">${valuesText(figures.value)}</td>`
+      : figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.cursors.value
+        ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
       aria-label=${t("page.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
         </td>`}</tr>`;
 }
 
-/** Value at the pointer, else the newest live value. */
+/** Value at the pointer, else at the trip of an incident, else the newest live value. */
 function Now({ line, view, source }) {
-  const at = view.pointed.value;
-  if (at !== null) return shown(near(source.whole()[line.tag], at), line.unit, true);
+  const at = view.pointed.value ?? source.trip_ms ?? null;
+  if (at !== null) return shown(near(line, source.whole()[line.tag], at), line.unit, true);
   const dot = line.tag.indexOf(".");
-  const found = source.isFixed ? null : reading(drive(line.drive).value, line.tag.slice(dot + 1));
+  const found = reading(drive(line.drive).value, line.tag.slice(dot + 1));
   return found ? html`<${Value} found=${found} />` : NO_VALUE;
 }

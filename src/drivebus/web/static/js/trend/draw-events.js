@@ -1,17 +1,21 @@
-// Markers of commands, faults and alarms in a chart, and strips where a value was not good.
+// Markers of commands, faults and alarms in a chart, strips where a value was not good, and the states of a drive.
 
 import { BAD } from "../quality.js";
 
 /** Each kind has its own shape, never only a colour. */
 const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
 const STRIP_PX = 4;
+const STATE_PX = 16;
+/** Place of the row of states above the plot. */
+export const STATES_PX = STATE_PX + 10;
 /** Width of a marker's number with its distance; nearer to the right edge it is on the marker's left. */
 const COUNT_PX = 24;
 
-export function drawEvents(plot, { markers, strips }, colours) {
+export function drawEvents(plot, { markers, strips, states }, colours) {
   const { ctx } = plot;
   const ratio = devicePixelRatio;
   ctx.save();
+  states.forEach((state) => drawState(plot, state, colours, ratio));
   ctx.beginPath();
   ctx.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
   ctx.clip();
@@ -57,6 +61,24 @@ function drawMarker(plot, { x, markers }, colours, ratio) {
     ctx.textBaseline = "middle";
     ctx.fillText(String(markers.length), x + (isAtEdge ? -7 : 7) * ratio, top + 7 * ratio);
   }
+}
+
+/** A stretch of one state with its word, above the plot. */
+function drawState(plot, { from, to, isAlarm, text }, colours, ratio) {
+  const { ctx } = plot;
+  const [left, right] = [plot.bbox.left, plot.bbox.left + plot.bbox.width];
+  const begin = Math.max(left, plot.valToPos(from, "x", true));
+  const end = Math.min(right, plot.valToPos(to, "x", true));
+  if (end <= begin) return;
+  const [y, height] = [plot.bbox.top - (STATE_PX + 3) * ratio, STATE_PX * ratio];
+  ctx.fillStyle = isAlarm ? colours.fault : colours.grid;
+  ctx.fillRect(begin, y, Math.max(ratio, end - begin - ratio), height);
+  ctx.font = `${11 * ratio}px ${colours.font}`;
+  ctx.textAlign = "left";
+  ctx.textBaseline = "middle";
+  ctx.fillStyle = isAlarm ? colours.onFault : colours.mark;
+  const words = text();
+  if (ctx.measureText(words).width + 8 * ratio <= end - begin) ctx.fillText(words, begin + 4 * ratio, y + height / 2);
 }
 
 function drawStrip(plot, { stretches, hue }, row, colours, ratio) {

@@ -2,6 +2,7 @@
 import { signal } from "../lib.js";
 import { signalRank } from "../format.js";
 import { BAD } from "../quality.js";
+import { appearanceOf } from "../parts/state.js";
 
 const BESIDE_MS = 1000;
 
@@ -24,6 +25,8 @@ export class StaticSource {
       actor: null };
     const events = (found.events ?? []).filter((event) => event.time_ms < found.time_ms);
     this.markers = signal({ items: [...events, trip], isCut: false });
+    this.trip_ms = found.time_ms;
+    this.states = statesOf(found);
     this.resolution = signal("raw");
     this.state = signal("loaded");
     this.error = signal(null);
@@ -41,6 +44,15 @@ export class StaticSource {
   whole() {
     return this.series.peek();
   }
+}
+
+/** States of the drive as stretches, each until the next one: `{from, to, isAlarm, text()}`. */
+function statesOf({ states = [], time_ms }) {
+  const at = (n) => time_ms + (states[n]?.t ?? BESIDE_MS / 1000) * 1000;
+  return states.map(({ state, presence }, n) => {
+    const [, tone] = appearanceOf({ state, presence });
+    return { from: at(n), to: at(n + 1), isAlarm: tone === "alarm", text: () => appearanceOf({ state, presence })[2] };
+  });
 }
 
 function seriesOf({ t, v, q }, at) {

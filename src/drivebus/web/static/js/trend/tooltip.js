@@ -16,5 +16,5 @@ export function Tooltip({ view, source, lines }) {
   return html`<div class="trend-tip" aria-hidden="true" key=${x < width / 2} style=${beside}><time>${moment(at, true)}</time>
     ${lines.filter((line) => !view.hidden.value.has(line.tag)).map((line) => html`<div key=${line.tag}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span>
-      <b>${shown(near(series[line.tag], at), line.unit, true)}</b></div>`)}</div>`;
+      <b>${shown(near(line, series[line.tag], at), line.unit, true)}</b></div>`)}</div>`;
 }

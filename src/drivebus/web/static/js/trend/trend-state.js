@@ -6,8 +6,8 @@ import { clamped, validWindow, zoomed } from "./window.js";
 const MAX_UNDO = 50;
 
 export class TrendState {
-  /** Follows the last `span_s` seconds, or shows a given window. */
-  constructor(span_s, window = null) {
+  /** Follows the last `span_s` seconds, or shows a given window. The lines of the tags `hidden` are hidden at first. */
+  constructor(span_s, window = null, hidden = []) {
     const now = serviceNow();
     this.window = signal(window ?? { from: now - span_s * 1000, to: now });
     this.isLive = signal(window === null);
@@ -17,7 +17,9 @@ export class TrendState {
     this.place = signal({ x: 0, width: 1 });
     /** `{a, b}` in ms, or null while they are off. */
     this.cursors = signal(null);
-    this.hidden = signal(new Set());
+    this.hidden = signal(new Set(hidden));
+    /** Tags that the user has shown again, newest first: their units have the axes. */
+    this.recent = [];
     this.before = [];
   }
 
@@ -73,7 +75,9 @@ export class TrendState {
 
   toggleLine(tag) {
     const next = new Set(this.hidden.peek());
-    if (!next.delete(tag)) next.add(tag);
+    this.recent = this.recent.filter((one) => one !== tag);
+    if (next.delete(tag)) this.recent.unshift(tag);
+    else next.add(tag);
     this.hidden.value = next;
   }
 

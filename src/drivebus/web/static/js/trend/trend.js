@@ -19,6 +19,7 @@ import { styled } from "../style.js";
 import { Toolbar } from "./toolbar.js";
 import { Tooltip } from "./tooltip.js";
 import { TrendState } from "./trend-state.js";
+import { axisUnits, isWord, shownUnits } from "./units.js";
 import { drawEvery, fetchEvery } from "./window.js";
 
 await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);
@@ -29,12 +30,13 @@ const LIVE_INTERVAL_MS = 250;
  * @param lines `{tag, drive, label, unit, hue}` each; `hue` 0 to 7 is its colour
  * @param span_s seconds that it follows at first
  * @param window `{from, to}` to begin with instead
+ * @param hidden tags whose lines are hidden at first
  * @param source where samples come from; the historian and the live values where left out
  * @param onWindow called with every window, e.g. to export what is shown
  * @param onRemove a line's × was pressed (tag); no × where left out
  */
-export function Trend({ lines, span_s = 600, window = null, source: given, onWindow, onRemove, height = 300 }) {
-  const view = useMemo(() => new TrendState(span_s, window), []);
+export function Trend({ lines, span_s = 600, window = null, hidden = [], source: given, onWindow, onRemove, height = 300 }) {
+  const view = useMemo(() => new TrendState(span_s, window, hidden), []);
   const source = useMemo(() => given ?? new TrendSource(), []);
   const host = useRef(null);
   const scene = useMemo(() => new Scene(view, source), []);
@@ -64,10 +66,20 @@ export function Trend({ lines, span_s = 600, window = null, source: given, onWin
     <div class="trend-chart"><div class="trend-plot" ref=${host} tabindex="0" role="group"
       aria-label=${t("page.trend_keys")}></div><${Tooltip} view=${view} source=${source} lines=${lines} /></div>
     ${doubtful.value && html`<p class="help">${t("page.legend")}</p>`}
-    <${GestureHelp} />
+    <${WithoutAxis} view=${view} lines=${lines} /><${GestureHelp} />
     <${CursorTable} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
     <${Events} view=${view} source=${source} />
   </section>`;
+}
+
+/** Note that names the shown units without an axis. */
+function WithoutAxis({ view, lines }) {
+  const hidden = view.hidden.value;
+  const axes = axisUnits(lines, hidden, view.recent);
+  const others = shownUnits(lines, hidden, view.recent).filter((unit) => !axes.includes(unit));
+  if (others.length === 0) return null;
+  return html`<p class="help">${t("page.axes_two", { axes: axes.join(t("page.comma")),
+    others: others.join(t("page.comma")) })}</p>`;
 }
 
 /** Chart of a trend and its redrawing: imperative, beside the component's life. */
@@ -90,7 +102,7 @@ class Scene {
       pointed: (moment, place) => { batch(() => { view.pointed.value = moment; view.place.value = place; }); },
       drawn: () => this.cursors?.place(),
     });
-    const plot = this.chart.build(lines, { height, locale: tag });
+    const plot = this.chart.build(lines, { height, locale: tag, hasStates: this.source.states?.length > 0 });
     this.cursors = cursors(plot.over, {
       window: () => view.window.peek(), cursors: () => view.cursors.peek(),
       moved: (next) => { view.cursors.value = next; },
@@ -148,15 +160,18 @@ class Scene {
     if (!this.data) this._gather();
     const { items } = this.source.markers.peek();
     const markers = items.map((event) => ({ t: event.time_ms, shape: event.kind }));
-    this.chart.show(this.view.hidden.peek());
-    this.chart.draw(this.data, this.view.window.peek(), { markers, strips: this.strips });
+    const hidden = this.view.hidden.peek();
+    this.chart.show(hidden, this.view.recent);
+    this.chart.draw(this.data, this.view.window.peek(), {
+      markers, strips: this.strips.filter(({ tag }) => !hidden.has(tag)), states: this.source.states ?? [],
+    });
   }
 
   _gather() {
     const series = this.source.whole();
-    this.data = table(this.lines.map((line) => line.tag), series);
+    this.data = table(this.lines.map((line) => line.tag), series, this.lines.filter(isWord).map((line) => line.tag));
     this.strips = this.lines
-      .map((line) => ({ hue: line.hue, stretches: stretches(series[line.tag]) }))
+      .map((line) => ({ tag: line.tag, hue: line.hue, stretches: stretches(series[line.tag]) }))
       .filter((strip) => strip.stretches.length);
   }
 }
