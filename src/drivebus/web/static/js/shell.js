@@ -13,6 +13,7 @@ import { logout, may, session } from "./session.js";
 import { usePublishedHeight } from "./published-height.js";
 import { drive, topic } from "./store.js";
 import { acknowledgeAll, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
+import { ControlRequestNotices } from "./parts/control-request-notices.js";
 import { PriorityMark } from "./parts/state.js";
 import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
@@ -160,7 +161,7 @@ function Notices() {
   const box = useRef(null);
   usePublishedHeight(box, "--notices");
   return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} />
-    <${Takeovers} /></div>`;
+    <${Takeovers} /><${ControlRequestNotices} /></div>`;
 }
 
 /** `children` is the page of the address. */

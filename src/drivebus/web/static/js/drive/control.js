@@ -2,14 +2,15 @@
 import { html, useEffect, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { Button, Choice, Dialog, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
+import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
 import { isLive } from "../live.js";
-import { idle, isMine, may, session } from "../session.js";
-import { releaseControl, hasControl, takeControl } from "../control-leases.js";
+import { idle, may } from "../session.js";
+import { hasControl } from "../control-leases.js";
 import { stop } from "../stops.js";
 import { moment, number, numberOf } from "../format.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
 import { ArmStart } from "../parts/arm-start.js";
+import { ControlLease } from "./control-lease.js";
 import { JogPanel } from "./jog.js";
 
 /** A start is answered after the reads that confirm it. */
@@ -24,39 +25,6 @@ function controlBlocker(view) {
   if (view.presence !== "online") return t("page.not_online");
   if (hasControl(view)) return null;
   return t(view.lease ? "page.not_controlled_other" : "page.not_controlled");
-}
-
-function TakeOver({ view, onClose }) {
-  const [run, busy, error] = useRequest();
-  const go = async () => { if (await run(() => takeControl(view.id))) onClose(); };
-  return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
-    <p>${view.lease?.owner === session.value?.user ? t("page.take_over_ask_window", { name: titleOf(view) })
-      : t("page.take_over_ask", { owner: view.lease?.owner ?? "", name: titleOf(view) })}</p><${ErrorNote}
-      error=${error} />
-    <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-      <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
-}
-
-/** Owner of the control lease, with the buttons that change it. */
-function ControlLease({ view }) {
-  const [run, busy, error] = useRequest();
-  const [asking, setAsking] = useState(false);
-  const mine = isMine(view.lease);
-  const can = isLive.value && may("operate");
-  const owner = view.lease?.owner ?? "";
-  const other = owner === session.value?.user ? t("page.lease_other_window") : t("page.lease_other", { owner });
-  const words = !view.lease ? t("page.lease_free") : mine ? t("page.lease_mine") : other;
-  // A lease lasts ten seconds: without a connection its owner is unknown.
-  return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${words}
-    ${!isLive.value && html` <span class="outdated">${t("page.state_was")}</span>`}</span>
-    ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
-      onClick=${() => run(() => takeControl(view.id))}
-      data-do="take">${t("page.lease_take")}<//>`}
-    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
-    ${view.lease && !mine && may("write_parameters") && html`<${Button} disabled=${!can} onClick=${() => setAsking(true)}>
-      ${t("page.take_over")}…<//>`}
-    <${ErrorNote} error=${error} />${asking && html`<${TakeOver} view=${view} onClose=${() => setAsking(false)} />`}
-      </div>`;
 }
 
 function Motion({ view, disabled }) {

@@ -1,0 +1,86 @@
+// Owner of the control lease of a drive, with the buttons that change it: take, release, ask for control, take over.
+import { html, useState } from "../lib.js";
+import { t, titleOf } from "../i18n.js";
+import { releaseControl, takeControl } from "../control-leases.js";
+import { askForControl, secondsLeft, withdrawRequest } from "../control-requests.js";
+import { isLive, now } from "../live.js";
+import { idle, isMine, may, session } from "../session.js";
+import { Button, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
+
+const MIN_REASON_LENGTH = 3;
+
+const openRequest = (view) => (view.control_request?.state === "open" ? view.control_request : null);
+
+function TakeOver({ view, onClose }) {
+  const [run, busy, error] = useRequest();
+  const go = async () => { if (await run(() => takeControl(view.id))) onClose(); };
+  const owner = view.lease?.owner ?? "";
+  const request = openRequest(view);
+  return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
+    <p>${owner === session.value?.user ? t("page.take_over_ask_window", { name: titleOf(view) })
+      : t("page.take_over_ask", { owner, name: titleOf(view) })}</p>
+    ${request && !isMine(request) && html`<p><strong>${t("page.control_asked_other", { user: request.user })}</strong></p>`}
+    <${ErrorNote} error=${error} />
+    <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
+      <${Button} kind="main" busy=${busy} onClick=${go}>${t("page.take_over")}<//></div><//>`;
+}
+
+function AskForControl({ view, onClose }) {
+  const [reason, setReason] = useState("");
+  const [run, busy, error] = useRequest();
+  const given = reason.trim();
+  const send = async (event) => {
+    event.preventDefault();
+    if (await run(() => askForControl(view.id, given))) onClose();
+  };
+  return html`<${Dialog} title=${t("page.control_ask_title", { name: titleOf(view) })} onClose=${onClose}>
+    <p>${t("page.control_ask_how", { owner: view.lease?.owner ?? "" })}</p>
+    <form class="stack" onSubmit=${send}>
+      <${Field} label=${t("page.control_ask_reason")}><input value=${reason} maxlength="500" data-first
+        onInput=${(event) => setReason(event.target.value)} /><//>
+      <${ErrorNote} error=${error} />
+      <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
+        <button class="button main" type="submit" data-do="send-request" disabled=${busy
+          || (given !== "" && given.length < MIN_REASON_LENGTH)}>${t("page.control_ask_send")}</button></div></form><//>`;
+}
+
+/** State of the open request for control: of this session with the seconds left, or of another user. */
+function OpenRequest({ view, request }) {
+  const [run, busy, error] = useRequest();
+  now.value; // counts down
+  if (!isMine(request)) return html`<span class="soft">${t("page.control_asked_other", { user: request.user })}</span>`;
+  return html`<span role="timer">${t("page.control_asked_own", { s: secondsLeft(request) })}</span>
+    <${Button} busy=${busy} onClick=${() => run(() => withdrawRequest(view.id))} data-do="withdraw">
+      ${t("page.control_withdraw")}<//><${ErrorNote} error=${error} />`;
+}
+
+function holderText(view) {
+  if (!view.lease) return t("page.lease_free");
+  if (isMine(view.lease)) return t("page.lease_mine");
+  const { owner } = view.lease;
+  return owner === session.value?.user ? t("page.lease_other_window") : t("page.lease_other", { owner });
+}
+
+export function ControlLease({ view }) {
+  const [run, busy, error] = useRequest();
+  const [dialog, setDialog] = useState(null);
+  const close = () => setDialog(null);
+  const mine = isMine(view.lease);
+  const others = view.lease && !mine;
+  const can = isLive.value && may("operate");
+  const request = openRequest(view);
+  // A lease lasts ten seconds: without a connection its owner is unknown.
+  return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${holderText(view)}
+    ${!isLive.value && html` <span class="outdated">${t("page.state_was")}</span>`}</span>
+    ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
+      onClick=${() => run(() => takeControl(view.id))}
+      data-do="take">${t("page.lease_take")}<//>`}
+    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
+    ${others && request && html`<${OpenRequest} view=${view} request=${request} />`}
+    ${others && !request && may("operate") && html`<${Button} disabled=${!can} onClick=${() => setDialog("ask")}
+      data-do="ask">${t("page.control_ask")}…<//>`}
+    ${others && may("write_parameters") && html`<${Button} disabled=${!can} onClick=${() => setDialog("take")}>
+      ${t("page.take_over")}…<//>`}
+    <${ErrorNote} error=${error} />${dialog === "take" && html`<${TakeOver} view=${view} onClose=${close} />`}
+    ${dialog === "ask" && html`<${AskForControl} view=${view} onClose=${close} />`}</div>`;
+}

@@ -1,0 +1,72 @@
+"""Two users and one drive: one asks for control, the other hands it over or keeps it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.service.control import leases
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting
+
+REQUEST = "[data-request=pump-1]"
+
+
+def word(key: str, **params: Any) -> str:
+    return i18n.text(f"page.{key}", "en", **params)
+
+
+@pytest.fixture
+def expect() -> Any:
+    return expecting()
+
+
+def test_the_holder_sees_who_asks_on_any_page_and_hands_over_or_keeps_control(
+    stage: Stage, visit: Any, expect: Any
+) -> None:
+    engineer, operator = visit("#/drive/pump-1"), visit("#/drive/pump-1", role="operator", size=(360, 740))
+    name = "Circulation pump"
+    engineer.click("[data-do=take]")
+    engineer.locator(".lease.own").wait_for()
+    engineer.goto(f"{stage.at}/#/alarms")
+    operator.click("[data-do=ask]")
+    operator.fill("dialog input", "belt is slipping")
+    operator.click("[data-do=send-request]")
+    expect(operator.locator(".lease [role=timer]")).to_be_visible()
+    asked = engineer.locator(REQUEST)
+    expect(asked).to_contain_text(word("control_incoming_for", user="operator", name=name, reason="belt is slipping"))
+    asked.locator("[data-do=hand-over]").click()
+    granted = operator.locator("[data-answer=granted]")
+    expect(granted).to_contain_text(word("control_answer_granted", by="engineer", name=name))
+    operator.locator(".lease.own").wait_for()
+    granted.locator("[data-do=read]").click()
+    expect(granted).to_have_count(0)
+    expect(engineer.locator(".takeovers .banner")).to_have_count(0)  # the engineer gave it: no takeover
+    stage.wait(
+        lambda: stage.service.plant.leases._leases["pump-1"].claimed, "the page does not renew what it was given"
+    )
+    engineer.goto(f"{stage.at}/#/drive/pump-1")
+    engineer.click("[data-do=ask]")
+    engineer.click("[data-do=send-request]")
+    operator.locator(f"{REQUEST} [data-do=decline]").click()
+    declined = word("control_answer_declined", by="operator", name=name)
+    expect(engineer.locator("[data-answer=declined]")).to_contain_text(declined)
+    assert stage.view("pump-1")["lease"]["owner"] == "operator"
+
+
+def test_a_takeover_names_the_open_request_and_the_asker_can_withdraw_it(
+    stage: Stage, visit: Any, expect: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(leases, "LEASE_TTL_S", 60.0)
+    asker, engineer = visit("#/drive/fan-1", role="operator"), visit("#/drive/fan-1")
+    stage.call("lease.take", drive="fan-1")
+    asker.click("[data-do=ask]")
+    asker.click("[data-do=send-request]")
+    asked = word("control_asked_other", user="operator")
+    expect(engineer.locator(".lease")).to_contain_text(asked)
+    engineer.click(f".lease .button:has-text('{word('take_over')}')")
+    expect(engineer.locator("dialog")).to_contain_text(asked)
+    asker.click("[data-do=withdraw]")
+    expect(engineer.locator("dialog")).not_to_contain_text(asked)
