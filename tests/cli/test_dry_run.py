@@ -145,6 +145,7 @@ SENDS_NOTHING = {
     "completion",
     "acceptance",
     "comm-loss-test",
+    "control",
     "release",
     "waive",
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from drivebus.ports import Port
     from drivebus.profiles import DriveProfile
     from drivebus.serial_settings import SerialSettings
+    from drivebus.types import Json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,11 +139,17 @@ async def _open_remote(target: Target) -> AsyncIterator[tuple[Any, Any]]:
 
     assert target.service is not None
     async with open_client(target.service) as client:
-        drive = RemoteDrive(client, target.drive, target.address, target.profile)
+        drive = RemoteDrive(client, target.drive, target.address, target.profile, partial(_note_request, target.drive))
         try:
             yield RemoteBus(), drive
         finally:
             await drive.close()
+
+
+def _note_request(drive: str, request: Json) -> None:
+    """Print that another user asks for control of the drive."""
+    key = "control.requested" if request["reason"] is None else "control.requested_for"
+    output.print_note(key, drive=drive, user=request["user"], reason=request["reason"])
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import SimpleNamespace, TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -59,8 +59,18 @@ class RemoteBus:
 class RemoteDrive:
     """Drive with a name in the plant of a service."""
 
-    def __init__(self, client: RemoteClient, name: str, address: int, profile: DriveProfile) -> None:
+    def __init__(
+        self,
+        client: RemoteClient,
+        name: str,
+        address: int,
+        profile: DriveProfile,
+        on_control_request: Callable[[Json], None] | None = None,
+    ) -> None:
+        """``on_control_request`` is called once for each request of another user for control of this drive."""
         self._client, self.name, self.address, self.profile = client, name, address, profile
+        self._on_control_request = on_control_request
+        self._reported_request: str | None = None
         self._renewal: asyncio.Task[None] | None = None
         self._had_control_before = self._assume_model = False
         self._started_at: float | None = None
@@ -172,9 +182,15 @@ class RemoteDrive:
         while True:
             await asyncio.sleep(LEASE_RENEW_PERIOD_S)
             try:
-                await self.call(LEASE_RENEW)
+                found = await self.call(LEASE_RENEW)
             except ServiceUnavailable:
                 continue
+            self._report_request(found.get("control_request"))
+
+    def _report_request(self, request: Json | None) -> None:
+        if request is not None and request["id"] != self._reported_request and self._on_control_request is not None:
+            self._reported_request = request["id"]
+            self._on_control_request(request)
 
     async def close(self) -> None:
         """Release the control lease, unless this session had it before."""

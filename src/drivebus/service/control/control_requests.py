@@ -89,7 +89,7 @@ class ControlRequests:
         """Return the open request of this id. Raises NotFound: it has ended, or another one is open."""
         request = self.find_open(drive)
         if request is None or request.id != id:
-            raise NotFound("plant.no_control_request", id=id, drive=drive)
+            raise NotFound("plant.no_control_request", drive=drive)
         return request
 
     def end(self, request: ControlRequest, state: ControlRequestState, now: float, by: str | None = None) -> None:

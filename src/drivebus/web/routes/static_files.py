@@ -35,6 +35,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "acceptance",
         "audit",
         "cli",
+        "control",
         "decode",
         "demo",
         "dry",

@@ -1,0 +1,140 @@
+"""``drivebus control``: one command controls a drive, another asks for it; over HTTP and over the socket."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from click.testing import CliRunner
+
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.main import cli
+from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.auth.rights import Role
+from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, lines_until, running_command
+from fixtures.running_service import RunningService, http_service, token
+from fixtures.service import remote_actor
+
+FAN = ("--drive", "fan-1")
+BOB = remote_actor("bob")
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
+        found.run_in_loop(lambda: found.kit.grant_waivers())
+        yield found
+
+
+@pytest.fixture(autouse=True)
+def no_leases(plant: RunningService) -> Iterator[None]:
+    """Begin without leases and requests, and without the pause before a next request."""
+    yield
+    control = plant.kit.service.plant
+    plant.run_in_loop(lambda: plant.kit.call("drive.stop", drive="fan-1"))
+    control.leases.remove_drive("fan-1")
+    control.control_requests.remove_drive("fan-1")
+    control.control_requests._requested_at.clear()
+
+
+def view(plant: RunningService) -> Any:
+    return plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-1"))
+
+
+def wait_for(condition: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + CHILD_TIMEOUT_S
+    while not condition():
+        assert time.monotonic() < deadline, "it never came"
+        time.sleep(0.05)
+
+
+def asked(plant: RunningService, state: str = "open") -> bool:
+    request = view(plant)["control_request"]
+    return request is not None and request["state"] == state
+
+
+def answer(word: str, plant: RunningService, code: int = 0) -> Any:
+    """Answer with the engineer's token."""
+    words = ["control", word, "--service", plant.url, *FAN, "--json"]
+    result = CliRunner().invoke(cli, words, env={"DRIVEBUS_TOKEN": token(Role.ENGINEER)})
+    assert result.exit_code == code, result.output
+    return json.loads(result.stdout)
+
+
+def asking(service: str, *words: str) -> Any:
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.OPERATOR)
+    return running_command("control", "request", "--service", service, *FAN, "--json", *words)
+
+
+def result_of(process: subprocess.Popen[str]) -> Any:
+    """Return the answer that the command printed."""
+    return json.loads(lines_until(process, lambda line: '"control"' in line)[-1])
+
+
+def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_control_is_handed_over(
+    plant: RunningService,
+) -> None:
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
+    with running_command("run", "--service", plant.url, *FAN, "--frequency", "20", "--json") as holder:
+        lines_until(holder, lambda line: '"event": "status"' in line)
+        stops = plant.kit.service.plant.stop_counters.requested
+        with asking(plant.url, "--reason", "belt is slipping") as asker:
+            wait_for(lambda: asked(plant))
+            assert holder.stderr is not None
+            note = next(line for line in holder.stderr if "asks you for control" in line)
+            assert note.startswith("operator/test asks you for control of fan-1: belt is slipping")
+            assert answer("grant", plant) == {"drive": "fan-1", "user": "operator/test"}
+            assert result_of(asker) == {"control": "granted", "drive": "fan-1", "by": "engineer/test"}
+            assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.DONE
+        assert holder.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
+    found = view(plant)
+    assert found["lease"]["owner"] == "operator/test" and found["state"] in ("running", "accelerating")
+    assert plant.kit.service.plant.stop_counters.requested == stops, "the end of the run stopped the motor"
+
+
+def test_a_declined_request_is_exit_code_1_and_without_a_request_there_is_nothing_to_answer(
+    plant: RunningService,
+) -> None:
+    assert answer("decline", plant, code=ExitCode.FAILED)["error"]["key"] == "plant.no_control_request"
+    headers = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
+    taken = httpx.post(f"{plant.url}{API_PREFIX}/drives/fan-1/lease", headers=headers)
+    assert taken.status_code == 200
+    with asking(plant.url) as asker:
+        wait_for(lambda: asked(plant))
+        answer("decline", plant)
+        assert result_of(asker)["control"] == "declined"
+        assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
+
+
+def test_ctrl_c_withdraws_the_request(plant: RunningService) -> None:
+    plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
+    with asking(plant.url) as asker:
+        wait_for(lambda: asked(plant))
+        asker.send_signal(signal.SIGINT)
+        asker.wait(CHILD_TIMEOUT_S)
+    assert asked(plant, "withdrawn")
+
+
+@pytest.mark.parametrize("transport", ["socket", "hold"])
+def test_control_is_released_for_the_next_command_on_the_socket_and_held_until_ctrl_c_with_hold(
+    plant: RunningService, transport: str
+) -> None:
+    plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
+    service, more = (str(plant.socket), ()) if transport == "socket" else (plant.url, ("--hold",))
+    with asking(service, *more) as asker:
+        wait_for(lambda: asked(plant))
+        request = view(plant)["control_request"]["id"]
+        plant.run_in_loop(lambda: plant.kit.call("control_request.grant", BOB, drive="fan-1", request=request))
+        assert result_of(asker)["control"] == "granted"
+        if transport == "hold":
+            wait_for(lambda: plant.kit.service.plant.leases._leases["fan-1"].claimed)
+            asker.send_signal(signal.SIGINT)
+        asker.wait(CHILD_TIMEOUT_S)
+    assert view(plant)["lease"] is None
