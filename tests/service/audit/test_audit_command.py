@@ -147,4 +147,4 @@ def test_the_list_of_a_plant_file_shows_the_titles_of_its_drives(tmp_path: Path)
         f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n[bus.a]\nlink = "sim://c320@1"\n'
         '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\ntitle = { en = "Supply fan", zh = "送风机" }\n'
     )
-    assert "运行 送风机：4.0 Hz" in invoke_audit("list", str(file), language="zh").output
+    assert "运行送风机：4.0 Hz" in invoke_audit("list", str(file), language="zh").output

@@ -27,30 +27,30 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
         (
             record("drive.set_frequency", "fan-3", drive="fan-3", frequency_hz=25.0),
             "Set the frequency of Flue gas fan: 25.0 Hz",
-            "设定频率 引风机：25.0 Hz",
+            "设定引风机的频率：25.0 Hz",
         ),
         (
             record("drive.run", "fan-3", drive="fan-3", frequency_hz=20.0, direction="reverse", arm_token="***"),
             "Run Flue gas fan: 20.0 Hz, reverse",
-            "运行 引风机：20.0 Hz，反转",
+            "运行引风机：20.0 Hz，反转",
         ),
         (record("drive.stop", "fan-3", drive="fan-3", how="coast"), "Bus stop of Flue gas fan: coast", None),
         (
             record("parameters.write", "fan-3", drive="fan-3", values={"F0.1": 2.0, "F1.07": "0010H"}, save=True),
-            "Write parameters Flue gas fan: F0.1 = 2.0, F1.07 = 0010H, also to EEPROM",
-            "写参数 引风机：F0.1 = 2.0，F1.07 = 0010H，并写入 EEPROM",
+            "Write parameters of Flue gas fan: F0.1 = 2.0, F1.07 = 0010H, also to EEPROM",
+            "写引风机的参数：F0.1 = 2.0，F1.07 = 0010H，并写入 EEPROM",
         ),
         (
             record(
                 "drive.limits", "fan-3", drive="fan-3", minimum_hz=5.0, maximum_hz=40.0, forward=True, reverse=False
             ),
-            "Limits of Flue gas fan: at least 5.0 Hz, at most 40.0 Hz, reverse not permitted",
+            "Change the limits of Flue gas fan: at least 5.0 Hz, at most 40.0 Hz, reverse not permitted",
             None,
         ),
         (
             record("group.start", "air", group="air", frequency_hz=30.0),
             "Start group Air: 30.0 Hz",
-            "启动组 送引风：30.0 Hz",
+            "启动组送引风：30.0 Hz",
         ),
         (
             record(
@@ -63,7 +63,7 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
                 alarm_title={"en": "No reply", "zh": "无应答"},
             ),
             "Shelve alarm Flue gas fan · No reply: 60 min, reason: bearing",
-            "搁置报警 引风机 · 无应答：60 分钟，原因：bearing",
+            "搁置报警：引风机 · 无应答：60 分钟，原因：bearing",
         ),
         (
             record(
@@ -74,7 +74,7 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
                 alarm_title={"en": "No reply", "zh": "无应答"},
             ),
             "Shelve alarms Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 4 more · No reply: 60 min, reason: cable",
-            "搁置多条报警 引风机，m-0，m-1，m-2，m-3，m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
+            "搁置多条报警：引风机，m-0，m-1，m-2，m-3，m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
         ),
         (record("login", "ann"), "Log in", "登录"),
         (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
@@ -83,6 +83,23 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             None,
             "拒绝：审计记录无法写入 引风机：运行",
         ),
+        (record("lease.take", "fan-3", drive="fan-3"), "Take control of Flue gas fan", "取得引风机的控制权"),
+        (
+            record("start_inhibits.release", drives=["fan-3", *(f"m-{n}" for n in range(29))]),
+            "Release the start inhibits of 30 drives (Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 24 more)",
+            "解除 30 台变频器（引风机，m-0，m-1，m-2，m-3，m-4，另有 24 台）的启动禁止",
+        ),
+        (
+            record("waivers.grant", drives=["fan-3"], reason="bench"),
+            "Record waivers for Flue gas fan: reason: bench",
+            "记录引风机的豁免：原因：bench",
+        ),
+        (
+            record("incident.note", "000001-fan-3", incident="000001-fan-3", note="bearing"),
+            "Note on incident Flue gas fan, no. 000001: bearing",
+            "故障记录引风机（第 000001 号）的备注：bearing",
+        ),
+        (record("user.add", "eva", role="engineer"), "Add user eva: role engineer", "添加用户 eva：角色 工程师"),
         (record("who.knows", "x"), "who.knows x", "who.knows x"),
     ],
     ids=lambda value: value["what"] if isinstance(value, dict) else None,
@@ -116,6 +133,7 @@ def test_a_write_of_many_parameters_shows_the_first_ones() -> None:
         ("acknowledged", "Acknowledged, can't be confirmed", "已应答，无法确认"),
         ("confirmed, failed", "Confirmed, Failed", "已确认，失败"),
         ("bus.no_reply", "not done (bus.no_reply)", "未执行（bus.no_reply）"),
+        ("runs_on", "the motor kept running", "电机继续运行"),
         ("NotInTheCatalogue", "NotInTheCatalogue", "NotInTheCatalogue"),
     ],
 )

@@ -232,7 +232,7 @@ def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, 
     page = visit("#/audit")
     page.fill(".filters input[type=search]", "drive.stop")
     entry = page.locator(".entry", has_text=word("outcome_confirmed")).filter(has_text="Circulation pump").first
-    action = f"{i18n.text('audit.did_drive_stop')} Circulation pump"
+    action = i18n.text("audit.on_drive_stop", subject="Circulation pump")
     expect(entry.locator(".what")).to_have_text(action)
     expect(entry.locator(".user")).to_have_text("tester")
     entry.locator("summary").click()

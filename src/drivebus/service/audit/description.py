@@ -12,6 +12,7 @@ from typing import Any
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
 from drivebus.values import Text
@@ -22,7 +23,7 @@ NO_TITLES: Titles = {}
 MAX_VALUES = 8
 """Parameters of a write that are shown by value; the rest is counted in the record only."""
 MAX_DRIVES = 6
-"""Drives of one command on several alarms that are named; the rest is counted."""
+"""Drives of one command that are named; the rest is counted."""
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
 NUMBERS = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 _PLACEHOLDER = re.compile(r"\{\w+\}")
@@ -53,19 +54,36 @@ def described(item: Json, titles: Titles = NO_TITLES) -> Json:
 
 def action_name(what: str) -> Text:
     """Return the name of an operation or event; its identifier where the catalogue has none."""
-    key = "audit.did_" + re.sub("[.-]", "_", what)
+    key = _key("audit.did_", what)
     return bilingual_text(key) if i18n.known(key) else Text(what, what)
+
+
+def _spaced(name: str) -> str:
+    """Return a name for a Chinese sentence, which has a space beside Latin letters and digits."""
+    return " " * name[:1].isascii() + name + " " * name[-1:].isascii()
+
+
+def _key(prefix: str, what: str) -> str:
+    return prefix + re.sub("[.-]", "_", what)
 
 
 def _action(item: Json, titles: Titles) -> Text:
     params = item["params"] if isinstance(item.get("params"), dict) else {}
     details = _joined([*_details(params)])
-    subject = _subject(item, params, titles)
+    done = _done_to(item["what"], _subject(item, params, titles))
     more = bilingual_text("audit.details", details=details) if details.en else Text("", "")
+    return Text(done.en + more.en, done.zh + more.zh)
+
+
+def _done_to(what: str, subject: Text) -> Text:
+    """Return an action with its subject, in the word order of each language."""
     if not subject.en:
-        name = action_name(item["what"])
-        return Text(name.en + more.en, name.zh + more.zh)
-    return bilingual_text("audit.sentence", action=action_name(item["what"]), subject=subject, details=more)
+        return action_name(what)
+    key = _key("audit.on_", what)
+    if i18n.known(key):
+        found = bilingual_text(key, subject=Text(subject.en, _spaced(subject.zh)))
+        return Text(found.en, found.zh.strip().replace(" （", "（"))
+    return bilingual_text("audit.sentence", action=action_name(what), subject=subject)
 
 
 def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
@@ -73,12 +91,20 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
     target = str(item.get("target") or "")
     if target == item["who"]["name"]:
         return Text("", "")
+    if item["what"] == "incident.note":
+        number, _, drive = target.partition("-")
+        return bilingual_text("audit.incident", drive=_title("drive", drive, titles), number=number)
     alarm = params.get("alarm_title")
     if isinstance(alarm, Mapping):
         of = _named_drives(params.get("drives"), titles)
         return Text(
             *(" · ".join(filter(None, (getattr(of, language), alarm.get(language)))) for language in ("en", "zh"))
         )
+    drives = params.get("drives")
+    if not target and isinstance(drives, list) and len(drives) > 1:
+        return bilingual_text("audit.drives", n=len(drives), names=_named_drives(drives, titles))
+    if not target:
+        return _named_drives(drives, titles)
     kind = next((kind for kind in titles if params.get(kind) == target), item["what"].partition(".")[0])
     return _title(kind, target, titles)
 
@@ -104,7 +130,7 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text(f"audit.detail.how_{params['how']}")
     for name in NUMBERS:
         if isinstance(params.get(name), int | float | str):
-            yield bilingual_text(f"audit.detail.{name}", value=params[name])
+            yield bilingual_text(f"audit.detail.{name}", value=_role(params[name]) if name == "role" else params[name])
     for name in ("forward", "reverse"):
         if params.get(name) is False:
             yield bilingual_text(f"audit.detail.{name}")
@@ -122,6 +148,15 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield action_name(params["what"])
 
 
+def _role(role: Any) -> Any:
+    """Return the name of a role within a sentence; a role that the catalogue does not know stays as it is."""
+    key = f"page.role_{role}"
+    if not i18n.known(key):
+        return role
+    name = bilingual_text(key)
+    return Text(name.en.lower(), name.zh)
+
+
 def _outcome(item: Json) -> Text | None:
     """Return the text of an outcome, of an error with its parameters where the record has them; None without one."""
     outcome, params = item.get("outcome"), item.get("params")
@@ -134,6 +169,8 @@ def _outcome(item: Json) -> Text | None:
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
     if code in OUTCOMES:
         return bilingual_text(f"page.outcome_{code}")
+    if code in {str(result) for result in CommLossResult}:
+        return bilingual_text(f"audit.outcome_{code}")
     if not i18n.known(code):
         return Text(code, code)
     found = bilingual_text(code, **params)

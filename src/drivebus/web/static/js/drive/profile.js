@@ -55,7 +55,7 @@ export function ProfileTab({ view, profile }) {
 export function ModelProfile({ profile, children }) {
   return html`<div class="stack"><${Facts} profile=${profile} />${children}
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
-      <${Notice} key=${one.id} kind="warning" title=${one.id}><p>${localized(one.text)}</p>
+      <${Notice} key=${one.id} kind="warning"><p>${localized(one.text)}</p>
       <p class="soft">${t("page.evidence", {
         source: one.evidence.source || t(`page.evidence_${one.evidence.kind}`) })}</p><//>`)}`}
     ${profile.keypad.length > 0 && html`<h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li
