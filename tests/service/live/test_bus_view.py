@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from drivebus.service.config import loads
 from drivebus.service.config.model import BusConfig
 from drivebus.testing.virtual_time import run
 from fixtures.service import plant_config, running_service
@@ -32,3 +33,21 @@ def test_a_failure_counts_once_in_the_figures_of_its_bus() -> None:
             assert [station["error_rate"] for station in bus["stations"]] == [0.0, 1.0] and 0 < bus["error_rate"] < 1
 
     run(scenario())
+
+
+def test_a_drive_on_a_full_bus_states_the_interval_at_which_it_is_polled() -> None:
+    """With 30 drives on a bus the values are 15 s old at times, which no surface explained."""
+
+    def shown(count: int) -> tuple[float, float]:
+        drives = "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "vc660"\n' for n in range(1, count + 1))
+        bus = f'[bus.a]\nlink = "sim://vc660@1-{count}"\n'
+
+        async def scenario() -> tuple[float, float]:
+            async with running_service(loads(f'format = 1\n[plant]\nid = "p"\n{bus}{drives}')) as kit:
+                view = await kit.call("drives.get", drive="d1")
+                return view["poll_interval_s"], view["requested_interval_s"]
+
+        return run(scenario())
+
+    assert shown(1) == (0.5, 0.5)
+    assert shown(30) == (15.0, 0.5)

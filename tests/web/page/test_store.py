@@ -285,6 +285,16 @@ def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
 
 
 @pytest.mark.parametrize(
+    ("real", "requested", "expected"), [("0.5", "0.5", None), ("15", "0.5", 15), ("15", "15", None), ("1", "0.5", None)]
+)
+def test_a_poll_interval_is_shown_where_it_is_longer_than_expected(
+    page: Any, real: str, requested: str, expected: float | None
+) -> None:
+    view = f"{{poll_interval_s: {real}, requested_interval_s: {requested}}}"
+    assert evaluate(page, "format", f"m.slowInterval({view})") == expected
+
+
+@pytest.mark.parametrize(
     ("search", "expected"), [("", ["a", "b"]), ("英沃 vc", ["a"]), ("DELTA rtu", []), ("delta", ["b"])]
 )
 def test_models_are_found_by_words_of_either_language(page: Any, search: str, expected: list[str]) -> None:

@@ -193,6 +193,10 @@ class DriveView:
     """UTC time of this view; not in topics, which are published only when they change."""
     state_time_ms: int | None = None
     """UTC time of the oldest reply on which the state rests."""
+    poll_interval_s: float | None = None
+    """Seconds between two polls of its most polled signal; None: nothing is polled."""
+    requested_interval_s: float | None = None
+    """The same as its model or ``signals`` of the plant file asks for; shorter where the bus cannot carry it."""
     jog_frequency: str | None = None
     """Where the frequency of a jog comes from: a ``JogFrequency``; None where the model can't jog."""
 
@@ -213,6 +217,8 @@ class DriveView:
             "maximum_hz",
             "start_inhibited",
             "stop_pending",
+            "poll_interval_s",
+            "requested_interval_s",
             "jog_frequency",
             "time_ms",
             "state_time_ms",

@@ -212,7 +212,11 @@ class ControlRequestObject(ApiObject):
 
 
 class DriveObject(ApiObject):
-    """Present state of one drive."""
+    """Present state of one drive.
+
+    Its state and its most polled signal are read every ``poll_interval_s``; ``requested_interval_s`` is the period that
+    its model or ``signals`` of the plant file asks for, which is shorter where the bus cannot carry it.
+    """
 
     id: str
     title: LocalizedText | None
@@ -242,6 +246,8 @@ class DriveObject(ApiObject):
     signals: dict[str, SignalObject]
     time_ms: int
     state_time_ms: int | None
+    poll_interval_s: float | None
+    requested_interval_s: float | None
     jog_frequency: JogFrequency | None
 
 

@@ -69,6 +69,14 @@ export function ageOf(found) {
 /** The drive's state as it may be shown now; `lost` without a live connection. */
 export const stateOf = (view) => ({ state: view.state, presence: view.presence, lost: !isLive.value });
 
+/** Intervals below this are what a user expects of a live value. */
+const EXPECTED_INTERVAL_S = 1.5;
+
+/** Seconds between two polls of a drive that its bus polls less often than its model asks for; else null. */
+export function slowInterval({ poll_interval_s: real, requested_interval_s: requested }) {
+  return real > EXPECTED_INTERVAL_S && real > requested ? real : null;
+}
+
 /** The most used signals, in the order in which they are shown. */
 const FIRST_SIGNALS = [
   "output_frequency", "output_current", "dc_bus_voltage", "output_voltage", "set_frequency",

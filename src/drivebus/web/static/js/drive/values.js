@@ -1,8 +1,9 @@
 // Live values of one drive, the most used first, each with its age.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
-import { duration, number, reading, signalName, signalRank } from "../format.js";
+import { duration, number, reading, signalName, signalRank, slowInterval } from "../format.js";
 import { isLive } from "../live.js";
+import { bus } from "../store.js";
 import { Value } from "../ui.js";
 
 const LARGE_SIGNALS = ["output_frequency", "output_current"];
@@ -30,6 +31,15 @@ function Rows({ view, names }) {
     <tbody>${names.map((name) => html`<${Row} key=${name} view=${view} name=${name} />`)}</tbody></table>`;
 }
 
+/** Why the values are older than the model's own poll interval. */
+function SlowPolling({ view }) {
+  const slow = slowInterval(view);
+  if (slow === null) return null;
+  const n = bus(view.bus).value?.stations.length ?? 1;
+  return html`<p class="hint" data-text="slow-polling">${t("page.polled_slowly", {
+    n, interval: duration(slow), requested: duration(view.requested_interval_s) })}</p>`;
+}
+
 export function Values({ view }) {
   const names = signalsOf(view);
   const more = names.slice(DEFAULT_ROW_COUNT);
@@ -42,7 +52,7 @@ export function Values({ view }) {
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
         </span>
       </figure></div>
-    <${Rows} view=${view} names=${names.slice(0, DEFAULT_ROW_COUNT)} />
+    <${SlowPolling} view=${view} /><${Rows} view=${view} names=${names.slice(0, DEFAULT_ROW_COUNT)} />
     ${more.length > 0 && html`<details><summary>${t("page.more_values", { n: more.length })}</summary>
       <${Rows} view=${view} names=${more} /></details>`}</section>`;
 }

@@ -2,10 +2,10 @@
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { href } from "../router.js";
-import { bus, idsOf } from "../store.js";
+import { bus, drive, idsOf } from "../store.js";
 import { Icon } from "../icons.js";
 import { Notice } from "../ui.js";
-import { NO_VALUE } from "../format.js";
+import { NO_VALUE, duration, slowInterval } from "../format.js";
 import { styled } from "../style.js";
 import { BusTopology, Stations } from "../parts/bus-topology.js";
 import { FrameLog } from "../parts/frame-log.js";
@@ -60,11 +60,24 @@ function BusDetails({ id }) {
     ${!view.is_open && html`<${Notice} kind="bad"
       title=${t("page.bus_closed_why", { link: view.link })}>${localized(view.problem)}<//>`}
     ${view.slow_adapter && html`<${Notice} kind="warning">${localized(view.slow_adapter)}<//>`}
+    <${SlowPolling} view=${view} />
     <section class="panel stack"><h2>${titleOf(view)}</h2><${Facts} view=${view} /></section>
     <section class="panel stack"><h2>${t("page.cable")}</h2><p class="help">${t("page.cable_help")}</p>
       <${BusTopology} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
     <section class="panel stack"><h2>${t("page.frames_title")}</h2><${FrameLog} bus=${id} stations=${view.stations} />
       </section>`;
+}
+
+/** Notice where the bus polls its drives less often than they ask for, with what would shorten the interval. */
+function SlowPolling({ view }) {
+  const drives = view.stations.map((one) => drive(one.drive).value).filter((one) => one && slowInterval(one) !== null);
+  if (drives.length === 0) return null;
+  const params = {
+    n: view.stations.length, slowed: drives.length, serial: view.serial ?? "",
+    interval: duration(Math.max(...drives.map(slowInterval))),
+    requested: duration(Math.min(...drives.map((one) => one.requested_interval_s))),
+  };
+  return html`<${Notice} kind="info" title=${t("page.bus_polls_slowly", params)}>${t("page.bus_polls_slowly_why", params)}<//>`;
 }
 
 function Facts({ view }) {

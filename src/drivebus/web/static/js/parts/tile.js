@@ -1,7 +1,7 @@
 // Tile of one drive. Each tile subscribes to its own drive only.
 import { html, useComputed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
-import { ageOf, readingWithoutAge, stateOf } from "../format.js";
+import { ageOf, duration, readingWithoutAge, slowInterval, stateOf } from "../format.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
@@ -26,11 +26,14 @@ function coarseAge(seconds) {
   return t("page.minutes", { n: Math.floor(seconds / 60) });
 }
 
-/** Age of the frequency, else of the first signal that the drive reports. */
+/** Age of the frequency, else of the first signal that the drive reports; with the poll interval where that is long. */
 function ageText(view) {
   const all = view?.signals ?? {};
   const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.readAt !== null);
-  return found ? coarseAge(ageOf(found)) : t("page.never_read");
+  if (!found) return t("page.never_read");
+  const slow = slowInterval(view);
+  const age = coarseAge(ageOf(found));
+  return slow === null ? age : t("page.age_of_interval", { age, interval: duration(slow) });
 }
 
 function HighestPriority({ alarms }) {
@@ -68,7 +71,8 @@ export function Tile({ id }) {
         <${Sparkline} id=${id} /></span><${LimitBar} view=${view} />
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
         ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
-        <span class="tileage">${age}</span></span>
+        <span class="tileage" title=${slowInterval(view) === null ? undefined
+          : t("page.age_of_interval_is")}>${age}</span></span>
       ${view.fault && html`<${Fault} fault=${view.fault} />`}
       ${view.stop_pending && html`<p class="tilefault">${t("page.stop_pending")}</p>`}
       ${view.start_inhibited && html`<p class="tilenote">${t("page.start_inhibited")}</p>`}</a>
