@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivebus import profiles
 from drivebus.drives.dialects.command_word import make_command_word
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
+from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
 from drivebus.values import Text
 from generator.terms import localized, table
 
@@ -43,7 +43,7 @@ def collisions() -> Iterator[Collision]:
             for other, rival in mapped:
                 names = make_command_word(rival.resolved(other.options)).active_names(word)
                 starts = sorted(name for name in names if name.startswith(MOTION_COMMANDS) and name != "jog_stop")
-                if commands.register == rival.register and starts and other is not profile:
+                if _same_place(commands, rival) and starts and other is not profile:
                     yield Collision(
                         register=commands.register,
                         word=word,
@@ -52,6 +52,10 @@ def collisions() -> Iterator[Collision]:
                         other=other.model,
                         starts=starts[0],
                     )
+
+
+def _same_place(commands: CommandMap, rival: CommandMap) -> bool:
+    return (commands.space, commands.register) == (rival.space, rival.register)
 
 
 def _stops(profile: DriveProfile) -> Iterator[tuple[str, int]]:

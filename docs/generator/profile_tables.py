@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import CommandBit, OpenQuestion, Parameter, Signal
+from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal
+from drivebus.values import Text
 from generator.terms import BITS, colon, evidence, localized, table, term
+
+COILS = Text("coils {first} to {last}, the first is bit 0", "线圈 {first}～{last}，第一个为位 0")
+SINGLE_COIL = Text("one coil for each command, switched on", "每个命令一个线圈，置为 ON")
 
 
 def serial_settings(profile: DriveProfile, language: str) -> str:
@@ -136,16 +140,37 @@ def commands(profile: DriveProfile, language: str) -> str:
     for setting, choices in profile.commands.variants.items():
         for value, bits in choices.items():
             rows += _bit_rows(bits, f"`{setting} = {value}`", language)
-    made = f"{profile.commands.register:04X}H\n\n" + table([term(head, language) for head in heads], rows)
+    made = f"{_command_place(profile.commands, language)}\n\n" + table([term(head, language) for head in heads], rows)
     return made + _status_word(profile, language)
 
 
 def _command_values(profile: DriveProfile, language: str) -> str:
     """Return the words of a drive whose command word is a number."""
     assert profile.commands is not None
-    rows = [(f"`{name}`", _value_meaning(name, language), value) for name, value in profile.commands.values.items()]
+    commands = profile.commands
+    rows: list[tuple[object, ...]] = []
+    for name, value in commands.values.items():
+        shown = f"{commands.register + value:04X}H" if commands.written_to == "coil" else value
+        rows.append((f"`{name}`", _value_meaning(name, language), shown))
+    if commands.reset is not None:
+        shown = f"{commands.reset.value} ({commands.reset.register:04X}H)"
+        rows.append(("`reset`", _value_meaning("reset", language), shown))
     heads = [term(head, language) for head in ("command", "meaning", "value")]
-    return f"{profile.commands.register:04X}H\n\n" + table(heads, rows) + _status_word(profile, language)
+    return f"{_command_place(commands, language)}\n\n" + table(heads, rows) + _status_word(profile, language)
+
+
+def _command_place(commands: CommandMap, language: str) -> str:
+    match commands.written_to:
+        case "coils":
+            return _coils(commands.register, commands.coil_count, language)
+        case "coil":
+            return localized(SINGLE_COIL, language)
+    last = f"–{commands.register + 1:04X}H" if commands.words > 1 else ""
+    return f"{commands.register:04X}H{last}"
+
+
+def _coils(first: int, count: int, language: str) -> str:
+    return localized(COILS, language).format(first=f"{first:04X}H", last=f"{first + count - 1:04X}H")
 
 
 def _status_word(profile: DriveProfile, language: str) -> str:
@@ -155,7 +180,11 @@ def _status_word(profile: DriveProfile, language: str) -> str:
     rows = [(f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in status.bits.items()]
     rows += [(f"`{name}`", _value_meaning(name, language), str(value)) for value, name in status.values.items()]
     heads = [term(head, language) for head in ("name", "meaning", "value" if status.values else "mask")]
-    return f"\n{status.register:04X}H\n\n" + table(heads, rows)
+    if status.space in ("coil", "discrete"):
+        place = _coils(status.register, status.bit_count, language)
+    else:
+        place = f"{status.register:04X}H"
+    return f"\n{place}\n\n" + table(heads, rows)
 
 
 def _value_meaning(name: str, language: str) -> str:

@@ -68,25 +68,29 @@ class Scale:
     offset: float = 0.0
     coding: Coding = "binary"
     decimals: int = 0
+    words: int = 1
+    """Registers of the number, 16 bits each."""
 
     def value(self, raw: int) -> float:
-        """Return the quantity of a 16-bit word. Raises ValueError for a BCD word with a digit above 9."""
+        """Return the quantity of a raw number. Raises ValueError for a BCD word with a digit above 9."""
         return round(self._number(raw) * self.factor + self.offset, self.decimals + 3)
 
     def raw(self, value: float) -> int:
-        """Return the nearest word. Raises ValueError where it does not fit 16 bits."""
+        """Return the nearest raw number. Raises ValueError where it does not fit its words."""
         number = round((value - self.offset) / self.factor)
-        if self.coding == "signed" and -0x8000 <= number < 0:
-            number += 0x10000
+        beyond = 1 << 16 * self.words
+        if self.coding == "signed" and -beyond // 2 <= number < 0:
+            number += beyond
         elif self.coding == "bcd" and 0 <= number <= 9999:
             return int(str(number), 16)
-        if not 0 <= number <= (9999 if self.coding == "bcd" else 0xFFFF):
-            raise ValueError(f"{value} does not fit a 16-bit word at a step of {self.factor}")
+        if not 0 <= number < (10000 if self.coding == "bcd" else beyond):
+            raise ValueError(f"{value} does not fit {16 * self.words} bits at a step of {self.factor}")
         return number
 
     def _number(self, raw: int) -> int:
-        if self.coding == "signed" and raw >= 0x8000:
-            return raw - 0x10000
+        beyond = 1 << 16 * self.words
+        if self.coding == "signed" and raw >= beyond // 2:
+            return raw - beyond
         if self.coding == "bcd":
             digits = f"{raw:X}"
             if not digits.isdecimal():

@@ -12,7 +12,7 @@ from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import frequency_word
 from drivebus.drives.dialects.command_word import make_command_word
 from drivebus.drives.dialects.dzb100 import STATE_ITEM
-from drivebus.drives.dialects.modbus import sync_register_pairs
+from drivebus.drives.dialects.modbus_reads import sync_spans
 from drivebus.drives.operations.dzb100_calibration import calibrate_query_coding
 from drivebus.drives.operations.parameter_write import check_write
 from drivebus.drives.operations.setpoint import set_frequency
@@ -60,9 +60,9 @@ def test_a_profile_without_two_neighbouring_registers_has_no_sync_probe() -> Non
     profile = profiles.load("skf8000")
     alone = replace(profile, signals={}, parameters={}, preconditions=())
     with pytest.raises(ConfigurationError) as caught:
-        sync_register_pairs(alone)
+        sync_spans(alone)
     assert caught.value.key == "drives.no_sync_probe"
-    assert sync_register_pairs(profile)
+    assert sync_spans(profile)
 
 
 @pytest.mark.parametrize(("word", "is_documented"), [(0x0000, True), (0x00FF, False)])

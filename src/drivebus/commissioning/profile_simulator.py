@@ -6,15 +6,34 @@ right: a misread register is misread at both ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from itertools import islice
 from typing import Any, ClassVar
 
+from drivebus.drives.dialects.modbus_reads import (
+    ReadRequest,
+    Span,
+    join_words,
+    request_span,
+    span_of,
+    split_words,
+    status_span,
+)
+from drivebus.drives.dialects.modbus_writes import (
+    CommandWrite,
+    ModbusWrites,
+    ParameterWrite,
+    RecognisedWrite,
+    ResetWrite,
+    SetpointWrite,
+)
 from drivebus.errors import ProtocolError
 from drivebus.profiles.load import load, models
-from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
+from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
+from drivebus.protocols.family import Locator
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
@@ -29,6 +48,9 @@ ACCEL_TIME, DECEL_TIME = 0x10000, 0x10001
 DEFAULT_MAXIMUM_HZ = 50.0
 JOG_HZ = 5.0
 REPLY_DELAY_S = 0.005
+SPACE_KEYS = {"holding": 0, "input": 0x20000, "coil": 0x40000, "discrete": 0x60000}
+"""First memory key of each space."""
+WRITE_FUNCTIONS = (5, 6, 15, 16)
 FAULT_NUMBERS = {trip: number for number, trip in enumerate(Trip, 1)}
 """Number, and bit plus 1, of each trip: the simulator's own."""
 SIGNAL_SOURCES: dict[str, Callable[[Motor], float]] = {
@@ -79,7 +101,9 @@ class ProfileStation(SimulatedStation):
         self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.features = profile.modbus or ModbusFeatures()
         self.setpoint_word = self.command = 0
-        self._signals = {signal.locator[1]: signal for signal in profile.signals.values()}
+        self._writes = ModbusWrites(address, profile, self.commands)
+        self._signals = {signal.locator: signal for signal in profile.signals.values()}
+        self._places = _number_places(profile)
 
     def power_up(self) -> None:
         self.setpoint_word = self.command = 0
@@ -101,7 +125,7 @@ class ProfileStation(SimulatedStation):
         maximum_hz = share.maximum_hz or DEFAULT_MAXIMUM_HZ
         if share.maximum is not None:
             parameter = self.profile.parameters[share.maximum]
-            maximum_hz = parameter.scale.value(self.memory[parameter.locator[1]])
+            maximum_hz = parameter.scale.value(self.memory[_memory_key(parameter.locator)])
         return Scale(maximum_hz / share.full_scale)
 
     def handle_request(self, message: Any, codec: Codec) -> Any:
@@ -111,20 +135,14 @@ class ProfileStation(SimulatedStation):
         match message:
             case modbus.Diagnostics() if self.features.loopback:
                 return modbus.DiagnosticsReply(message.address, message.data)
-            case modbus.ReadRegisters(function=3):
+            case modbus.ReadRegisters() | modbus.ReadBits():
                 return self._read(message)
-            case modbus.WriteRegister():
-                code = self._store(message.register, message.value)
-                acknowledged = message.value
-            case modbus.WriteRegisters():
-                places = enumerate(message.values, message.register)
-                code = next((code for place, value in places if (code := self._store(place, value))), 0)
-                acknowledged = len(message.values)
-            case _:
+            case _ if function not in WRITE_FUNCTIONS:
                 return modbus.ExceptionReply(message.address, function, ILLEGAL_FUNCTION)
+        code = self._store(modbus.request_writes(message))
         if code:
             return modbus.ExceptionReply(message.address, function, code)
-        return modbus.WriteAck(message.address, function, message.register, acknowledged)
+        return modbus.WriteAck(message.address, function, message.register, _acknowledged(message))
 
     def reply_to_error(self, error: ProtocolError, codec: Codec) -> Any:
         if not isinstance(error, modbus.IllegalRequest):
@@ -138,27 +156,42 @@ class ProfileStation(SimulatedStation):
 
     # Reading.
 
-    def _read(self, request: modbus.ReadRegisters) -> Any:
-        if request.count > self.features.max_read:
+    def _read(self, request: ReadRequest) -> Any:
+        span = request_span(request)
+        limit = self.features.max_read if isinstance(request, modbus.ReadRegisters) else modbus.MAX_READ_BITS
+        if span.length > limit:
             return modbus.ExceptionReply(request.address, request.function, ILLEGAL_VALUE)
-        values = [self._register(request.register + place) for place in range(request.count)]
+        values = [self._value((span.space, place)) for place in range(span.start, span.end)]
+        if isinstance(request, modbus.ReadBits) and any(value is not None for value in values):
+            return modbus.BitValues(request.address, request.function, tuple(bool(value) for value in values))
         if None in values:
             return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
         return modbus.RegisterValues(request.address, request.function, tuple(value or 0 for value in values))
 
-    def _register(self, register: int) -> int | None:
+    def _value(self, locator: Locator) -> int | None:
+        """Return a register or a coil; None where the profile names none there."""
         status = self.profile.status
-        if status is not None and register in (status.register, *status.fault_registers):
-            word = self._status_word(status) if register == status.register else 0
-            return word | self._fault_word(status, register)
-        if register in self._signals:
-            return self._signal_word(register)
-        if register == self.commands.setpoint_register:
-            return self.setpoint_word
-        return None if self.memory.read_rejection(register) else self.memory[register]
+        if status is not None and locator[0] == status.space:
+            span = status_span(status)
+            place = locator[1] - span.start
+            if 0 <= place < span.length:
+                word = self._status_word(status)
+                return (word | self._fault_word(status, locator[1])) if span.length == 1 else word >> place & 1
+        if status is not None and locator in [("holding", register) for register in status.fault_registers]:
+            return self._fault_word(status, locator[1])
+        first, place, words = self._places.get(locator, (locator, 0, 1))
+        number = self._number(first)
+        return None if number is None else split_words(number, words, self.features)[place]
 
-    def _signal_word(self, register: int) -> int:
-        signal = self._signals[register]
+    def _number(self, locator: Locator) -> int | None:
+        if locator in self._signals:
+            return self._signal_word(self._signals[locator])
+        if locator == ("holding", self.commands.setpoint_register):
+            return self.setpoint_word
+        key = _memory_key(locator)
+        return None if self.memory.read_rejection(key) else self.memory[key]
+
+    def _signal_word(self, signal: Signal) -> int:
         if signal.name == "set_frequency":
             return _clipped(signal.scale, self.setpoint_scale.value(self.setpoint_word))
         source = SIGNAL_SOURCES.get(signal.name)
@@ -202,20 +235,42 @@ class ProfileStation(SimulatedStation):
 
     # Writing.
 
-    def _store(self, register: int, value: int) -> int:
+    def _store(self, changes: Sequence[modbus.RegisterWrite]) -> int:
         """Execute a write. Return 0 or the code of the exception."""
-        if register == self.commands.register:
-            return self._execute(value)
-        if register == self.commands.setpoint_register:
-            self.setpoint_word = value
-            if self.running and not self.jogging and not self.motor.stopping:
-                self.run_towards(self.setpoint_scale.value(value))
-            return 0
-        if register not in self.memory.specs:
+        writes = self._writes.recognise(changes)
+        if writes is None:
             return ILLEGAL_ADDRESS
-        if self.memory.write_rejection(register, value, self.running) is not None:
+        places = iter(changes)
+        for write in writes:
+            part = list(islice(places, write.width))
+            code = self._store_one(write, part)
+            if code:
+                return code
+        return 0
+
+    def _store_one(self, write: RecognisedWrite, changes: Sequence[modbus.RegisterWrite]) -> int:
+        match write:
+            case CommandWrite(word=word):
+                return self._execute(word)
+            case SetpointWrite(word=word):
+                self.setpoint_word = word
+                if self.running and not self.jogging and not self.motor.stopping:
+                    self.run_towards(self.setpoint_scale.value(word))
+                return 0
+            case ResetWrite():
+                self.motor.reset()
+                return 0
+            case ParameterWrite(parameter=parameter):
+                return self._store_parameter(parameter, join_words((value for _, _, value in changes), self.features))
+        return ILLEGAL_ADDRESS
+
+    def _store_parameter(self, parameter: Parameter, number: int) -> int:
+        key = _memory_key(parameter.locator)
+        if key not in self.memory.specs:
+            return ILLEGAL_ADDRESS
+        if self.memory.write_rejection(key, number, self.running) is not None:
             return ILLEGAL_VALUE
-        self.memory.write(register, value, save=True)
+        self.memory.write(key, number, save=True)
         return 0
 
     def _execute(self, word: int) -> int:
@@ -262,8 +317,39 @@ def _parameter_specs(profile: DriveProfile) -> dict[int, ParameterSpec]:
     accepted = {one.notation: one.accepted[0] for one in profile.preconditions}
     for notation, parameter in profile.parameters.items():
         if parameter.readable:
-            found[parameter.locator[1]] = ParameterSpec(accepted.get(notation, _initial_word(profile, parameter)))
+            initial = accepted.get(notation, _initial_word(profile, parameter))
+            found[_memory_key(parameter.locator)] = ParameterSpec(
+                initial, maximum=(1 << 16 * parameter.scale.words) - 1
+            )
     return found
+
+
+def _memory_key(locator: Locator) -> int:
+    """Return the key of a parameter: its register, or beyond all registers and ramp times for another space."""
+    return SPACE_KEYS[locator[0]] + locator[1]
+
+
+def _number_places(profile: DriveProfile) -> dict[Locator, tuple[Locator, int, int]]:
+    """Return each register of a number in two: the locator of the number, its place there, and the count."""
+    found: dict[Locator, tuple[Locator, int, int]] = {}
+    entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
+    spans = [span_of(entry) for entry in entries]
+    if profile.commands is not None:
+        spans.append(Span("holding", profile.commands.setpoint_register, profile.setpoint_scale.words))
+    for span in spans:
+        for place in range(span.length):
+            found[span.space, span.start + place] = ((span.space, span.start), place, span.length)
+    return found
+
+
+def _acknowledged(request: Any) -> int:
+    """Return the last word of an acknowledgement: the value of a single write, else the count."""
+    match request:
+        case modbus.WriteRegister():
+            return request.value
+        case modbus.WriteBit():
+            return modbus.COIL_ON if request.value else modbus.COIL_OFF
+    return len(request.values)
 
 
 def _initial_word(profile: DriveProfile, parameter: Parameter) -> int:

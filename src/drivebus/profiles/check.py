@@ -9,13 +9,14 @@ import re
 from collections.abc import Iterable, Iterator
 
 from drivebus.errors import ProfileError
+from drivebus.profiles.check_access import BIT_SPACES, check_access, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, NotationRule
 from drivebus.profiles.notation import parse_notation
-from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn
-from drivebus.protocols.family import protocol_family
+from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn, ValueIn
+from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import SerialSettings
 
 _SAME_IN_BOTH = {"stop": ("stop",), "coast": ("coast",), "quick_stop": ("quick_stop",), "reset_fault": ("reset",)}
@@ -48,6 +49,7 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_fault_codes(profile)
     yield from check_words(profile)
     yield from check_effect(profile)
+    yield from check_access(profile)
     yield from _check_setpoint(profile)
     yield from _check_options(profile)
     yield from _check_identity(profile)
@@ -153,18 +155,23 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
 
 def _has_sync_registers(profile: ProfileIn) -> bool:
     """Whether two neighbouring registers can be read at once, one of which is read anyway: a sync probe reads both."""
-    signals = {_register_of(profile, one.notation, one) for one in profile.signals.values()}
-    readable = {name: _register_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
-    signals |= {profile.status.register_} if profile.status else set()
+    signals = {_locator_of(profile, one.notation, one) for one in profile.signals.values()}
+    readable = {name: _locator_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
+    signals |= {(profile.status.space, profile.status.register_)} if profile.status else set()
     wanted = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
-    known = (signals | set(readable.values())) - {None}
-    pairs = [{register, register + 1} for register in known if register is not None and register + 1 in known]
+    known = {one for one in (*signals, *readable.values()) if one is not None and one[0] not in BIT_SPACES}
+    pairs = [{one, (one[0], one[1] + 1)} for one in known if (one[0], one[1] + 1) in known]
     return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & wanted for pair in pairs)
 
 
 def _register_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> int | None:
-    locator = resolve_locator(profile, notation, entry.register_)
-    return locator[1] if isinstance(locator, tuple) else None
+    locator = _locator_of(profile, notation, entry)
+    return locator[1] if locator else None
+
+
+def _locator_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> Locator | None:
+    locator = resolve_locator(profile, notation, entry)
+    return locator if isinstance(locator, tuple) else None
 
 
 def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
@@ -246,19 +253,18 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("choice", ("write", "eeprom_address_bit"), f"{bit:04X}H", choices=choices)
     if profile.commands is None:
         return
-    word, setpoint = profile.commands.register_, profile.commands.setpoint_register
     related = [("commands", "register"), ("commands", "setpoint_register")]
-    if setpoint == word:
-        path = ("commands", "setpoint_register")
-        yield issue("duplicate", path, f"{word:04X}H", related=related, other="[commands] register")
-    status = profile.status.register_ if profile.status is not None else None
+    places: dict[Locator, str] = {}
+    for place, name, path in command_places(profile):
+        if places.setdefault(place, name) != name:
+            yield issue("duplicate", path, f"{place[1]:04X}H", related=related, other=places[place])
+    status = (profile.status.space, profile.status.register_) if profile.status is not None else None
     for notation, parameter in profile.parameters.items():
-        if parameter.writable and status is not None and _register_of(profile, notation, parameter) == status:
+        if parameter.writable and status is not None and _locator_of(profile, notation, parameter) == status:
             at = ("parameters", notation)
-            yield issue("status_parameter", at, f"{status:04X}H", related=(("status", "register"),))
-    if profile.status is not None and profile.status.register_ in (word, setpoint):
-        found = f"{profile.status.register_:04X}H"
-        yield issue("duplicate", ("status", "register"), found, related=related, other="[commands]")
+            yield issue("status_parameter", at, f"{status[1]:04X}H", related=(("status", "register"),))
+    if status in places:
+        yield issue("duplicate", ("status", "register"), f"{status[1]:04X}H", related=related, other="[commands]")
 
 
 def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
@@ -278,13 +284,14 @@ def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("group_total", ("group_sizes",), total, most=profile.notation.highest + 1)
 
 
-def resolve_locator(profile: ProfileIn, notation: str, register: int | None) -> tuple[str, int] | Issue | ProfileError:
+def resolve_locator(profile: ProfileIn, notation: str, entry: ValueIn) -> Locator | Issue | ProfileError:
     """Return the locator; an issue for a wrong notation; the error ``profiles.unplaced`` where data is missing."""
-    if register is not None:
-        return "holding", register
+    if entry.register_ is not None:
+        return entry.space, entry.register_
     rule = NotationRule(profile.family, profile.notation.style, profile.notation.highest)
     try:
-        return parse_notation(notation, rule, profile.group_sizes)
+        space, index = parse_notation(notation, rule, profile.group_sizes)
+        return (entry.space if space == "holding" else space), index
     except ProfileError as error:
         if error.key == "profiles.notation":
             return issue("notation", (), notation, examples=error.params["examples"])
@@ -306,26 +313,22 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
         if entry.register_ is not None and not register_based:
             yield issue("register", (*path, "register"), entry.register_, family=profile.family)
             continue
-        locator = resolve_locator(profile, notation, entry.register_)
+        locator = resolve_locator(profile, notation, entry)
         if isinstance(locator, Issue):
             yield issue(locator.kind, at, notation, **locator.params)
         elif isinstance(locator, tuple):
-            if register_based and locator[1] & eeprom_bit:
+            space, index = locator
+            if space == "holding" and index & eeprom_bit:
                 yield issue("eeprom_bit", at, notation, bit=f"{eeprom_bit:04X}H")
-            other = taken.setdefault(locator, path[1])
-            if other != path[1]:
+            others = [taken.setdefault((space, index + place), path[1]) for place in range(entry.words)]
+            for other in dict.fromkeys(other for other in others if other != path[1]):
                 related = (("signals", other, "notation"), ("parameters", other), ("group_sizes",))
                 yield issue("duplicate", at, notation, related=related, other=other)
 
 
-def _command_locators(profile: ProfileIn) -> dict[tuple[str, int], str]:
-    """Return the command and setpoint registers: a parameter there would bypass the start permissives."""
-    if profile.commands is None:
-        return {}
-    return {
-        ("holding", profile.commands.register_): "[commands] register",
-        ("holding", profile.commands.setpoint_register): "[commands] setpoint_register",
-    }
+def _command_locators(profile: ProfileIn) -> dict[Locator, str]:
+    """Return what commands and setpoints write: a parameter there would bypass the start permissives."""
+    return {locator: name for locator, name, _ in command_places(profile)}
 
 
 def _check_references(profile: ProfileIn) -> Iterator[Issue]:

@@ -33,10 +33,11 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
 
 def offered_commands(commands: CommandsIn) -> tuple[str, set[str]]:
     """Return the table of the commands and their names, those of an option too."""
+    reset = {"reset"} if commands.reset else set()
     if commands.values:
-        return "[commands.values]", set(commands.values)
+        return "[commands.values]", {*commands.values, *reset}
     variants = (bits for choices in commands.variants.values() for bits in choices.values())
-    return "[commands.bits]", set(commands.bits).union(*variants)
+    return "[commands.bits]", set(commands.bits).union(reset, *variants)
 
 
 def offered_states(profile: ProfileIn) -> tuple[str, set[str]]:

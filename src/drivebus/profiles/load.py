@@ -333,12 +333,12 @@ def _build_text(parsed: BilingualTextIn) -> Text:
 
 
 def _build_scale(parsed: ScaleIn) -> Scale:
-    return Scale(parsed.factor, parsed.offset, parsed.coding, parsed.decimals)
+    return Scale(parsed.factor, parsed.offset, parsed.coding, parsed.decimals, parsed.words)
 
 
 def _build_setpoint_scale(parsed: SetpointIn) -> Scale:
     step_hz = parsed.highest_hz / parsed.full_scale if parsed.full_scale and parsed.highest_hz else parsed.factor
-    return Scale(step_hz, 0.0, parsed.coding, parsed.decimals)
+    return Scale(step_hz, 0.0, parsed.coding, parsed.decimals, parsed.words)
 
 
 def _build_setpoint_share(parsed: ProfileIn) -> m.SetpointShare | None:
@@ -359,7 +359,7 @@ def _build_signals(parsed: ProfileIn) -> dict[str, m.Signal]:
     """Build the signals whose address is known; others can't be polled."""
     placed = {}
     for name, signal in parsed.signals.items():
-        locator = resolve_locator(parsed, signal.notation, signal.register_)
+        locator = resolve_locator(parsed, signal.notation, signal)
         if isinstance(locator, tuple):
             placed[name] = _build_signal(name, signal, locator)
     return placed
@@ -386,7 +386,7 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
     placed: dict[str, m.Parameter] = {}
     unplaced: dict[str, m.UnplacedParameter] = {}
     for notation, parameter in parsed.parameters.items():
-        locator = resolve_locator(parsed, notation, parameter.register_)
+        locator = resolve_locator(parsed, notation, parameter)
         if isinstance(locator, tuple):
             chosen = option_values(parsed).get(parameter.maximum_option or "")
             maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
@@ -445,7 +445,15 @@ def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
 
 def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
     rule = parsed.modbus
-    return m.ModbusFeatures(tuple(rule.functions), rule.max_read, rule.error_form, rule.loopback) if rule else None
+    if rule is None:
+        return None
+    return m.ModbusFeatures(
+        functions=tuple(rule.functions),
+        max_read=rule.max_read,
+        error_form=rule.error_form,
+        loopback=rule.loopback,
+        word_order=rule.word_order,
+    )
 
 
 def _build_bit(parsed: BitIn) -> m.CommandBit:
@@ -466,6 +474,10 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
         rewrite_levels_after_pulse=parsed.rewrite_levels_after_pulse,
         values=cast("dict[str, int]", dict(parsed.values)),
         variants=cast("Any", variants),
+        words=parsed.words,
+        written_to=parsed.written_to,
+        coil_count=parsed.coil_count,
+        reset=m.ResetRegister(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
     )
 
 
@@ -481,6 +493,7 @@ def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
         mask=parsed.mask,
         numbers_fault=parsed.fault_coding == "number",
         fault_mask=parsed.fault_mask,
+        space=parsed.space,
     )
 
 

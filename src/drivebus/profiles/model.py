@@ -1,7 +1,7 @@
 """Profile of a drive model as frozen values; ``load`` builds them from TOML.
 
 A locator is ``(space, index)``, for example ("monitor", n) and ("parameter", group << 8 | item) of the Sunfar family,
-("query", n) of the DZB100, ("holding", register) of Modbus.
+("query", n) of the DZB100, ("holding", register) of Modbus, whose other spaces are "input", "coil" and "discrete".
 """
 
 from __future__ import annotations
@@ -134,6 +134,14 @@ MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
 """Commands of a word of bits that move the motor."""
 
 
+@dataclass(frozen=True, slots=True)
+class ResetRegister:
+    """Fault reset in a register of its own."""
+
+    register: int
+    value: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandMap:
     """Command word of a register-based model.
@@ -151,6 +159,20 @@ class CommandMap:
     reset, jog_forward, jog_reverse, jog_stop. Then there are no ``bits``."""
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
     """Option to its values to the bits that apply only under that value."""
+    words: int = 1
+    """Registers of the command word: of two, such as run and direction, a frame writes both."""
+    written_to: Literal["register", "coils", "coil"] = "register"
+    """coils: the bits of the word are the coils from ``register`` on, in one frame; coil: the word counts from
+    ``register`` to the one coil that is switched on."""
+    coil_count: int = 0
+    """Coils of the word where it is written to coils."""
+    reset: ResetRegister | None = None
+    """Fault reset outside the command word."""
+
+    @property
+    def space(self) -> str:
+        """Space of the command word's locator."""
+        return "holding" if self.written_to == "register" else "coil"
 
     def resolved(self, options: Mapping[str, Any]) -> CommandMap:
         """Return the map with the bits of these option values added; an unknown value adds none."""
@@ -181,6 +203,13 @@ class StatusMap:
     """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
     fault_mask: int = 0xFFFF
     """Field of the number; its lowest bit counts 1."""
+    space: Literal["holding", "input", "coil", "discrete"] = "holding"
+    """Space of the status word; the bits of one of coils are those from ``register`` on."""
+
+    @property
+    def bit_count(self) -> int:
+        """Bits that the profile names, from the lowest of the word to the highest."""
+        return max(mask.bit_length() for mask in self.bits.values() or (self.mask,))
 
     def fault_number(self, word: int) -> int:
         """Return the number in the field of a fault register."""
@@ -232,7 +261,7 @@ class WriteSupport:
     """Address bit that makes a write go to EEPROM as well (VC660: 8000H)."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ModbusFeatures:
     """Modbus functions and limits of a model."""
 
@@ -241,6 +270,8 @@ class ModbusFeatures:
     error_form: Literal["exception", "short"] = "exception"
     """"short": function unchanged and one byte 00 (DF800); exceptions are accepted as well."""
     loopback: bool = False
+    word_order: Literal["high_first", "low_first"] = "high_first"
+    """Order of the registers of a number that has two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,7 +429,10 @@ class DriveProfile:
 
     def writable_registers(self) -> frozenset[int]:
         """Return the registers that may be written, without their EEPROM forms; no other register is ever written."""
-        listed = {p.locator[1] for p in self.parameters.values() if p.writable and p.locator[0] == "holding"}
+        starts = [(*p.locator, p.scale.words) for p in self.parameters.values() if p.writable]
         if self.commands is not None:
-            listed |= {self.commands.register, self.commands.setpoint_register}
-        return frozenset(listed)
+            starts.append((self.commands.space, self.commands.register, self.commands.words))
+            starts.append(("holding", self.commands.setpoint_register, self.setpoint_scale.words))
+        if self.commands is not None and self.commands.reset is not None:
+            starts.append(("holding", self.commands.reset.register, 1))
+        return frozenset(n for space, first, count in starts if space == "holding" for n in range(first, first + count))

@@ -86,7 +86,8 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
         if error.key != "profiles.notation":
             raise
         raise _unknown_name_error(profile, name) from None
-    return _find_listed(profile, locator) or _unlisted_parameter(profile, name, locator)
+    found = _find_listed(profile, locator) or _find_by_notation(profile, name)
+    return found or _unlisted_parameter(profile, name, locator)
 
 
 def _style(rule: NotationRule) -> NotationStyle:
@@ -96,6 +97,13 @@ def _style(rule: NotationRule) -> NotationStyle:
 def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter | None:
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
     return next((entry for entry in entries if entry.locator == locator), None)
+
+
+def _find_by_notation(profile: DriveProfile, name: str) -> Signal | Parameter | None:
+    """Find an entry of another space than holding registers, which its notation does not show."""
+    wanted = name.strip().casefold()
+    entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
+    return next((one for one in entries if one.notation.casefold() == wanted), None)
 
 
 def _find_by_name(profile: DriveProfile, name: str) -> Parameter | None:

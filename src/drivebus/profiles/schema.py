@@ -108,6 +108,9 @@ Role = Literal["monitor_selector", "protocol", "address", "baud", "format", "rep
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
 OptionValue = str | int | float | bool
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
+WordPair = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+Space = Literal["holding", "input", "coil", "discrete"]
+"""Modbus: read by functions 03, 04, 01 and 02."""
 Baud = Annotated[int, Field(ge=50, le=4_000_000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 Sentence = Annotated[str, StringConstraints(min_length=1)]
@@ -146,6 +149,8 @@ class ScaleIn(StrictTable):
     offset: float = 0.0
     coding: Literal["binary", "signed", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
+    words: Literal[1, 2] = 1
+    """Registers of the number; of two, ``[modbus] word_order`` tells which is first."""
 
 
 class SetpointIn(StrictTable):
@@ -169,6 +174,8 @@ class SetpointIn(StrictTable):
     """Largest maximum frequency that any drive of the model can be set to, required: the cap holds under it."""
     coding: Literal["binary", "bcd"] = "binary"
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
+    words: Literal[1, 2] = 1
+    """Registers of the setpoint; two are written in one frame."""
     evidence: EvidenceLine = "assumed"
 
 
@@ -176,6 +183,8 @@ class ValueIn(ScaleIn):
     text: BilingualTextIn
     register_: Annotated[Word | None, Field(alias="register")] = None
     """Register address, where the notation does not give it (register-based families)."""
+    space: Space = "holding"
+    """Modbus only."""
     unit: Unit = ""
     minimum: float | None = None
     maximum: float | None = None
@@ -250,12 +259,26 @@ class BitIn(StrictTable):
     pulse: bool = False
 
 
+class ResetIn(StrictTable):
+    """Fault reset in a register of its own."""
+
+    register_: Annotated[Word, Field(alias="register")]
+    value: Word
+
+
 class CommandsIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
+    words: Literal[1, 2] = 1
+    """Registers of the command word, such as run and direction: a frame of function 16 writes both."""
+    written_to: Literal["register", "coils", "coil"] = "register"
+    """coils: the bits of the word are the coils from ``register`` on; coil: the word counts from there to one coil."""
+    coil_count: Annotated[int, Field(ge=0, le=16)] = 0
+    """Coils that a command writes, for ``written_to = "coils"``."""
+    reset: ResetIn | None = None
     rewrite_levels_after_pulse: bool = False
     bits: dict[CommandName, BitIn] = {}
-    values: dict[CommandValueName, Word] = {}
+    values: dict[CommandValueName, WordPair] = {}
     """Whole words of a drive whose command word is a number; then there are no ``bits``."""
     variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
     evidence: EvidenceLine
@@ -263,6 +286,8 @@ class CommandsIn(StrictTable):
 
 class StatusIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
+    space: Space = "holding"
+    """Of coils and discrete inputs the word has those from ``register`` on, the first as its lowest bit."""
     bits: dict[StatusName, Annotated[int, Field(ge=1, le=0xFFFF)]] = {}
     values: dict[str, StatusValueName] = {}
     """State of each value, as a decimal number, of a status word that is a number; then there are no ``bits``."""
@@ -282,6 +307,8 @@ class ModbusIn(StrictTable):
     max_read: Annotated[int, Field(ge=1, le=125)] = 125
     error_form: Literal["exception", "short"] = "exception"
     loopback: bool = False
+    word_order: Literal["high_first", "low_first"] = "high_first"
+    """Order of the registers of a number that has two."""
     evidence: EvidenceLine
 
 

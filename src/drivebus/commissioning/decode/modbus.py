@@ -7,7 +7,7 @@ EEPROM as well).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -20,12 +20,23 @@ from drivebus.commissioning.decode.annotate import (
     scaled_value,
 )
 from drivebus.commissioning.decode.errata import canonical_of_misprint, misprint_of
+from drivebus.drives.dialects.modbus_reads import FUNCTIONS, Span, join_words, span_of, span_value
+from drivebus.drives.dialects.modbus_writes import (
+    CommandWrite,
+    ModbusWrites,
+    ParameterWrite,
+    ResetWrite,
+    SetpointWrite,
+)
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import Parameter, Signal
+from drivebus.profiles.model import ModbusFeatures, Parameter, Signal
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols import modbus
 from drivebus.protocols.describe import Direction, FrameDescription, Note, note
+from drivebus.protocols.family import Locator
 
+SPACES: Final = {function: space for space, function in FUNCTIONS.items()} | {5: "coil", 15: "coil"}
+"""Function of a request to the space of its addresses; holding registers for all others."""
 DIRECTION_TOGGLE: Final = 0x000C
 """Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
 JOG_START: Final = 0x0003
@@ -61,16 +72,20 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
     exception = modbus.EXCEPTION_NAMES.get(fields.get("exception", 0))
     if exception is not None:
         added["exception_name"] = exception
-    if "registers" in fields and "register" in sent:
-        added |= _register_rows(profile, sent["register"], fields["registers"])
+    space = SPACES.get(sent.get("function", fields.get("function")), "holding")
+    if "register" in sent and ("registers" in fields or "bits" in fields):
+        values = fields["registers"] if "registers" in fields else fields["bits"][: sent.get("count", 0)]
+        added |= _value_rows(profile, Span(space, sent["register"], len(values)), values)
     elif "register" in fields:
         register, saves = _strip_eeprom_bit(profile, fields["register"])
-        notation = format_locator(("holding", register), profile)
+        notation = format_locator((space, register), profile)
         if notation.startswith("F"):
             added["parameter"] = notation
-        if "value" in fields:
+        if "value" in fields and space == "holding":
             added |= _written_fields(profile, register, fields["value"]) | ({"saves": True} if saves else {})
             hazards = _write_hazards(profile, register, fields["value"])
+        else:
+            added |= _recognised_fields(profile, fields)
     return annotate(description, added, tuple(errata), tuple(hazards))
 
 
@@ -82,11 +97,11 @@ def _strip_eeprom_bit(profile: DriveProfile, register: int) -> tuple[int, bool]:
     return register, False
 
 
-def _is_known_register(profile: DriveProfile, register: int) -> bool:
+def _is_known_register(profile: DriveProfile, space: str, register: int) -> bool:
     commands, status = profile.commands, profile.status
     special = {commands.register, commands.setpoint_register} if commands else set()
     special |= {status.register} if status else set()
-    return register <= profile.notation.highest or register in special or bool(entry_at(profile, ("holding", register)))
+    return register <= profile.notation.highest or register in special or bool(entry_at(profile, (space, register)))
 
 
 def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
@@ -101,8 +116,9 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
         notes.append(note("explain.too_many", model=profile.model, found=count, expected=rule.max_read))
     if "register" in fields:
         register, _ = _strip_eeprom_bit(profile, fields["register"])
+        space = SPACES.get(function or 0, "holding")
         span = range(register, register + min(count, 8)) if function in (3, 4) else (register,)
-        unknown = [each for each in span if not _is_known_register(profile, each)]
+        unknown = [each for each in span if not _is_known_register(profile, space, each)]
         if unknown:
             shown = ", ".join(f"{each:04X}H" for each in unknown)
             notes.append(note("explain.no_table", model=profile.model, registers=shown))
@@ -117,12 +133,13 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
         notes.append(note("explain.no_broadcast", model=profile.model, address=address))
     elif address == profile.broadcast and function in (1, 2, 3, 4):
         notes.append(note("explain.broadcast_read", address=address))
-    entry = None if register is None else entry_at(profile, ("holding", register))
+    space = SPACES.get(function or 0, "holding")
+    entry = None if register is None else entry_at(profile, (space, register))
     commands = profile.commands
-    controls = {commands.register, commands.setpoint_register} if commands else set()
+    controls = {(commands.space, commands.register), ("holding", commands.setpoint_register)} if commands else set()
     if function in (5, 6, 15, 16) and isinstance(entry, Signal):
         notes.append(note("explain.read_only", register=register))
-    is_write_only = register in controls or (isinstance(entry, Parameter) and not entry.readable)
+    is_write_only = (space, register) in controls or (isinstance(entry, Parameter) and not entry.readable)
     contradicted = any(caveat.id == "write_only" for caveat in profile.caveats)  # DF800: an example reads 2000H
     if function in (3, 4) and is_write_only and not contradicted:
         notes.append(note("explain.write_only", register=register))
@@ -138,35 +155,75 @@ def _join_numbers(numbers: tuple[int, ...]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _register_rows(profile: DriveProfile, first: int, words: list[int]) -> FieldDict:
-    rows = [_register_row(profile, first + place, word) for place, word in enumerate(words)]
+def _value_rows(profile: DriveProfile, read: Span, values: Sequence[int]) -> FieldDict:
+    by_locator = {(read.space, read.start + place): int(value) for place, value in enumerate(values)}
+    rows = [_value_row(profile, locator, by_locator) for locator in by_locator]
     added = FieldDict(values=rows)
     if len(rows) == 1 and rows[0].get("unit") == "Hz":
         added["frequency_hz"] = rows[0]["value"]
     return added
 
 
-def _register_row(profile: DriveProfile, register: int, word: int) -> FieldDict:
-    """Return one register of a reply: notation, raw word, and name, value and unit where the profile has them."""
-    row = FieldDict(notation=format_locator(("holding", register), profile), raw=word)
-    entry = entry_at(profile, ("holding", register))
+def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator, int]) -> FieldDict:
+    """Return one register or coil of a reply: notation, raw word, and name, value and unit where the profile has them.
+
+    A number in two registers has its value in the row of the first.
+    """
+    row = FieldDict(notation=format_locator(locator, profile), raw=values[locator])
+    entry = entry_at(profile, locator)
     if entry is None:
         return row
     name = getattr(entry, "name", None)
-    value = scaled_value(entry, word) if entry.unit else None
+    number = span_value(span_of(entry), values, profile.modbus or ModbusFeatures())
+    value = scaled_value(entry, number) if entry.unit and number is not None else None
     return row | ({"name": name} if name else {}) | ({} if value is None else {"value": value, "unit": entry.unit})
+
+
+def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
+    """Return what a write of coils or of several registers means."""
+    changes = _changes(fields)
+    commands = profile.commands.resolved(profile.options) if profile.commands else None
+    rule = profile.modbus or ModbusFeatures()
+    added = FieldDict()
+    place = 0
+    for write in ModbusWrites(0, profile, commands).recognise(changes) or ():
+        match write:
+            case CommandWrite(word=word):
+                added |= FieldDict(commands=_command_names(profile, word))
+            case SetpointWrite(word=word):
+                added |= _setpoint_fields(profile, word)
+            case ResetWrite():
+                added |= FieldDict(commands=["reset"])
+            case ParameterWrite(parameter=parameter):
+                number = join_words((value for _, _, value in changes[place : place + write.width]), rule)
+                added |= quantity_fields(parameter, number)
+        place += write.width
+    return added
+
+
+def _changes(fields: Mapping[str, Any]) -> list[modbus.RegisterWrite]:
+    """Return the registers or coils that the fields of a request write."""
+    space = SPACES.get(fields.get("function", 0), "holding")
+    values = fields.get("values", [fields["value"] == modbus.COIL_ON] if "value" in fields else [])
+    return [(space, fields["register"] + place, int(value)) for place, value in enumerate(values)]
 
 
 def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDict:
     commands = profile.commands
     if commands and register == commands.setpoint_register:
-        share = profile.setpoint_share
-        if share is not None:
-            return FieldDict(percent_of_maximum=round(100 * word / share.full_scale, 2))
-        return FieldDict(frequency_hz=profile.setpoint_scale.value(word))
-    if commands and register == commands.register:
+        return _setpoint_fields(profile, word)
+    if commands and (commands.space, commands.register) == ("holding", register):
         return FieldDict(commands=_command_names(profile, word))
+    if commands and commands.reset and (commands.reset.register, commands.reset.value) == (register, word):
+        return FieldDict(commands=["reset"])
     return quantity_fields(entry_at(profile, ("holding", register)), word)
+
+
+def _setpoint_fields(profile: DriveProfile, word: int) -> FieldDict:
+    share = profile.setpoint_share
+    if share is not None:
+        return FieldDict(percent_of_maximum=round(100 * word / share.full_scale, 2))
+    return FieldDict(frequency_hz=profile.setpoint_scale.value(word))
 
 
 def _command_names(profile: DriveProfile, word: int) -> list[str]:
@@ -188,7 +245,7 @@ def _is_directionless_jog(profile: DriveProfile, word: int) -> bool:
 
 def _write_hazards(profile: DriveProfile, register: int, word: int) -> list[Note]:
     commands = profile.commands
-    if not commands or register != commands.register:
+    if not commands or (commands.space, commands.register) != ("holding", register):
         return []
     notes = []
     names = _command_names(profile, word)

@@ -5,6 +5,7 @@ The effect of a frame follows from its bytes and the profile's command map; what
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,86 +21,45 @@ from drivebus.drives.dialects.base import (
     parameter_reading,
     setpoint_matches,
     signal_reading,
-    signals_by_index,
 )
 from drivebus.drives.dialects.command_word import CommandWord, make_command_word
+from drivebus.drives.dialects.modbus_reads import (
+    ReadRequest,
+    Span,
+    join_words,
+    merge_reads,
+    reply_values,
+    request_span,
+    span_of,
+    span_value,
+    status_span,
+    sync_spans,
+)
+from drivebus.drives.dialects.modbus_writes import CommandWrite, ModbusWrites, ParameterWrite, RecognisedWrite
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
 from drivebus.drives.dialects.status_word import is_valid_status, status_direction, status_state
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
-from drivebus.errors import CapabilityError, ConfigurationError, ProtocolError, StartInhibited
-from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, StatusMap
+from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
+from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
 from drivebus.protocols.codec import Codec, Effect
+from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import (
     EXCEPTION_NAMES,
+    BitValues,
     Diagnostics,
     DiagnosticsReply,
     ExceptionReply,
     ModbusAsciiCodec,
     ModbusRtuCodec,
+    ReadBits,
     ReadRegisters,
     RegisterValues,
-    WriteRegister,
-    WriteRegisters,
     registers_written,
+    request_writes,
 )
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
-
-SYNC_READ_COUNT = 2
-"""Registers of a sync probe without FC08, by which its reply is recognised: no other read has this count."""
-MAX_MERGE_PERIOD_RATIO = 4.0
-"""Registers whose periods differ by more are not merged."""
-
-
-def merge_reads(
-    address: int, wanted: dict[int, float], max_read: int, *, reserve_sync_count: bool
-) -> tuple[tuple[ReadRegisters, float], ...]:
-    """Merge touching registers into reads within the model's limit, at the shortest period of each run.
-
-    ``reserve_sync_count``: sync probes are recognised by their count, so no other read may have it.
-    """
-    runs: list[tuple[ReadRegisters, float]] = []
-    for register, period in sorted(wanted.items()):
-        last = runs[-1] if runs else None
-        if last is not None and _can_merge(last, register, period, max_read):
-            runs[-1] = replace(last[0], count=last[0].count + 1), min(last[1], period)
-        else:
-            runs.append((ReadRegisters(address, register, 1), period))
-    if not reserve_sync_count:
-        return tuple(runs)
-    return tuple((part, period) for request, period in runs for part in _split_sync_count(request))
-
-
-def _can_merge(run: tuple[ReadRegisters, float], register: int, period: float, max_read: int) -> bool:
-    """Return whether a register joins a run: two more bytes cost less than a frame, unless read far less often."""
-    request, shortest = run
-    touches = register == request.register + request.count and request.count < max_read
-    return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
-
-
-def _split_sync_count(request: ReadRegisters) -> tuple[ReadRegisters, ...]:
-    if request.count != SYNC_READ_COUNT:
-        return (request,)
-    return replace(request, count=1), replace(request, register=request.register + 1, count=1)
-
-
-def sync_register_pairs(profile: DriveProfile) -> tuple[int, ...]:
-    """Return the first registers of touching pairs that are read anyway, around preconditions and ramp times."""
-    named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
-    wanted = {profile.parameters[n].locator[1] for n in named if n in profile.parameters}
-    wanted |= set(signals_by_index(profile, "holding"))
-    wanted |= {profile.status.register} if profile.status else set()
-    known = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == "holding"} | wanted
-    pairs: list[int] = []
-    for index in sorted(known):
-        touches = index + 1 in known and (index in wanted or index + 1 in wanted)
-        if touches and (not pairs or index > pairs[-1] + 1):
-            pairs.append(index)
-    if not pairs:
-        raise ConfigurationError("drives.no_sync_probe", model=profile.model)
-    return tuple(pairs)
-
 
 RTU_END_SILENCE_CHARACTERS = 3.5
 """Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
@@ -127,9 +87,11 @@ class ModbusDialect:
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
         self.codec: Codec = ascii_codec if encoding == "ascii" else ModbusRtuCodec(form, most)
         self.status_map: StatusMap | None = profile.status
-        self.command_word = make_command_word(profile.commands.resolved(options)) if profile.commands else None
-        self._sync_registers = () if self._rule.loopback else sync_register_pairs(profile)
-        self._signals = signals_by_index(profile, "holding")
+        self.command_word = self._make_command_word()
+        self._writes = ModbusWrites(address, profile, self._commands)
+        self._sync_spans = () if self._rule.loopback else sync_spans(profile)
+        self._sync_space = self._sync_spans[0].space if self._sync_spans else None
+        self._signals = _signals_by_locator(profile)
         self._sync_count = 0
         self._is_model_open = profile.needs_model_check
         self._is_status_shown = False
@@ -154,39 +116,34 @@ class ModbusDialect:
     start_includes_setpoint = False
 
     @property
-    def _command_map(self) -> CommandMap:
-        return self._require_command_word().map
+    def _commands(self) -> CommandMap | None:
+        """The command map under the options in force."""
+        return self.profile.commands.resolved(self.options) if self.profile.commands else None
+
+    def _make_command_word(self) -> CommandWord | None:
+        commands = self._commands
+        return make_command_word(commands) if commands else None
 
     def effect(self, frame: bytes) -> Effect:
         """Return the effect of a frame; no valid request, or a register outside the tables, may move the motor."""
         try:
-            changes = registers_written(frame, self.codec.encoding)
+            writes = self._writes.recognise(registers_written(frame, self.codec.encoding))
         except (ProtocolError, KeyError):
             return Effect.MOTION
-        effects = {self._effect_of(*change) for change in changes}
+        if writes is None:
+            return Effect.MOTION
+        effects = {self._effect_of(write) for write in writes}
         if not effects:
             return Effect.NONE
         return effects.pop() if len(effects) == 1 else Effect.MOTION
 
-    def _effect_of(self, space: str, register: int, value: int) -> Effect:
-        if space != "holding":
-            return Effect.MOTION
-        if self.command_word is not None and register == self.command_word.map.register:
-            return self.command_word.effect(value)
-        if self.command_word is not None and register == self.command_word.map.setpoint_register:
-            return Effect.SETTING
-        parameter = self._writable_parameter(register)
-        return Effect.MOTION if parameter is None or _is_terminal_word(parameter) else Effect.SETTING
-
-    def _writable_parameter(self, register: int) -> Parameter | None:
-        """Return the writable parameter of a register; one that can be read also by its EEPROM address."""
-        bit = self.profile.write_support.eeprom_address_bit or 0
-        for parameter in self.profile.parameters.values():
-            space, index = parameter.locator
-            registers = (index, index | bit) if parameter.readable else (index,)
-            if space == "holding" and register in registers and parameter.writable:
-                return parameter
-        return None
+    def _effect_of(self, write: RecognisedWrite) -> Effect:
+        match write:
+            case CommandWrite(word=word):
+                return self._require_command_word().effect(word)
+            case ParameterWrite(parameter=parameter) if _is_terminal_word(parameter):
+                return Effect.MOTION
+        return Effect.SETTING
 
     def is_allowed(self, frame: bytes) -> bool:
         """Allow registers of the profile's tables, and command words of mapped bits."""
@@ -196,18 +153,16 @@ class ModbusDialect:
             return False
         if changes and not self._is_addressed_here(frame):
             return False
-        return all(self._is_allowed_change(*change) for change in changes)
+        writes = self._writes.recognise(changes)
+        return writes is not None and all(self._is_mapped(write) for write in writes)
 
     def _is_addressed_here(self, frame: bytes) -> bool:
         """Only a stop is ever broadcast, and a stop needs no permit."""
         address = int(frame[1:3], 16) if self.codec.encoding == "ascii" else frame[0]
         return address == self.address
 
-    def _is_allowed_change(self, space: str, register: int, value: int) -> bool:
-        if space == "holding" and self.command_word is not None and register == self.command_word.map.register:
-            return self.command_word.is_mapped(value)
-        is_setpoint = self.command_word is not None and register == self.command_word.map.setpoint_register
-        return space == "holding" and (is_setpoint or self._writable_parameter(register) is not None)
+    def _is_mapped(self, write: RecognisedWrite) -> bool:
+        return not isinstance(write, CommandWrite) or self._require_command_word().is_mapped(write.word)
 
     def _bus_sync_request(self, n: int) -> Any:
         return self._sync_request_at(2 * n)
@@ -219,7 +174,7 @@ class ModbusDialect:
     def _sync_request_at(self, n: int) -> Any:
         if self._rule.loopback:
             return Diagnostics(self.address, (self._nonce_start + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
-        return ReadRegisters(self.address, self._sync_registers[n // 2 % len(self._sync_registers)], SYNC_READ_COUNT)
+        return self._sync_spans[n // 2 % len(self._sync_spans)].request(self.address)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
         """Accept a complete loop-back or a read with the count of a sync probe; an error echoes only its function."""
@@ -227,7 +182,7 @@ class ModbusDialect:
 
     def needs_sync(self, request: Any) -> bool:
         """A read's reply names neither register nor value."""
-        return isinstance(request, ReadRegisters)
+        return isinstance(request, ReadRegisters | ReadBits)
 
     def model_check(self) -> Any | None:
         """The word that stops this model may start another one, so its status is read before the first command.
@@ -238,11 +193,16 @@ class ModbusDialect:
             return None
         identity = self.profile.identity_register
         if identity is not None and self._is_status_shown:
-            return ReadRegisters(self.address, identity, 1)
+            return self._identity_span(identity).request(self.address)
         if self.status_map is None:
             return self.echo_test_read()
-        status = self.status_map.register
-        return next(one for one in self.state_reads() if status in range(one.register, one.register + one.count))
+        status = status_span(self.status_map)
+        return next(one for one in self.state_reads() if request_span(one).covers(status))
+
+    def _identity_span(self, register: int) -> Span:
+        """Return the span of the signal at the identity register."""
+        spans = [span_of(signal) for signal in self.profile.signals.values()]
+        return next(span for span in spans if span.start == register)
 
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
@@ -250,74 +210,81 @@ class ModbusDialect:
         return tuple(request for request, _ in self.polls(("set_frequency", "output_frequency")))
 
     def echo_test_read(self) -> Any:
-        indexes = [signal.locator[1] for signal in self.profile.signals.values()]
-        indexes += [p.locator[1] for p in self.profile.parameters.values() if p.readable]
-        return ReadRegisters(self.address, self.status_map.register if self.status_map else indexes[0], 1)
+        if self.status_map is not None:
+            return status_span(self.status_map).request(self.address)
+        entries: list[Signal | Parameter] = [*self.profile.signals.values()]
+        entries += [p for p in self.profile.parameters.values() if p.readable]
+        return span_of(entries[0]).request(self.address)
 
     def fault_reads(self) -> tuple[Any, ...]:
         """Return the reads that name the fault once the status word reports one."""
         registers = self.status_map.fault_registers if self.status_map else ()
-        return tuple(request for request, _ in self._merged_reads(dict.fromkeys(registers, 1.0)))
+        return tuple(request for request, _ in self._merged_reads({Span("holding", one): 1.0 for one in registers}))
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         """Merge signals of similar periods into one read where their registers touch."""
-        wanted: dict[int, float] = {}
+        wanted: dict[Span, float] = {}
         if self.status_map is not None:
-            wanted[self.status_map.register] = 0.5
+            wanted[status_span(self.status_map)] = 0.5
             if not self.status_map.shows_fault:
-                wanted |= dict.fromkeys(self.status_map.fault_registers, 0.5)
+                wanted |= {Span("holding", register): 0.5 for register in self.status_map.fault_registers}
         for name in names:
             signal = self.profile.signals.get(name)
-            if signal is not None and signal.locator[0] == "holding":
-                index = signal.locator[1]
-                wanted[index] = min(wanted.get(index, signal.period_s), signal.period_s)
+            if signal is not None:
+                span = span_of(signal)
+                wanted[span] = min(wanted.get(span, signal.period_s), signal.period_s)
         return self._merged_reads(wanted)
 
-    def _merged_reads(self, wanted: dict[int, float]) -> tuple[tuple[ReadRegisters, float], ...]:
-        return merge_reads(self.address, wanted, self._rule.max_read, reserve_sync_count=not self._rule.loopback)
+    def _merged_reads(self, wanted: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
+        merged = merge_reads(wanted, self._rule, self._sync_space)
+        return tuple((span.request(self.address), period) for span, period in merged)
 
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
-        if not isinstance(request, ReadRegisters):
+        if not isinstance(request, ReadRegisters | ReadBits):
             return {}
-        registers = range(request.register, request.register + request.count)
-        if not isinstance(reply, RegisterValues):
-            return self._rejected_readings(registers)
+        read = request_span(request)
+        if not isinstance(reply, RegisterValues | BitValues):
+            return self._rejected_readings(read)
+        values = reply_values(request, reply)
         found: dict[str, Reading] = {}
-        for register, raw in zip(registers, reply.values, strict=True):
-            found |= self._register_readings(register, raw, at)
+        for locator in values:
+            for signal in self._signals.get(locator, ()):
+                raw = span_value(span_of(signal), values, self._rule)
+                if raw is not None:
+                    found[signal.name] = signal_reading(signal, raw, at)
+        if self.status_map is not None:
+            found |= self._status_readings(self.status_map, values, at)
         shows_status = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
         self._is_status_shown = self._is_status_shown or shows_status
         identity = self.profile.identity_register
-        if self._is_status_shown and (identity is None or identity in registers):
+        if self._is_status_shown and (identity is None or read.covers(self._identity_span(identity))):
             self._is_model_open = False
         return found
 
-    def _rejected_readings(self, registers: range) -> Readings:
-        signals = [signal for register in registers for signal in self._signals.get(register, [])]
+    def _rejected_readings(self, read: Span) -> Readings:
+        signals = [one for one in self.profile.signals.values() if read.covers(span_of(one))]
         found = {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
-        if self.status_map is not None and self.status_map.register in registers:
+        if self.status_map is not None and read.covers(status_span(self.status_map)):
             found["state"] = missing_reading("drives.read_refused")
         if self.status_map is not None:
             for register, name in zip(self.status_map.fault_registers, self._fault_names, strict=True):
-                if register in registers:
+                if read.covers(Span("holding", register)):
                     found[name] = missing_reading("drives.read_refused")
         return found
 
-    def _register_readings(self, register: int, raw: int, at: float | None) -> Readings:
-        found = {s.name: signal_reading(s, raw, at) for s in self._signals.get(register, [])}
-        status = self.status_map
-        if status is None:
-            return found
-        if register == status.register:
+    def _status_readings(self, status: StatusMap, values: Mapping[Locator, int], at: float | None) -> Readings:
+        found: dict[str, Reading] = {}
+        raw = span_value(status_span(status), values, self._rule)
+        if raw is not None:
             broken = not is_valid_status(status, raw)
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
             found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
                 self.command_word.learn_direction(bool(raw & status.bits.get("set_reverse", 0)))
-        if register in status.fault_registers:
-            found[f"fault_{status.fault_registers.index(register)}"] = Reading(
-                value=raw, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=raw
-            )
+        for register, name in zip(status.fault_registers, self._fault_names, strict=True):
+            word = values.get(("holding", register))
+            if word is not None:
+                found[name] = Reading(value=word, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=word)
         return found
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
@@ -368,7 +335,7 @@ class ModbusDialect:
 
     def setpoint_reads(self) -> tuple[Any, ...]:
         signal = self.profile.signals.get("set_frequency")
-        return () if signal is None else (ReadRegisters(self.address, signal.locator[1], 1),)
+        return () if signal is None else (span_of(signal).request(self.address),)
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
         return setpoint_matches(readings, self.profile, frequency_hz, self.options)
@@ -404,20 +371,14 @@ class ModbusDialect:
             raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
         return self.command_word
 
-    def _write(self, register: int, word: int) -> WriteRegister | WriteRegisters:
-        """Return the write of one register: function 06, or 10H on a model that lacks 06."""
-        if WriteRegister.function in self._rule.functions:
-            return WriteRegister(self.address, register, word)
-        return WriteRegisters(self.address, register, (word,))
-
     def _command_frames(self, words: tuple[int, ...]) -> tuple[CommandFrame, ...]:
         """Return the pulse, which is edge-triggered, then the levels alone."""
-        requests = [self._write(self._command_map.register, word) for word in words]
+        requests = [self._writes.command(word) for word in words]
         classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
         return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
-        return (CommandFrame(self._write(self._command_map.setpoint_register, word), RetryPolicy.IDEMPOTENT),)
+        return (CommandFrame(self._writes.setpoint(word), RetryPolicy.IDEMPOTENT),)
 
     def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
         if word is not None:
@@ -435,7 +396,7 @@ class ModbusDialect:
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
         words = self._require_command_word().stop(mode, self.profile.model)
-        return tuple(self._write(self._command_map.register, word) for word in words)
+        return tuple(self._writes.command(word) for word in words)
 
     def broadcast_stop(self) -> tuple[Any, ...]:
         if self.profile.broadcast is None:
@@ -444,6 +405,9 @@ class ModbusDialect:
         return tuple(replace(request, address=self.profile.broadcast) for request in requests)
 
     def reset(self) -> tuple[CommandFrame, ...]:
+        request = self._writes.reset_register()
+        if request is not None:
+            return (CommandFrame(request, RetryPolicy.EDGE_TRIGGERED),)
         return self._command_frames(self._require_command_word().reset(self.profile.model))
 
     def identity_reads(self) -> tuple[Any, ...]:
@@ -453,10 +417,12 @@ class ModbusDialect:
         return Identity(model=self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
-        return ReadRegisters(self.address, parameter.locator[1], 1)
+        return span_of(parameter).request(self.address)
 
     def parameter_raw(self, reply: Any) -> int | None:
-        return reply.values[0] if isinstance(reply, RegisterValues) else None
+        if isinstance(reply, BitValues):
+            return int(reply.values[0])
+        return join_words(reply.values, self._rule) if isinstance(reply, RegisterValues) else None
 
     def names_parameter(self, reply: Any) -> bool:
         return True
@@ -468,22 +434,28 @@ class ModbusDialect:
         return parameter.scale.raw(value)
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
-        bit = self.profile.write_support.eeprom_address_bit if save else None
-        request = self._write(parameter.locator[1] | (bit or 0), raw)
+        request = self._writes.parameter(parameter, raw, save)
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
 
     def set_option(self, option: str, value: Any) -> None:
         self.options[option] = value
-        commands = self.profile.commands
-        self.command_word = make_command_word(commands.resolved(self.options)) if commands else None
+        self.command_word = self._make_command_word()
+        self._writes = ModbusWrites(self.address, self.profile, self._commands)
 
     def on_sent(self, request: Any) -> None:
         """Record the levels that the drive holds now."""
-        if not isinstance(request, WriteRegister | WriteRegisters) or request.address != self.address:
+        if request.address != self.address or self.command_word is None:
             return
-        if self.command_word is not None and request.register == self.command_word.map.register:
-            word = request.value if isinstance(request, WriteRegister) else request.values[0]
-            self.command_word.on_sent(word)
+        for write in self._writes.recognise(request_writes(request)) or ():
+            if isinstance(write, CommandWrite):
+                self.command_word.on_sent(write.word)
+
+
+def _signals_by_locator(profile: DriveProfile) -> dict[Locator, list[Signal]]:
+    found: dict[Locator, list[Signal]] = {}
+    for signal in profile.signals.values():
+        found.setdefault(signal.locator, []).append(signal)
+    return found
 
 
 def _is_terminal_word(parameter: Parameter) -> bool:

@@ -9,11 +9,17 @@ family     the entry of the family registry
 """
 
 from drivebus.protocols.modbus.ascii import ModbusAsciiCodec
-from drivebus.protocols.modbus.classify import RegisterWrite, parse_request_frame, registers_written
+from drivebus.protocols.modbus.classify import (
+    RegisterWrite,
+    parse_request_frame,
+    registers_written,
+    request_writes,
+)
 from drivebus.protocols.modbus.describe import describe
 from drivebus.protocols.modbus.messages import (
     BROADCAST,
     EXCEPTION_NAMES,
+    MAX_READ_BITS,
     BitValues,
     Diagnostics,
     DiagnosticsReply,
@@ -29,12 +35,15 @@ from drivebus.protocols.modbus.messages import (
     WriteRegister,
     WriteRegisters,
 )
-from drivebus.protocols.modbus.pdu import IllegalRequest
+from drivebus.protocols.modbus.pdu import COIL_OFF, COIL_ON, IllegalRequest
 from drivebus.protocols.modbus.rtu import ErrorForm, ModbusRtuCodec
 
 __all__ = [
     "BROADCAST",
+    "COIL_OFF",
+    "COIL_ON",
     "EXCEPTION_NAMES",
+    "MAX_READ_BITS",
     "BitValues",
     "Diagnostics",
     "DiagnosticsReply",
@@ -57,4 +66,5 @@ __all__ = [
     "describe",
     "parse_request_frame",
     "registers_written",
+    "request_writes",
 ]

@@ -37,7 +37,11 @@ def registers_written(frame: bytes, encoding: str = "rtu") -> tuple[RegisterWrit
     """
     if encoding == "rtu" and len(frame) == 8 and frame[1] in READ_FUNCTIONS:
         return ()
-    request = parse_request_frame(frame, encoding)
+    return request_writes(parse_request_frame(frame, encoding))
+
+
+def request_writes(request: ModbusRequest) -> tuple[RegisterWrite, ...]:
+    """Return every ``(space, register, value)`` that a request writes; empty for a read or for diagnostics."""
     match request:
         case WriteRegister(register=register, value=value):
             return (("holding", register, value),)

@@ -1,0 +1,163 @@
+"""Writes of a Modbus drive: composed from the profile's registers and coils, and recognised again in a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivebus.drives.dialects.modbus_reads import join_words, split_words
+from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter
+from drivebus.protocols.family import Locator
+from drivebus.protocols.modbus import RegisterWrite, WriteBit, WriteBits, WriteRegister, WriteRegisters
+
+WriteRequest = WriteRegister | WriteRegisters | WriteBit | WriteBits
+
+
+@dataclass(frozen=True, slots=True)
+class CommandWrite:
+    """Command word in a frame."""
+
+    word: int
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointWrite:
+    """Whole setpoint in a frame."""
+
+    word: int
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class ResetWrite:
+    """Fault reset in a register of its own."""
+
+    width: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterWrite:
+    """Whole writable parameter in a frame."""
+
+    parameter: Parameter
+    width: int
+
+
+RecognisedWrite = CommandWrite | SetpointWrite | ResetWrite | ParameterWrite
+
+
+class ModbusWrites:
+    """Writes of one station."""
+
+    def __init__(self, address: int, profile: DriveProfile, commands: CommandMap | None) -> None:
+        self.address, self.profile, self.commands = address, profile, commands
+        self._rule = profile.modbus or ModbusFeatures()
+        self._parameters = _writable_parameters(profile)
+
+    def command(self, word: int) -> WriteRequest:
+        """Return the write of a command word: to registers, to the coils that are its bits, or to the coil it names."""
+        assert self.commands is not None
+        register = self.commands.register
+        match self.commands.written_to:
+            case "coils":
+                return WriteBits(self.address, register, coil_bits(word, self.commands.coil_count))
+            case "coil":
+                return self._coil(register + word, True)
+        return self.registers(register, word, self.commands.words)
+
+    def setpoint(self, word: int) -> WriteRequest:
+        """Return the write of a whole setpoint: one of two registers is one frame."""
+        assert self.commands is not None
+        return self.registers(self.commands.setpoint_register, word, self.profile.setpoint_scale.words)
+
+    def reset_register(self) -> WriteRequest | None:
+        """Return the fault reset in a register of its own, None where the command word has it."""
+        reset = self.commands.reset if self.commands is not None else None
+        return None if reset is None else self.registers(reset.register, reset.value, 1)
+
+    def parameter(self, parameter: Parameter, raw: int, save: bool) -> WriteRequest:
+        """Return the write of a parameter, at its EEPROM address where it is to be saved."""
+        space, index = parameter.locator
+        if space == "coil":
+            return self._coil(index, bool(raw))
+        bit = self.profile.write_support.eeprom_address_bit if save else None
+        return self.registers(index | (bit or 0), raw, parameter.scale.words)
+
+    def _coil(self, index: int, value: bool) -> WriteBit | WriteBits:
+        """Return the write of one coil: function 05, or 0FH on a model that lacks 05."""
+        if WriteBit.function in self._rule.functions:
+            return WriteBit(self.address, index, value)
+        return WriteBits(self.address, index, (value,))
+
+    def registers(self, register: int, number: int, count: int) -> WriteRequest:
+        """Return the write of a number: function 06 for one register, 10H for more or on a model that lacks 06."""
+        if count == 1 and WriteRegister.function in self._rule.functions:
+            return WriteRegister(self.address, register, number)
+        return WriteRegisters(self.address, register, split_words(number, count, self._rule))
+
+    def recognise(self, changes: Sequence[RegisterWrite]) -> list[RecognisedWrite] | None:
+        """Return what a frame writes; None where a change is unknown, or half of a number in two registers."""
+        found: list[RecognisedWrite] = []
+        place = 0
+        while place < len(changes):
+            one = self._recognise_first(changes[place:])
+            if one is None:
+                return None
+            found.append(one)
+            place += one.width
+        return found
+
+    def _recognise_first(self, changes: Sequence[RegisterWrite]) -> RecognisedWrite | None:
+        space, register, value = changes[0]
+        commands = self.commands
+        if space == "coil":
+            return self._recognise_coils(changes)
+        if commands is not None and commands.written_to == "register" and register == commands.register:
+            word = self._number(changes, commands.words)
+            return None if word is None else CommandWrite(word, commands.words)
+        if commands is not None and register == commands.setpoint_register:
+            width = self.profile.setpoint_scale.words
+            word = self._number(changes, width)
+            return None if word is None else SetpointWrite(word, width)
+        if commands is not None and commands.reset is not None and register == commands.reset.register:
+            return ResetWrite() if value == commands.reset.value else None
+        parameter = self._parameters.get((space, register))
+        if parameter is None or len(changes) < parameter.scale.words:
+            return None
+        return ParameterWrite(parameter, parameter.scale.words)
+
+    def _recognise_coils(self, changes: Sequence[RegisterWrite]) -> CommandWrite | ParameterWrite | None:
+        """Recognise the whole command word in coils, or the one coil that is a command; never a part."""
+        commands = self.commands
+        space, first, value = changes[0]
+        parameter = self._parameters.get((space, first))
+        if parameter is not None:
+            return ParameterWrite(parameter, 1)
+        if commands is None or first < commands.register:
+            return None
+        if commands.written_to == "coil":
+            return CommandWrite(first - commands.register, 1) if value else None
+        if commands.written_to != "coils" or first != commands.register or len(changes) != commands.coil_count:
+            return None
+        return CommandWrite(sum(bit << place for place, (_, _, bit) in enumerate(changes)), commands.coil_count)
+
+    def _number(self, changes: Sequence[RegisterWrite], count: int) -> int | None:
+        return join_words((value for _, _, value in changes[:count]), self._rule) if len(changes) >= count else None
+
+
+def coil_bits(word: int, count: int) -> tuple[bool, ...]:
+    """Return the bits of a word, the lowest first."""
+    return tuple(bool(word >> place & 1) for place in range(count))
+
+
+def _writable_parameters(profile: DriveProfile) -> dict[Locator, Parameter]:
+    """Return the writable parameters by locator; one that can be read also by its EEPROM address."""
+    bit = profile.write_support.eeprom_address_bit or 0
+    found: dict[Locator, Parameter] = {}
+    for parameter in profile.parameters.values():
+        space, index = parameter.locator
+        if parameter.writable:
+            for register in (index, index | bit) if parameter.readable and space == "holding" else (index,):
+                found.setdefault((space, register), parameter)
+    return found

@@ -1,0 +1,138 @@
+"""Checks of how a Modbus profile reads and writes: spaces, functions, numbers in two registers, commands in coils."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drivebus.profiles.diagnostics import Issue, KeyPath, issue
+from drivebus.profiles.schema import CommandsIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.protocols.family import Locator, protocol_family
+
+SINGLE_COILS = 16
+"""Coils from ``[commands] register`` on that a command may name with ``written_to = "coil"``."""
+READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+BIT_SPACES = ("coil", "discrete")
+READ_ONLY_SPACES = ("input", "discrete")
+WRITE_COIL, WRITE_COILS, WRITE_REGISTERS = 5, 15, 16
+
+
+def command_places(profile: ProfileIn) -> list[tuple[Locator, str, KeyPath]]:
+    """Return what commands, setpoints and resets write, with the name and the key path of each."""
+    commands = profile.commands
+    if commands is None:
+        return []
+    space = "holding" if commands.written_to == "register" else "coil"
+    count = {"register": commands.words, "coils": commands.coil_count, "coil": SINGLE_COILS}[commands.written_to]
+    spans: list[tuple[str, int, int, str, KeyPath]] = [
+        (space, commands.register_, count, "[commands] register", ("commands", "register")),
+        (
+            "holding",
+            commands.setpoint_register,
+            profile.setpoint.words,
+            "[commands] setpoint_register",
+            ("commands", "setpoint_register"),
+        ),
+    ]
+    if commands.reset is not None:
+        at: KeyPath = ("commands", "reset", "register")
+        spans.append(("holding", commands.reset.register_, 1, "[commands.reset] register", at))
+    return [((kind, first + place), name, path) for kind, first, size, name, path in spans for place in range(size)]
+
+
+def check_access(profile: ProfileIn) -> Iterator[Issue]:
+    """Yield the issues of reads and writes that the model has no function for, or that could be half done."""
+    entries: list[tuple[KeyPath, SignalIn | ParameterIn]] = [
+        *((("signals", name), one) for name, one in profile.signals.items()),
+        *((("parameters", name), one) for name, one in profile.parameters.items()),
+    ]
+    if not protocol_family(profile.family).register_based:
+        for path, entry in entries:
+            for name in ("space", "words"):
+                if name in entry.model_fields_set:
+                    yield issue("register", (*path, name), getattr(entry, name), family=profile.family)
+        return
+    for path, entry in entries:
+        yield from _check_entry(profile, path, entry)
+    if profile.status is not None and profile.status.space not in ("holding", *_readable_spaces(profile)):
+        yield _needs_function(("status", "space"), profile.status.space)
+    if profile.setpoint.words > 1:
+        yield from _check_pair(profile, ("setpoint", "words"), written=True)
+    if profile.setpoint.words > 1 and profile.setpoint.coding == "bcd":
+        yield issue("choice", ("setpoint", "coding"), "bcd", choices="binary")
+    if profile.commands is not None:
+        yield from _check_commands(profile, profile.commands)
+
+
+def _readable_spaces(profile: ProfileIn) -> list[str]:
+    functions = profile.modbus.functions if profile.modbus else []
+    return [space for space, function in READ_FUNCTIONS.items() if function in functions]
+
+
+def _needs_function(path: KeyPath, found: object, *functions: int) -> Issue:
+    wanted = functions or (READ_FUNCTIONS[str(found)],)
+    shown = " / ".join(map(str, wanted))
+    return issue("needs", path, found, related=(("modbus", "functions"),), what=f"[modbus] functions {shown}")
+
+
+def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterIn) -> Iterator[Issue]:
+    if entry.space not in ("holding", *_readable_spaces(profile)):
+        yield _needs_function((*path, "space"), entry.space)
+    if entry.space in BIT_SPACES and (entry.words > 1 or entry.coding != "binary"):
+        name = "words" if entry.words > 1 else "coding"
+        yield issue("no_effect_beside", (*path, name), getattr(entry, name), other=f'space = "{entry.space}"')
+    if entry.words > 1 and entry.coding == "bcd":
+        yield issue("choice", (*path, "coding"), "bcd", choices="binary, signed")
+    is_written = isinstance(entry, ParameterIn) and entry.writable
+    if is_written and entry.space in READ_ONLY_SPACES:
+        yield issue("choice", (*path, "writable"), "true", related=((*path, "space"),), choices="false")
+    functions = profile.modbus.functions if profile.modbus else []
+    if is_written and entry.space == "coil" and not {WRITE_COIL, WRITE_COILS} & set(functions):
+        yield _needs_function((*path, "space"), "coil", WRITE_COIL, WRITE_COILS)
+    if entry.words > 1 and entry.space not in BIT_SPACES:
+        yield from _check_pair(profile, (*path, "words"), written=is_written)
+
+
+def _check_pair(profile: ProfileIn, path: KeyPath, *, written: bool) -> Iterator[Issue]:
+    """Check a number in two registers: read in one frame that no sync probe looks like, written in one frame."""
+    rule = profile.modbus
+    if rule is None:
+        return
+    if not rule.loopback:
+        yield issue("needs", path, 2, related=(("modbus", "loopback"),), what="[modbus] loopback")
+    if rule.max_read < 2:
+        yield issue("needs", path, 2, related=(("modbus", "max_read"),), what="[modbus] max_read 2")
+    if written and WRITE_REGISTERS not in rule.functions:
+        yield _needs_function(path, 2, WRITE_REGISTERS)
+
+
+def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]:
+    functions = profile.modbus.functions if profile.modbus else []
+    at = ("commands", "written_to")
+    if commands.written_to == "coils" and WRITE_COILS not in functions:
+        yield _needs_function(at, commands.written_to, WRITE_COILS)
+    if commands.written_to == "coil" and not {WRITE_COIL, WRITE_COILS} & set(functions):
+        yield _needs_function(at, commands.written_to, WRITE_COIL, WRITE_COILS)
+    if commands.written_to == "coils" and not commands.coil_count:
+        yield issue("missing_key", ("commands", "coil_count"), "-", name="coil_count")
+    if commands.written_to != "coils" and commands.coil_count:
+        other = 'written_to = "coils"'
+        yield issue("no_effect_without", ("commands", "coil_count"), commands.coil_count, other=other)
+    if commands.words > 1 and WRITE_REGISTERS not in functions:
+        yield _needs_function(("commands", "words"), 2, WRITE_REGISTERS)
+    if commands.words > 1 and commands.written_to != "register":
+        yield issue("no_effect_beside", ("commands", "words"), 2, other=f'written_to = "{commands.written_to}"')
+    if commands.bits and (commands.written_to == "coil" or commands.words > 1):
+        other = 'written_to = "coil"' if commands.written_to == "coil" else "words = 2"
+        yield issue("no_effect_beside", ("commands", "bits"), "bits", other=other)
+    highest = _highest_word(commands)
+    for name, value in commands.values.items():
+        if value > highest:
+            yield issue("range", ("commands", "values", name), value, bound=f"<= {highest}")
+    if commands.reset is not None and "reset" in (*commands.bits, *commands.values):
+        yield issue("no_effect_beside", ("commands", "reset"), "reset", other="[commands.reset] register")
+
+
+def _highest_word(commands: CommandsIn) -> int:
+    if commands.written_to == "coils":
+        return (1 << commands.coil_count) - 1
+    return SINGLE_COILS - 1 if commands.written_to == "coil" else (1 << 16 * commands.words) - 1
