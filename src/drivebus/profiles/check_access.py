@@ -50,6 +50,8 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
             for name in ("space", "words"):
                 if name in entry.model_fields_set:
                     yield issue("register", (*path, name), getattr(entry, name), family=profile.family)
+        if "words" in profile.setpoint.model_fields_set:
+            yield issue("register", ("setpoint", "words"), profile.setpoint.words, family=profile.family)
         return
     for path, entry in entries:
         yield from _check_entry(profile, path, entry)
@@ -71,7 +73,7 @@ def _readable_spaces(profile: ProfileIn) -> list[str]:
 def _needs_function(path: KeyPath, found: object, *functions: int) -> Issue:
     wanted = functions or (READ_FUNCTIONS[str(found)],)
     shown = " / ".join(map(str, wanted))
-    return issue("needs", path, found, related=(("modbus", "functions"),), what=f"[modbus] functions {shown}")
+    return issue("access", path, found, related=(("modbus", "functions"),), what=f"[modbus] functions {shown}")
 
 
 def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterIn) -> Iterator[Issue]:
@@ -98,9 +100,9 @@ def _check_pair(profile: ProfileIn, path: KeyPath, *, written: bool) -> Iterator
     if rule is None:
         return
     if not rule.loopback:
-        yield issue("needs", path, 2, related=(("modbus", "loopback"),), what="[modbus] loopback")
+        yield issue("access", path, 2, related=(("modbus", "loopback"),), what="[modbus] loopback")
     if rule.max_read < 2:
-        yield issue("needs", path, 2, related=(("modbus", "max_read"),), what="[modbus] max_read 2")
+        yield issue("access", path, 2, related=(("modbus", "max_read"),), what="[modbus] max_read 2")
     if written and WRITE_REGISTERS not in rule.functions:
         yield _needs_function(path, 2, WRITE_REGISTERS)
 
@@ -134,5 +136,5 @@ def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]
 
 def _highest_word(commands: CommandsIn) -> int:
     if commands.written_to == "coils":
-        return (1 << commands.coil_count) - 1
+        return (1 << (commands.coil_count or 16)) - 1
     return SINGLE_COILS - 1 if commands.written_to == "coil" else (1 << 16 * commands.words) - 1
