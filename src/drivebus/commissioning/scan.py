@@ -164,11 +164,11 @@ def probe_duration_s(candidate: ScanCandidate, settings: SerialSettings) -> floa
 
 
 def probe_request(dialect: Dialect) -> Any:
-    """Return the probe of an address: the shortest read of the drive state, else the family's sync probe.
+    """Return the probe of an address: the read of the status alone, or of one signal where the drive reports none.
 
     Raises ValueError if its bytes could do more than read.
     """
-    request = dialect.echo_test_read() if dialect.state_reads() else dialect.station_config.sync_request(0)
+    request = dialect.echo_test_read()
     if dialect.station_config.effect_of(dialect.station_config.codec.encode_request(request)) is not Effect.NONE:
         raise ValueError(f"{request} is not a read")
     return request
