@@ -36,6 +36,11 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
         ),
         (record("drive.stop", "fan-3", drive="fan-3", how="coast"), "Bus stop of Flue gas fan: coast", None),
         (
+            record("drive.stop", "fan-3", drive="fan-3", how="stop", assume_model=True),
+            "Bus stop of Flue gas fan: model not checked, name plate read",
+            "停止引风机（总线停止）：未核对型号，已查看铭牌",
+        ),
+        (
             record("parameters.write", "fan-3", drive="fan-3", values={"F0.1": 2.0, "F1.07": "0010H"}, save=True),
             "Write parameters of Flue gas fan: F0.1 = 2.0, F1.07 = 0010H, also to EEPROM",
             "写引风机的参数：F0.1 = 2.0，F1.07 = 0010H，并写入 EEPROM",

@@ -53,3 +53,30 @@ def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence
     stage.wait(lambda: stage.view("pump-1")["comm_loss"]["test"] is None, "the test goes on after a stop")
     page.locator("[data-do=test-comm-loss]").wait_for()
     assert stage.view("pump-1")["comm_loss"]["tested"] is None
+
+
+def test_a_withheld_stop_is_sent_after_the_name_plate_was_read(visit: Any) -> None:
+    """The stop of one model may start another: the page says so, and asks for the model on the name plate."""
+    sent: list[Any] = []
+
+    def answer(route: Any) -> None:
+        sent.append(route.request.post_data_json)
+        text = {"en": "STOP NOT SENT", "zh": "x"}
+        outcome = {"status": "failed", "key": "drives.stop_withheld", "text": text, "notes": [], "frames": []}
+        error = {"code": "drives.stop_withheld", "kind": "StopUnconfirmed", "params": {}, "text": text}
+        route.fulfill(status=500, json={"error": {**error, "outcome": outcome}})
+
+    page = visit("#/drive/pump-1")
+    page.route("**/api/v1/drives/pump-1/stop", answer)
+    page.click(".control [data-do=coast]")
+    page.locator(".stop-status.bad", has_text="STOP NOT SENT").wait_for()
+    page.click(".stopbar [data-do=stop-anyway]")
+    page.locator("dialog .notice.warning", has_text="may START the motor").wait_for()
+    assert page.locator("[data-do=stop-anyway-send]").is_disabled()
+    page.check("dialog input[type=checkbox]")
+    page.unroute("**/api/v1/drives/pump-1/stop")
+    with page.expect_request("**/api/v1/drives/pump-1/stop") as forced:
+        page.click("[data-do=stop-anyway-send]")
+    assert sent == [{"how": "coast"}] and forced.value.post_data_json == {"how": "coast", "assume_model": True}
+    page.locator(".stop-status.good").wait_for()
+    assert page.locator("[data-do=stop-anyway]").count() == 0

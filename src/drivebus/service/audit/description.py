@@ -128,6 +128,8 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text(f"drives.direction_{params['direction']}")
     if params.get("how") in ("coast", "quick_stop"):
         yield bilingual_text(f"audit.detail.how_{params['how']}")
+    if params.get("assume_model") is True:
+        yield bilingual_text("audit.detail.assume_model")
     for name in NUMBERS:
         if isinstance(params.get(name), int | float | str):
             yield bilingual_text(f"audit.detail.{name}", value=_role(params[name]) if name == "role" else params[name])

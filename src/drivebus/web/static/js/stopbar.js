@@ -11,6 +11,7 @@ import { usePublishedHeight } from "./published-height.js";
 import { drive, group, idsOf } from "./store.js";
 import { nameOf, stop, stops } from "./stops.js";
 import { ReleaseButton } from "./parts/selection.js";
+import { StopAnyway } from "./parts/stop-anyway.js";
 
 const menuOpen = signal(false);
 
@@ -63,7 +64,7 @@ function StopStatus() {
   const kind = open ? "waiting" : entry.good ? "good" : "bad";
   return html`<p class=${`stop-status ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
     ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${stopText(entry)}
-      </span></p>`;
+      </span></p>${entry.withheld?.map((id) => html`<${StopAnyway} key=${id} id=${id} how=${entry.how} />`)}`;
 }
 
 export function StopBar() {

@@ -13,7 +13,8 @@ const RETRY_WINDOW_MS = 30_000;
 const RETRY_PAUSE_MS = 700;
 const MAX_ENTRIES = 5;
 
-/** Newest first: {id, what, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(), time_ms}. */
+/** Newest first: {id, what, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(), time_ms,
+ * withheld}. `withheld`: the drives to which nothing was sent because they did not answer as their model. */
 export const stops = signal([]);
 let count = 0;
 
@@ -34,12 +35,13 @@ function change(id, fields) {
 }
 
 /** Stop a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
- * "quick_stop". Never raises. */
-export async function stop(kind, id = null, how = "stop") {
+ * "quick_stop". `assume_model` sends it also to a station that has not answered as its model. Never raises. */
+export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
   const mine = ++count;
-  const entry = { id: mine, what: { kind, id }, phase: "sending", good: null, text: null, time_ms: Date.now() };
+  const entry = { id: mine, what: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: Date.now() };
   stops.value = [entry, ...stops.peek()].slice(0, MAX_ENTRIES);
-  const result = await sendUntilAnswered(mine, PATHS[kind](id), kind === "drive" ? { how } : {});
+  const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
+  const result = await sendUntilAnswered(mine, PATHS[kind](id), body);
   batch(() => change(mine, result));
 }
 
@@ -59,7 +61,7 @@ async function sendUntilAnswered(mine, path, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!isTransient(error) || nowMs() > until) return failed(error);
+      if (!isTransient(error) || nowMs() > until) return failed(error, stops.peek().find((one) => one.id === mine)?.what);
       change(mine, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
       // Another server process may need another CSRF token.
@@ -69,9 +71,15 @@ async function sendUntilAnswered(mine, path, body) {
 }
 
 /** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
-function failed(error) {
-  return { phase: error.outcome ? "done" : "failed", good: false, text: () => error.sentence ?? String(error) };
+function failed(error, what) {
+  const withheld = what?.kind === "drive" && isWithheld(error) ? [what.id] : [];
+  return { phase: error.outcome ? "done" : "failed", good: false, withheld, text: () => error.sentence ?? String(error) };
 }
+
+const WITHHELD_KEYS = new Set(["drives.stop_withheld", "drives.stop_withheld_silent"]);
+
+/** Was nothing sent because the station did not answer as its model? */
+const isWithheld = (found) => WITHHELD_KEYS.has(found.outcome?.key ?? found.key);
 
 const classOf = (found) => (["confirmed", "acknowledged"].includes(found.status) ? found.status : "unconfirmed");
 
@@ -92,7 +100,9 @@ export function evaluateStop(answer) {
   const { acknowledged, unconfirmed } = drives;
   const names = (ids) => [...ids].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
   if (unconfirmed.size > 0) {
-    return { phase: "done", good: false, acknowledged: false, text: () => t("page.stop_unconfirmed", { names: names(unconfirmed) }) };
+    const withheld = Object.entries(answer.outcomes ?? {}).filter(([, one]) => isWithheld(one)).map(([id]) => id);
+    const text = () => t("page.stop_unconfirmed", { names: names(unconfirmed) });
+    return { phase: "done", good: false, acknowledged: false, withheld, text };
   }
   if (acknowledged.size > 0) {
     return { phase: "done", good: true, acknowledged: true, text: () => t("page.stop_acknowledged", { names: names(acknowledged) }) };
