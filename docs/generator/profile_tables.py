@@ -150,13 +150,21 @@ def _command_values(profile: DriveProfile, language: str) -> str:
     commands = profile.commands
     rows: list[tuple[object, ...]] = []
     for name, value in commands.values.items():
-        shown = f"{commands.register + value:04X}H" if commands.written_to == "coil" else value
-        rows.append((f"`{name}`", _value_meaning(name, language), shown))
+        rows.append((f"`{name}`", _value_meaning(name, language), _command_value(commands, value)))
     if commands.reset is not None:
         shown = f"{commands.reset.value} ({commands.reset.register:04X}H)"
         rows.append(("`reset`", _value_meaning("reset", language), shown))
     heads = [term(head, language) for head in ("command", "meaning", "value")]
     return f"{_command_place(commands, language)}\n\n" + table(heads, rows) + _status_word(profile, language)
+
+
+def _command_value(commands: CommandMap, value: int) -> str:
+    """Return a command as it is written: the number of its coil, or its registers."""
+    if commands.written_to == "coil":
+        return f"{commands.register + value:04X}H"
+    if commands.words == 1:
+        return str(value)
+    return " ".join(f"{value >> 16 * place & 0xFFFF:04X}H" for place in reversed(range(commands.words)))
 
 
 def _command_place(commands: CommandMap, language: str) -> str:
@@ -165,7 +173,7 @@ def _command_place(commands: CommandMap, language: str) -> str:
             return _coils(commands.register, commands.coil_count, language)
         case "coil":
             return localized(SINGLE_COIL, language)
-    last = f"–{commands.register + 1:04X}H" if commands.words > 1 else ""
+    last = f"–{commands.register + commands.words - 1:04X}H" if commands.words > 1 else ""
     return f"{commands.register:04X}H{last}"
 
 

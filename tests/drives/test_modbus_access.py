@@ -13,7 +13,6 @@ from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import ProtocolError
-from drivebus.profiles.model import ResetRegister
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Complete, Effect
 from drivebus.protocols.modbus import ReadBits, ReadRegisters, RegisterValues
@@ -222,15 +221,62 @@ def test_a_station_with_coils_takes_the_whole_command_only() -> None:
 
 
 def test_a_reset_in_a_register_of_its_own_is_no_command_word() -> None:
-    commands = profiles.load("ms300").commands
-    assert commands is not None
-    dialect = dialect_of("ms300", commands=replace(commands, reset=ResetRegister(0x2002, 2)))
+    """Delta: bit 1 of 2002H resets, bit 0 is an external fault."""
+    dialect = dialect_of("ms300")
     (frame,) = dialect.reset()
     assert frame.request == modbus.WriteRegister(1, 0x2002, 2)
     assert dialect.effect(frame_of(dialect, frame.request)) is Effect.SETTING
-    for other in (0, 1, 3):  # bit 0 is an external fault
+    for other in (0, 1, 3):
         wrong = frame_of(dialect, modbus.WriteRegister(1, 0x2002, other))
         assert dialect.effect(wrong) is Effect.MOTION and not dialect.is_allowed(wrong)
+
+
+@pytest.mark.parametrize(
+    ("made", "values", "effect"),
+    [
+        (lambda d: d.start(Direction.FORWARD, 0)[0].request, (1, 0, 0, 0), Effect.MOTION),
+        (lambda d: d.start(Direction.REVERSE, 0)[0].request, (1, 1, 0, 0), Effect.MOTION),
+        (lambda d: d.stop(StopMode.STOP)[0], (0, 0, 0, 0), Effect.STOP),
+        (lambda d: d.reset()[0].request, (0, 0, 0, 1), Effect.SETTING),
+    ],
+)
+def test_a_gs2_gets_run_direction_fault_and_reset_in_one_frame(made: Any, values: Any, effect: Effect) -> None:
+    """With a register for each, a reset could leave the run command standing, and a start the old direction."""
+    dialect = dialect_of("gs2")
+    request = made(dialect)
+    assert request == modbus.WriteRegisters(1, 0x091B, values)
+    assert dialect.effect(frame_of(dialect, request)) is effect
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        modbus.WriteRegister(1, 0x091B, 0),
+        modbus.WriteRegister(1, 0x091C, 0),
+        modbus.WriteRegister(1, 0x091E, 1),
+        modbus.WriteRegisters(1, 0x091B, (0, 0, 0)),
+        modbus.WriteRegisters(1, 0x091B, (1, 0, 0, 1)),
+        modbus.WriteRegisters(1, 0x091C, (0, 0, 0, 0)),
+    ],
+)
+def test_a_part_of_a_command_in_several_registers_is_never_sent(request_: Any) -> None:
+    dialect = dialect_of("gs2")
+    frame = frame_of(dialect, request_)
+    assert dialect.effect(frame) is Effect.MOTION and not dialect.is_allowed(frame)
+
+
+def test_a_command_register_that_reads_as_the_status_is_both() -> None:
+    """Shihlin 1001H: a write of 2 runs forward, a read of 2 is no running drive."""
+
+    async def tell() -> None:
+        async with simulated_drive("shihlin_ss2") as (drive, station):
+            assert (await drive.status()).state is DriveState.STOPPED
+            assert (await drive.run(10.0, Direction.REVERSE)).succeeded
+            assert station.command == 4
+            codec = station.codecs[0]
+            assert station.handle_request(ReadRegisters(3, 0x1001, 1), codec).values == (5,)
+
+    run(tell())
 
 
 def test_a_frequency_beyond_sixteen_bits_reaches_the_drive_whole() -> None:

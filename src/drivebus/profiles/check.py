@@ -263,7 +263,8 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
         if parameter.writable and status is not None and _locator_of(profile, notation, parameter) == status:
             at = ("parameters", notation)
             yield issue("status_parameter", at, f"{status[1]:04X}H", related=(("status", "register"),))
-    if status in places:
+    is_shared = profile.status is not None and profile.status.shares_command_register
+    if status in places and not (is_shared and places[status] == "[commands] register"):
         yield issue("duplicate", ("status", "register"), f"{status[1]:04X}H", related=related, other="[commands]")
 
 

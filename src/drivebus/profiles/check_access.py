@@ -120,11 +120,13 @@ def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]
         other = 'written_to = "coils"'
         yield issue("no_effect_without", ("commands", "coil_count"), commands.coil_count, other=other)
     if commands.words > 1 and WRITE_REGISTERS not in functions:
-        yield _needs_function(("commands", "words"), 2, WRITE_REGISTERS)
+        yield _needs_function(("commands", "words"), commands.words, WRITE_REGISTERS)
     if commands.words > 1 and commands.written_to != "register":
-        yield issue("no_effect_beside", ("commands", "words"), 2, other=f'written_to = "{commands.written_to}"')
+        yield issue(
+            "no_effect_beside", ("commands", "words"), commands.words, other=f'written_to = "{commands.written_to}"'
+        )
     if commands.bits and (commands.written_to == "coil" or commands.words > 1):
-        other = 'written_to = "coil"' if commands.written_to == "coil" else "words = 2"
+        other = 'written_to = "coil"' if commands.written_to == "coil" else f"words = {commands.words}"
         yield issue("no_effect_beside", ("commands", "bits"), "bits", other=other)
     highest = _highest_word(commands)
     for name, value in commands.values.items():

@@ -22,6 +22,10 @@ def check_effect(profile: ProfileIn) -> Iterator[Issue]:
         yield from _ineffective("status", status, ("reserved_mask",), "values")
     elif status is not None:
         yield from _ineffective("status", status, ("mask",), "values", beside=False)
+    if status is not None and status.shares_command_register:
+        is_shared = commands is not None and commands.written_to == "register"
+        if not is_shared or commands is None or status.register_ != commands.register_ or status.space != "holding":
+            yield issue("no_effect_without", ("status", "shares_command_register"), "true", other="[commands] register")
     if status is not None and not status.fault_registers:
         yield from _ineffective("status", status, ("fault_coding", "fault_mask"), "fault_registers", beside=False)
     elif status is not None and status.fault_coding == "bits":

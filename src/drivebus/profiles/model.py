@@ -160,7 +160,7 @@ class CommandMap:
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
     """Option to its values to the bits that apply only under that value."""
     words: int = 1
-    """Registers of the command word: of two, such as run and direction, a frame writes both."""
+    """Registers of the command word, such as run and direction: a frame writes them all."""
     written_to: Literal["register", "coils", "coil"] = "register"
     """coils: the bits of the word are the coils from ``register`` on, in one frame; coil: the word counts from
     ``register`` to the one coil that is switched on."""

@@ -108,7 +108,8 @@ Role = Literal["monitor_selector", "protocol", "address", "baud", "format", "rep
 Unit = Literal["", "Hz", "A", "mA", "V", "kW", "kWh", "°C", "rpm", "s", "ms", "h", "%", "N·m"]
 OptionValue = str | int | float | bool
 Word = Annotated[int, Field(ge=0, le=0xFFFF)]
-WordPair = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+Words = Annotated[int, Field(ge=0, le=2**63 - 1)]
+"""Number in up to four registers; TOML has no larger one."""
 Space = Literal["holding", "input", "coil", "discrete"]
 """Modbus: read by functions 03, 04, 01 and 02."""
 Baud = Annotated[int, Field(ge=50, le=4_000_000)]
@@ -269,8 +270,8 @@ class ResetIn(StrictTable):
 class CommandsIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
-    words: Literal[1, 2] = 1
-    """Registers of the command word, such as run and direction: a frame of function 16 writes both."""
+    words: Annotated[int, Field(ge=1, le=4)] = 1
+    """Registers of the command word, such as run and direction: a frame of function 16 writes them all."""
     written_to: Literal["register", "coils", "coil"] = "register"
     """coils: the bits of the word are the coils from ``register`` on; coil: the word counts from there to one coil."""
     coil_count: Annotated[int, Field(ge=0, le=16)] = 0
@@ -278,7 +279,7 @@ class CommandsIn(StrictTable):
     reset: ResetIn | None = None
     rewrite_levels_after_pulse: bool = False
     bits: dict[CommandName, BitIn] = {}
-    values: dict[CommandValueName, WordPair] = {}
+    values: dict[CommandValueName, Words] = {}
     """Whole words of a drive whose command word is a number; then there are no ``bits``."""
     variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
     evidence: EvidenceLine
@@ -293,6 +294,8 @@ class StatusIn(StrictTable):
     """State of each value, as a decimal number, of a status word that is a number; then there are no ``bits``."""
     mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
     """Part of the word that ``values`` count."""
+    shares_command_register: bool = False
+    """A read of the command register gives the status, by the source; otherwise it may give the last command back."""
     reserved_mask: Word = 0
     fault_registers: list[Word] = []
     fault_coding: Literal["bits", "number"] = "bits"
