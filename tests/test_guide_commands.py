@@ -19,6 +19,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.child_process import CHILD_TIMEOUT_S, COMMAND, ENVIRONMENT, lines_until
+from fixtures.manual_answers import ANSWERS
 from test_guides import NAMES, PAGES, README, blocks, command_lines
 
 pytest.importorskip("pty")
@@ -120,6 +121,8 @@ class Bench:
             self.run_until(started, lambda text: "Confirmed" in text, signal.SIGINT, 130)
         elif verb == "serve":
             self.run_until(words, lambda text: "http://" in text, signal.SIGTERM, 0)
+        elif words[:2] == ["profile", "new"]:
+            self.run(words, given="".join(f"{answer}\n" for answer in ANSWERS.values()))
         elif verb == "simulate":
             self.run_until(words, lambda text: "Ctrl-C" in text, signal.SIGINT, 0)
         else:

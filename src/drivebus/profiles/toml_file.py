@@ -7,6 +7,7 @@ TOML over lines and decides nothing about values.
 from __future__ import annotations
 
 import codecs
+import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -137,3 +138,8 @@ def _blank_match(match: re.Match[str]) -> str:
     """Blank a string or comment; positions and newlines stay, brackets and keys in it go."""
     mark = " " if match[0].startswith("#") else "s"
     return re.sub(r"[^\n]", mark, match[0])
+
+
+def toml_string(value: str) -> str:
+    """Return a TOML string. JSON's escapes are TOML's, except for DEL."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""``profile check``: check a profile file."""
+"""``profile``: write a profile from the facts of a manual (``new``), and check a profile file (``check``)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,22 @@ from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup
 
 def _check(file: str) -> None:
     from drivebus import profiles
+    from drivebus.profiles import grades
 
     profile = profiles.load(file)
+    lacks = [lack.text(output.language()) for lack in grades.lacks(profile)]
     counts = {"signals": len(profile.signals), "parameters": len(profile.parameters), "faults": len(profile.faults)}
-    output.print_json({"file": file, "valid": True, "model": profile.model, "grade": profile.grade} | counts)
+    higher = grades.next_grade(profile)
+    output.print_json(
+        {"file": file, "valid": True, "model": profile.model, "grade": profile.grade}
+        | counts
+        | {"next_grade": higher, "lacks": lacks}
+    )
     output.print_message("models.profile_good", file=file, model=profile.model, grade=profile.grade, **counts)
+    if higher is not None:
+        output.print_message("grades.next", grade=higher)
+    for lack in lacks:
+        output.print_text(f"  - {lack}")
 
 
 check = CliCommand(
@@ -28,7 +39,12 @@ check = CliCommand(
 command = LazyGroup(
     "profile",
     help_key="profile",
-    sections={"cli.section.profile": {"check": "drivebus.cli.commands.profile:check"}},
+    sections={
+        "cli.section.profile": {
+            "new": "drivebus.cli.commands.profile_new:command",
+            "check": "drivebus.cli.commands.profile:check",
+        }
+    },
     no_args_is_help=True,
-    examples=("drivebus profile check my-drive.toml",),
+    examples=("drivebus profile new my-drive.toml", "drivebus profile check my-drive.toml"),
 )

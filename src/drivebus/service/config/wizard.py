@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +15,7 @@ from drivebus import i18n, profiles
 from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
-from drivebus.profiles.toml_file import line_of
+from drivebus.profiles.toml_file import line_of, toml_string
 from drivebus.service.config.load import CATALOGUE, config_error, toml_complaint, unreadable_complaint
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel
 
@@ -233,8 +232,3 @@ def comment_lines(name: str, language: str, **params: str) -> list[str]:
 
 def trailing_comment(name: str, language: str, **params: str) -> str:
     return "   # " + i18n.text(f"plant_init.file_{name}", language, **params)
-
-
-def toml_string(value: str) -> str:
-    """Return a TOML string. JSON's escapes are TOML's, except for DEL."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

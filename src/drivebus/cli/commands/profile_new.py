@@ -1,0 +1,164 @@
+"""``profile new``: write a profile from the facts of a manual, check it and try it on a simulated drive."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from drivebus.cli import output
+from drivebus.cli.click_ext import Argument, CliCommand, Option
+from drivebus.cli.errors import ExitCode, print_error
+
+if TYPE_CHECKING:
+    from drivebus.commissioning.new_profile.questions import Question
+    from drivebus.commissioning.profile_trial import TrialStep
+
+MOST_FRAMES = 12
+"""Frames printed for a step: a motor that accelerates gives many different replies."""
+
+
+def _new(file: str, table: str | None, answers_file: str | None, force: bool) -> ExitCode:
+    """Return 2 if the file is not valid yet, 1 if the trial fails. Raises ConfigurationError, ProfileError."""
+    from drivebus import profiles
+    from drivebus.commissioning.new_profile import file_text, register_table
+    from drivebus.errors import ConfigurationError, ProfileError
+    from drivebus.testing import virtual_time
+
+    if not force and Path(file).exists():
+        raise ConfigurationError("profile_new.exists", file=file)
+    answers = _read_answers(answers_file) if answers_file is not None else {}
+    try:
+        _ask_all(answers)
+    except click.Abort:
+        return _keep(answers, file)
+    rows = register_table.read_table(table, answers["numbering"]) if table is not None else []
+    _write(file, file_text.profile_toml(answers, rows, output.language()), force)
+    try:
+        profile = profiles.load(Path(file).resolve())
+    except ProfileError as error:
+        output.print_note("profile_new.rejected", file=file)
+        print_error(error)
+        output.print_note("profile_new.next_step", file=file)
+        return ExitCode.USAGE
+    from drivebus.commissioning.profile_trial import try_profile
+
+    output.print_message("profile_new.written", file=file)
+    steps = virtual_time.run(try_profile(profile))
+    _print_trial(steps)
+    keypad = answers["keypad"] if answers["keypad"] != "?" else output.text("profile_new.keypad_unknown")
+    output.print_message("profile_new.checklist", file=file, keypad=keypad)
+    failed = [step.name for step in steps if step.error is not None]
+    output.print_json({"file": file, "model": profile.model, "tried": [step.name for step in steps], "failed": failed})
+    return ExitCode.FAILED if failed else ExitCode.DONE
+
+
+def _read_answers(path: str) -> dict[str, str]:
+    """Return the answers of an unfinished dialogue. Raises ConfigurationError."""
+    from drivebus.cli.errors import from_os_error
+    from drivebus.commissioning.new_profile.questions import QUESTIONS, check_answer
+    from drivebus.errors import ConfigurationError
+
+    try:
+        data: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError("profile_new.answers_toml", file=path, reason=str(error)) from error
+    except OSError as error:
+        raise from_os_error(error) from error
+    known = {question.name: question for question in QUESTIONS}
+    if unknown := [key for key in data if key not in known]:
+        raise ConfigurationError("profile_new.answers_key", file=path, key=unknown[0])
+    answers: dict[str, str] = {}
+    for name, question in known.items():
+        if name in data:
+            text = str(data[name]).strip()
+            try:
+                check_answer(question, text, answers)
+            except (ValueError, KeyError):
+                expected = _expected(question)
+                raise ConfigurationError(
+                    "profile_new.answers_value", file=path, key=name, found=text, expected=expected
+                ) from None
+            answers[name] = text
+    return answers
+
+
+def _ask_all(answers: dict[str, str]) -> None:
+    """Ask for every fact that is not in ``answers``, and add it there. Raises click.Abort at Ctrl-C and at the end."""
+    from drivebus.commissioning.new_profile.questions import check_answer, open_questions
+
+    output.print_note("profile_new.about")
+    for question in open_questions(answers):
+        asked = output.text(f"profile_new.ask_{question.name}")
+        while question.name not in answers:
+            text: str = click.prompt(asked, default=question.default, err=True).strip()
+            try:
+                check_answer(question, text, answers)
+                answers[question.name] = text
+            except ValueError:
+                output.print_note("profile_new.wrong", found=text, expected=_expected(question))
+
+
+def _expected(question: Question) -> str:
+    """Return what a question expects."""
+    low, high = question.span
+    return output.text(
+        f"profile_new.expect_{question.kind}", choices=", ".join(question.choices), low=f"{low:g}", high=f"{high:g}"
+    )
+
+
+def _keep(answers: dict[str, str], file: str) -> ExitCode:
+    """Write the answers of an unfinished dialogue beside the file that it would have written."""
+    from drivebus.profiles.toml_file import toml_string
+
+    kept = f"{file}.answers.toml"
+    click.echo(err=True)
+    _write(kept, "".join(f"{name} = {toml_string(text)}\n" for name, text in answers.items()), force=True)
+    output.print_note("profile_new.left", count=len(answers), kept=kept, file=file)
+    return ExitCode.INTERRUPTED
+
+
+def _write(file: str, text: str, force: bool) -> None:
+    """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
+    from drivebus.errors import ConfigurationError
+
+    try:
+        with Path(file).open("w" if force else "x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise ConfigurationError("profile_new.exists", file=file) from None
+    except OSError as error:
+        raise ConfigurationError("profile_new.unwritten", file=file, reason=error.strerror or str(error)) from error
+
+
+def _print_trial(steps: list[TrialStep]) -> None:
+    """Print each step with its result and the frames that were sent and received."""
+    output.print_message("profile_new.trial")
+    for step in steps:
+        name = output.text(f"profile_new.trial_{step.name}", hz=f"{step.hz:g}")
+        detail = "" if step.error is None else step.error.text(output.language())
+        result = "profile_new.trial_ok" if step.error is None else "profile_new.trial_failed"
+        output.print_text("  " + output.text(result, name=name, detail=detail))
+        for frame in step.frames[:MOST_FRAMES]:
+            arrow = "→" if frame.direction == "sent" else "←"
+            output.print_text(f"    {arrow} {frame.data.hex(' ').upper()}")
+
+
+command = CliCommand(
+    "new",
+    help_key="profile.new",
+    callback=_new,
+    params=[
+        Argument(["file"], metavar="FILE", type=click.Path(), key="help.argument.new_profile"),
+        Option(["--from", "table"], metavar="FILE.csv", key="help.option.register_table", example="--from table.csv"),
+        Option(["--answers", "answers_file"], metavar="FILE", key="help.option.profile_answers"),
+        Option(["--force"], is_flag=True, key="help.option.init_force"),
+    ],
+    examples=(
+        "drivebus profile new my-drive.toml",
+        "drivebus profile new my-drive.toml --from registers.csv",
+        "drivebus profile new my-drive.toml --answers my-drive.toml.answers.toml",
+    ),
+)

@@ -1,0 +1,220 @@
+"""A profile written from the facts of a manual: answers, register table, file, trial on a simulated drive."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus import profiles
+from drivebus.cli.main import cli
+from drivebus.commissioning.new_profile.file_text import profile_toml
+from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, fact, open_questions, parse_word
+from drivebus.commissioning.new_profile.register_table import read_table
+from drivebus.commissioning.profile_simulator import ProfileStation
+from drivebus.commissioning.profile_trial import try_profile
+from drivebus.errors import ProfileError
+from drivebus.profiles import grades
+from drivebus.testing import virtual_time
+from fixtures.manual_answers import ANSWERS
+
+BITS = {"status_kind": "bits", "running_bit": "0", "reverse_bit": "3", "fault_bit": "7"}
+SHARE = {"setpoint_kind": "share", "full_scale": "10000", "factory_maximum": "50", "highest_maximum": "400"}
+
+
+def written(tmp_path: Path, changed: dict[str, str], language: str = "en", rows: Any = ()) -> profiles.DriveProfile:
+    path = tmp_path / "acme_v1.toml"
+    path.write_text(profile_toml(ANSWERS | changed, rows, language), encoding="utf-8")
+    return profiles.load(path)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("changed", [{}, BITS, SHARE, {"write_function": "16", "encoding": "ascii"}])
+def test_the_file_of_complete_answers_is_valid_and_every_command_works(
+    tmp_path: Path, changed: dict[str, str], language: str
+) -> None:
+    profile = written(tmp_path, changed, language)
+    assert profile.grade == "draft" and profile.addresses == (1, 31) and profile.serial.baud == 19200
+    assert profile.commands is not None and profile.commands.values["stop"] == 0x12
+    steps = virtual_time.run(try_profile(profile))
+    assert [step.name for step in steps] == ["status", "start", "setpoint", "stop", "reverse", "stop", "reset"]
+    assert [step.error for step in steps] == [None] * 7
+    assert all(step.frames for step in steps)
+
+
+def test_a_trial_ends_at_the_step_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    profile = written(tmp_path, {})
+    monkeypatch.setattr(ProfileStation, "_store", lambda station, register, value: 4)
+    steps = virtual_time.run(try_profile(profile))
+    assert [step.name for step in steps] == ["status", "start"]
+    assert steps[0].error is None and steps[1].error is not None
+
+
+def test_a_fact_that_the_manual_lacks_is_an_open_question_and_no_capability(tmp_path: Path) -> None:
+    gone = {"status_register": UNKNOWN, "start_reverse": UNKNOWN, "reset": UNKNOWN}
+    profile = written(tmp_path, gone)
+    assert not {"reverse", "reset_fault", "status", "coast"} & profile.capabilities
+    assert {"status_register", "start_reverse", "reset", "coast", "max_read"} <= {
+        q.name for q in profile.open_questions
+    }
+    assert profile.status is None
+
+
+@pytest.mark.parametrize("word", ["10", "2000", "1x", "12345H", "-1", "0x", "70000d", ""])
+def test_a_word_of_several_digits_without_its_base_is_rejected(word: str) -> None:
+    """10 may be 10 or 16; as a command word the two may be a stop and a start."""
+    with pytest.raises(ValueError, match=r".*"):
+        parse_word(word)
+
+
+@pytest.mark.parametrize(
+    ("numbering", "text", "register"),
+    [
+        ("hex", "2000", 0x2000),
+        ("decimal", "8192", 0x2000),
+        ("40001", "48193", 0x2000),
+        ("one", "8193", 0x2000),
+        ("one", "2000H", 0x2000),
+    ],
+)
+def test_a_register_is_read_as_the_manual_numbers_it(numbering: str, text: str, register: int) -> None:
+    assert fact({"numbering": numbering, "command_register": text}, "command_register") == register
+
+
+def test_a_question_that_another_answer_makes_needless_is_not_asked() -> None:
+    asked = [question.name for question in open_questions({"status_register": UNKNOWN, "setpoint_kind": "step"})]
+    assert not {"status_kind", "running_bit", "value_stopped", "fault_register", "full_scale"} & {*asked}
+    assert "setpoint_step" in asked
+
+
+# --- register table ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "gb18030"])
+def test_a_register_table_becomes_signals_and_parameters(tmp_path: Path, encoding: str) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(
+        "名称;地址;单位;倍率;读写;说明\n母线电压;2105;V;0.1;只读;直流\nP0.02;F002;;;读写;命令源\n", encoding=encoding
+    )
+    rows = read_table(table, "hex")
+    profile = written(tmp_path, {}, "zh", rows)
+    signal = profile.signals["register_2105"]
+    assert signal.locator[1] == 0x2105 and signal.unit == "V" and signal.scale.factor == 0.1
+    assert profile.parameters["P0.02"].locator[1] == 0xF002
+
+
+def test_each_faulty_line_of_a_table_is_named_with_its_field(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    lines = ["name,address,unit,scale,access", "a,2100,Hz,0.01,r", "b,zz,,,", "c,2100,,,", "a,2101,,,", ",2102,,,"]
+    lines += ["d,2103,bar,,", "e,2104,,0,", "f,2105,,,maybe"]
+    table.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        read_table(table, "hex")
+    found = [(one.line, one.key, one.kind) for one in caught.value.params["complaints"]]
+    assert found == [
+        (3, "address", "address"),
+        (4, "address", "address_again"),
+        (5, "name", "name_again"),
+        (6, "name", "no_name"),
+        (7, "unit", "unit"),
+        (8, "scale", "scale"),
+        (9, "access", "access"),
+    ]
+    assert all(one.expected.en and one.remedy.zh for one in caught.value.params["complaints"])
+
+
+@pytest.mark.parametrize(("text", "kind"), [("", "empty"), ("unit,text\nHz,x\n", "header")])
+def test_a_table_without_header_is_rejected(tmp_path: Path, text: str, kind: str) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        read_table(table, "hex")
+    assert [one.kind for one in caught.value.params["complaints"]] == [kind]
+
+
+# --- command line ------------------------------------------------------------------------------------------------
+
+
+def invoke(*arguments: str, answers: dict[str, str] | None = None) -> Any:
+    lines = "".join(f"{text}\n" for text in (answers or {}).values())
+    return CliRunner().invoke(cli, ["profile", "new", *arguments], input=lines)
+
+
+def test_a_dialogue_writes_checks_and_tries_the_profile(tmp_path: Path) -> None:
+    file = tmp_path / "acme.toml"
+    result = invoke(str(file), answers=ANSWERS)
+    assert result.exit_code == 0, result.output
+    assert profiles.load(file).model == "acme_v1"
+    assert "start forward, 10 Hz: ok" in result.output and "06 20 00 00 01" in result.output
+    assert "Uncouple the motor" in result.output and "P0.02 = 2" in result.output
+
+
+def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
+    file = tmp_path / "acme.toml"
+    lines = [*ANSWERS.values()]
+    at = [*ANSWERS].index("stop")
+    result = CliRunner().invoke(
+        cli, ["profile", "new", str(file)], input="\n".join([*lines[:at], "12", *lines[at:]]) + "\n"
+    )
+    assert result.exit_code == 0 and "12: expected one digit, or a word with its base" in result.output
+
+
+def test_an_unfinished_dialogue_is_continued(tmp_path: Path) -> None:
+    file, kept = tmp_path / "acme.toml", tmp_path / "acme.toml.answers.toml"
+    first = dict([*ANSWERS.items()][:20])
+    result = invoke(str(file), answers=first)
+    assert result.exit_code == 130 and not file.exists()
+    assert tomllib.loads(kept.read_text(encoding="utf-8")) == first
+    rest = {name: text for name, text in ANSWERS.items() if name not in first}
+    assert invoke(str(file), "--answers", str(kept), answers=rest).exit_code == 0
+    assert profiles.load(file).model == "acme_v1"
+
+
+def test_a_kept_answer_that_is_no_answer_is_named(tmp_path: Path) -> None:
+    kept = tmp_path / "kept.toml"
+    kept.write_text('baud = "fast"\n', encoding="utf-8")
+    result = invoke(str(tmp_path / "a.toml"), "--answers", str(kept))
+    assert result.exit_code == 2 and "baud: fast found; expected a number from 300" in " ".join(result.output.split())
+    kept.write_text('bauds = "9600"\n', encoding="utf-8")
+    assert invoke(str(tmp_path / "a.toml"), "--answers", str(kept)).exit_code == 2
+
+
+def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
+    file = tmp_path / "acme.toml"
+    file.write_text("mine", encoding="utf-8")
+    assert invoke(str(file), answers=ANSWERS).exit_code == 2
+    assert file.read_text(encoding="utf-8") == "mine"
+    assert invoke(str(file), "--force", answers=ANSWERS).exit_code == 0
+
+
+def test_a_file_that_is_not_valid_yet_is_kept_and_says_why(tmp_path: Path) -> None:
+    """Without loop-back and with no neighbouring registers a late reply can't be recognized."""
+    file = tmp_path / "acme.toml"
+    changed = ANSWERS | {"loopback": "no", "frequency_register": "2200", "fault_register": UNKNOWN}
+    del changed["fault_coding"]
+    result = invoke(str(file), answers=changed)
+    assert result.exit_code == 2 and file.exists()
+    assert "no way to distinguish a late reply" in " ".join(result.output.split())
+
+
+def test_every_question_has_its_texts_and_a_name_of_its_own() -> None:
+    assert len({question.name for question in QUESTIONS}) == len(QUESTIONS)
+
+
+# --- what a grade lacks --------------------------------------------------------------------------------------------
+
+
+def test_a_draft_lacks_frames_a_station_and_a_witness(tmp_path: Path) -> None:
+    profile = written(tmp_path, {})
+    assert [lack.kind for lack in grades.lacks(profile)] == ["vectors", "station", "witness", "assumed", "questions"]
+    assumed, questions = grades.lacks(profile)[3:]
+    assert "timing" in assumed.params["names"] and "commands" not in assumed.params["names"]
+    assert questions.params["count"] == len(profile.open_questions)
+
+
+def test_a_simulated_model_lacks_a_real_drive() -> None:
+    assert grades.lacks(profiles.load("vc660"))[0].kind == "hardware"
+    assert grades.next_grade(profiles.load("vc660")) == "verified"
