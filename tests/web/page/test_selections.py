@@ -38,6 +38,28 @@ def test_the_same_user_in_a_second_window_is_named_as_you(stage: Stage, visit: A
     first.locator(".takeovers .banner", has_text="in another window").wait_for()
 
 
+def test_a_release_in_one_tab_is_announced_in_the_other_and_a_closed_tab_takes_nothing(
+    stage: Stage, visit: Any
+) -> None:
+    """Two tabs of a browser are one session: both command, and neither loses control without a sentence."""
+    first = visit("#/drive/pump-1")
+    second = first.context.new_page()
+    second.goto(first.url)
+    first.click("[data-do=take]")
+    for page in (first, second):
+        page.locator(".lease.own").wait_for()
+    second.click(".lease.own button")
+    first.locator(".takeovers .banner", has_text="in another tab of this browser").wait_for()
+    assert second.locator(".takeovers .banner").count() == 0
+    second.click("[data-do=take]")
+    first.locator(".lease.own").wait_for()
+    second.close()
+    held = stage.view("pump-1")["lease"]["expires_ms"]
+    stage.wait(lambda: stage.view("pump-1")["lease"]["expires_ms"] > held, "the remaining tab does not renew")
+    stage.call("lease.take", drive="pump-1")
+    first.locator(".takeovers .banner", has_text="tester took control").wait_for()
+
+
 def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence(stage: Stage, visit: Any) -> None:
     page = visit("#/drive/pump-1")
     page.click("[data-do=take]")

@@ -187,7 +187,23 @@ def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) 
       live.connection.value = 'live';
       return m.takeovers.value;
     }""")
-    assert found == [{"drive": "x", "owner": "bob", "time_ms": None}]
+    assert found == [{"drive": "x", "owner": "bob", "cause": "taken", "time_ms": None}]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, language: str) -> None:
+    page = visit("#/settings", language=language)
+    page.evaluate("""async () => {
+      const [store, session] = await Promise.all(['store', 'session'].map((one) => import(`/static/js/${one}.js`)));
+      for (const lease of [{ owner: 'me', session: session.session.value.session }, null]) {
+        store.applyDelta({ topics: { 'drives/fan-1': { lease } } });
+        await new Promise((resolve) => { setTimeout(resolve, 100); });
+      }
+    }""")
+    name = {"en": "Supply fan", "zh": "送风机"}[language]
+    page.locator(".takeovers .banner", has_text=name).wait_for()
+    shown = page.locator(".takeovers .banner a").inner_text()
+    assert re.fullmatch(i18n.text("page.control_ended_ended", language, name=name, time=r"\d\d:\d\d:\d\d"), shown)
 
 
 def test_an_expired_session_leads_to_the_login_and_back(stage: Stage, visit: Any) -> None:

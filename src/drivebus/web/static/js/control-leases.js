@@ -1,9 +1,9 @@
-// Control leases: taken by the user, renewed while this tab is open.
+// Control leases: taken by the user, renewed while a tab of this session is open.
 import { api, drivePath } from "./api.js";
 import { connection, renew } from "./live.js";
 import { isMine, may, session } from "./session.js";
 import { drive, idsOf } from "./store.js";
-import { ownReleases } from "./control-taken.js";
+import { announceRelease, ownReleases } from "./control-taken.js";
 
 /** A lease expires after ten seconds without a renewal. */
 const RENEW_EVERY_MS = 3000;
@@ -14,11 +14,11 @@ export function takeControl(id) {
 }
 
 export async function releaseControl(id) {
-  ownReleases.add(id);
+  announceRelease(id, true);
   try {
     return await api.remove(drivePath(id, "/lease"));
   } catch (error) {
-    ownReleases.delete(id);
+    announceRelease(id, false);
     throw error;
   }
 }

@@ -1,7 +1,7 @@
 // Requests for control: those of other users for drives of this session, and the answers to its own.
 import { computed, signal } from "./lib.js";
 import { api, drivePath } from "./api.js";
-import { ownReleases } from "./control-taken.js";
+import { announceRelease } from "./control-taken.js";
 import { isMine } from "./session.js";
 import { drive, idsOf, serviceNow } from "./store.js";
 
@@ -42,11 +42,11 @@ export const declineRequest = (id, request) => api.post(drivePath(id, "/control-
 
 /** Control goes to the session that asks: no takeover that is to be shown. */
 export async function grantRequest(id, request) {
-  ownReleases.add(id);
+  announceRelease(id, true);
   try {
     return await api.post(drivePath(id, "/control-request/grant"), { request: request.id });
   } catch (error) {
-    ownReleases.delete(id);
+    announceRelease(id, false);
     throw error;
   }
 }

@@ -1,4 +1,5 @@
-// Takeovers: another user took control of a drive from this session. Shown until dismissed.
+// Ends of control that this tab did not make: another session took a drive, another tab of this session released it, or
+// the lease ended because it was not renewed. Shown until dismissed.
 import { effect, signal } from "./lib.js";
 import { loadPreference, savePreference } from "./preferences.js";
 import { connection } from "./live.js";
@@ -7,7 +8,8 @@ import { drive, idsOf, serviceNow } from "./store.js";
 
 /** Takeovers kept; the oldest are dropped first. */
 const MAX_TAKEOVERS = 20;
-/** `{drive, owner, time_ms}`, the newest last; the time is null where the page had no connection meanwhile. */
+/** `{drive, owner, cause, time_ms}`, the newest last: `cause` is "taken" (by `owner`), "tab" or "ended"; the time is null
+ * where the page had no connection meanwhile. */
 export const takeovers = signal([]);
 /** Drive → the session that held it when it was last seen. */
 const holder = new Map();
@@ -15,6 +17,11 @@ const holder = new Map();
 const whileAway = new Set();
 /** Drives that this session released itself: another owner is no takeover. */
 export const ownReleases = new Set();
+
+/** Drives that another tab of this browser releases. */
+const otherTabReleases = new Set();
+/** Releases are announced to the other tabs, which share session and control: `{session, drive, isReleased}`. */
+const tabs = new BroadcastChannel("drivebus.control");
 
 const ownSession = () => session.value?.session ?? null;
 
@@ -25,21 +32,38 @@ function storeTakeovers(items) {
 
 export const dismiss = (one) => storeTakeovers(takeovers.peek().filter((other) => other !== one));
 
+/** Note that this tab releases a drive (`isReleased`), or that the release failed. */
+export function announceRelease(id, isReleased) {
+  if (isReleased) ownReleases.add(id);
+  else ownReleases.delete(id);
+  tabs.postMessage({ session: ownSession(), drive: id, isReleased });
+}
+
+function onOtherTab({ data: { session: of, drive: id, isReleased } }) {
+  if (of !== ownSession()) return;
+  if (isReleased) otherTabReleases.add(id);
+  else otherTabReleases.delete(id);
+}
+
+const causeOf = (id, lease) => (otherTabReleases.has(id) ? "tab" : lease ? "taken" : "ended");
+
 function checkLeases(id, lease) {
   if (isMine(lease)) holder.set(id, ownSession());
   else {
     const wasMine = holder.get(id) === ownSession() && !ownReleases.has(id);
-    if (wasMine && lease) storeTakeovers([...takeovers.peek(), {
-      drive: id, owner: lease.owner, time_ms: whileAway.has(id) ? null : serviceNow(),
+    if (wasMine) storeTakeovers([...takeovers.peek(), {
+      drive: id, owner: lease?.owner ?? null, cause: causeOf(id, lease), time_ms: whileAway.has(id) ? null : serviceNow(),
     }]);
     holder.delete(id);
     ownReleases.delete(id);
+    otherTabReleases.delete(id);
   }
   whileAway.delete(id);
 }
 
-/** Follow the drives. Takeovers that an earlier page of this session did not dismiss are shown again. */
+/** Follow the drives and the other tabs. Takeovers that an earlier page of this session did not dismiss are shown again. */
 export function watchTakeovers() {
+  tabs.onmessage = onOtherTab;
   effect(() => {
     const kept = loadPreference("takeovers");
     takeovers.value = kept && kept.session === ownSession() ? kept.items : [];

@@ -114,7 +114,8 @@ function StripAlarm({ equal, others }) {
     ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</div>`;
 }
 
-function takeoverKey({ owner, time_ms }) {
+function takeoverKey({ owner, cause, time_ms }) {
+  if (cause === "tab" || cause === "ended") return time_ms === null ? "page.control_ended_unseen" : `page.control_ended_${cause}`;
   if (owner === session.value?.user) return time_ms === null ? "page.taken_window_unseen" : "page.taken_window";
   return time_ms === null ? "page.taken_unseen" : "page.taken";
 }

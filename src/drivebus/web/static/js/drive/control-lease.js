@@ -75,7 +75,8 @@ export function ControlLease({ view }) {
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
       onClick=${() => run(() => takeControl(view.id))}
       data-do="take">${t("page.lease_take")}<//>`}
-    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}>${t("page.lease_give")}<//>`}
+    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}
+      title=${t("page.lease_every_tab")}>${t("page.lease_give")}<//>`}
     ${others && request && html`<${OpenRequest} view=${view} request=${request} />`}
     ${others && !request && may("operate") && html`<${Button} disabled=${!can} onClick=${() => setDialog("ask")}
       data-do="ask">${t("page.control_ask")}…<//>`}
