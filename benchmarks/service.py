@@ -9,6 +9,7 @@ the client's call to its first bit at the far end, and its bound is the one that
     flood      1,000 requests a second, 500 unread WebSockets, slow heads, bodies of 100 MB, JSON bombs
     stop_all   the first broadcast of "stop all", beside the clients of ``normal``
 
+300 drives: ``--lines 10 --stations 30 --phases normal loaded --settle 0``.
 ``benchmarks.scaling`` measures start, memory and requests with 12 and with 300 simulated drives. ``busy`` is the
 machine's load at the start: latencies of a busy machine are upper bounds.
 """
@@ -23,6 +24,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.__main__ import PROJECT_FOLDER, current_commit, print_figures
@@ -33,8 +35,6 @@ from benchmarks.service_fixture import BenchmarkService, cpu_s, memory_mb, runni
 from benchmarks.stop import raise_priority, running_processes
 from benchmarks.wire_analysis import calls_by_interface, lateness_of_stops, poll_intervals
 
-STATIONS = 8
-"""On each line; the last is silent."""
 BAUD, DELAY_US = 19_200, 4000
 NORMAL = {"websockets": 50, "connections": 8, "requests_per_s": 200}
 FLOOD = {"websockets": 500, "connections": 64, "requests_per_s": 1000, "slow_heads": 100}
@@ -42,6 +42,7 @@ WEB_MEMORY_MAX_MB = 256
 """Resident memory of the web process, the flood included."""
 MIN_POLL_SHARE = 0.95
 """Polls a second in the flood as a share of those in ``normal``."""
+PHASES = ("normal", "loaded", "flood", "stop_all")
 ROUNDS = 4
 """Repetitions of "stop all"."""
 
@@ -49,6 +50,19 @@ ROUNDS = 4
 def print_progress(name: str, phase: Figures) -> None:
     """Print the figures of a phase when it ends: all phases together take minutes."""
     print(name, json.dumps(phase), file=sys.stderr, flush=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """Size of the plant, and the phases that are measured; ``seconds`` of stops in each, half of it in the flood."""
+
+    lines: int
+    stations: int
+    """On each line; the last is silent."""
+    seconds: float
+    seed: int
+    burners: int
+    phases: tuple[str, ...]
 
 
 @contextmanager
@@ -69,11 +83,10 @@ def started_client(name: str, *given: object) -> Iterator[Figures]:
             process.kill()
 
 
-def run_stop_load(
-    service: BenchmarkService, lines: int, seconds: float, rounds: int, seed: int, calls: Path
-) -> Figures:
+def run_stop_load(service: BenchmarkService, chosen: Measurement, seconds: float, rounds: int, calls: Path) -> Figures:
     """Run ``stop_load`` to its end and return its figures."""
-    given = [service.directory, service.port, lines, STATIONS, seconds, rounds, seed, calls]
+    place = service.directory, service.port, chosen.lines, chosen.stations
+    given = [*place, seconds, rounds, chosen.seed, calls]
     words = [sys.executable, "-m", "benchmarks.clients.stop_load", *map(str, given)]
     return dict(
         json.loads(subprocess.run(words, cwd=PROJECT_FOLDER, stdout=subprocess.PIPE, text=True, check=True).stdout)
@@ -93,31 +106,38 @@ def measure_usage(service: BenchmarkService, found: Figures) -> Iterator[None]:
     }
 
 
-def run_phases(
-    folder: Path, service: BenchmarkService, lines: int, seconds: float, seed: int, burners: int
-) -> dict[str, Figures]:
-    """Run the phases one after the other against one plant and return the clients' figures of each."""
-    normal: Figures = {"load": NORMAL}
-    loaded: Figures = {"load": NORMAL | {"burners": burners}}
-    flood: Figures = {"load": FLOOD}
-    stop_all: Figures = {"rounds": ROUNDS}
-    place = service.port, lines, STATIONS
+def run_phases(folder: Path, service: BenchmarkService, chosen: Measurement) -> dict[str, Figures]:
+    """Run the chosen phases one after the other against one plant and return the clients' figures of each."""
+    found: dict[str, Figures] = {}
+    place = service.port, chosen.lines, chosen.stations
     usual = *place, NORMAL["websockets"], NORMAL["connections"], NORMAL["requests_per_s"]
-    for name, phase, others in (("normal", normal, 0), ("loaded", loaded, burners)):
-        with cpu_load(others), started_client("web_load", *usual) as phase["web_load"], measure_usage(service, phase):
-            phase["plant"] = run_stop_load(service, lines, seconds, 0, seed, folder / name)
+    for name in chosen.phases:
+        if name in ("normal", "loaded"):
+            burners = chosen.burners if name == "loaded" else 0
+            phase: Figures = {"load": NORMAL | ({"burners": burners} if burners else {})}
+            with (
+                cpu_load(burners),
+                started_client("web_load", *usual) as phase["web_load"],
+                measure_usage(service, phase),
+            ):
+                phase["plant"] = run_stop_load(service, chosen, chosen.seconds, 0, folder / name)
+        elif name == "flood":
+            phase = {"load": FLOOD}
+            with (
+                started_client("flood", service.port, FLOOD["websockets"], FLOOD["slow_heads"]) as phase["others"],
+                started_client("web_load", *place, 0, FLOOD["connections"], FLOOD["requests_per_s"]) as phase[
+                    "web_load"
+                ],
+                measure_usage(service, phase),
+            ):
+                phase["plant"] = run_stop_load(service, chosen, chosen.seconds / 2, 0, folder / name)
+        else:  # last: silent drives stay in the stop's retries
+            phase = {"rounds": ROUNDS}
+            with started_client("web_load", *usual) as phase["web_load"]:
+                phase["plant"] = run_stop_load(service, chosen, 0, ROUNDS, folder / name)
+        found[name] = phase
         print_progress(name, phase)
-    with (
-        started_client("flood", service.port, FLOOD["websockets"], FLOOD["slow_heads"]) as flood["others"],
-        started_client("web_load", *place, 0, FLOOD["connections"], FLOOD["requests_per_s"]) as flood["web_load"],
-        measure_usage(service, flood),
-    ):
-        flood["plant"] = run_stop_load(service, lines, seconds / 2, 0, seed, folder / "flood")
-    print_progress("flood", flood)
-    with started_client("web_load", *usual) as stop_all["web_load"]:  # last: silent drives stay in the stop's retries
-        stop_all["plant"] = run_stop_load(service, lines, 0, ROUNDS, seed, folder / "stop_all")
-    print_progress("stop_all", stop_all)
-    return {"normal": normal, "loaded": loaded, "flood": flood, "stop_all": stop_all}
+    return found
 
 
 def cpu_load(number: int) -> AbstractContextManager[None]:
@@ -125,7 +145,7 @@ def cpu_load(number: int) -> AbstractContextManager[None]:
     return running_processes(*([sys.executable, "-c", "while True: pass"] for _ in range(number)))
 
 
-def with_wire_figures(phases: Mapping[str, Figures], folder: Path, frames_file: Path) -> Figures:
+def with_wire_figures(phases: Mapping[str, Figures], folder: Path, frames_file: Path, stations: int) -> Figures:
     """Add to each phase the latencies and poll intervals that the far end recorded."""
     frames = read_frames(frames_file)
     for name, phase in phases.items():
@@ -134,41 +154,46 @@ def with_wire_figures(phases: Mapping[str, Figures], folder: Path, frames_file: 
             phase[f"by_{way}"] = lateness_of_stops(calls, frames, plant["bound_s"], BAUD)
         phase["lines_occupied_percent"] = round(plant["occupied_percent"], 1)
         if name != "stop_all":
-            alive = range(1, STATIONS)
             phase["errors_of_living_drives"] = plant["errors"]
-            phase["polls"] = poll_intervals(frames, alive, (plant["begun"], plant["ended"]))
+            phase["polls"] = poll_intervals(frames, range(1, stations), (plant["begun"], plant["ended"]))
     return dict(phases)
 
 
-def measure_stops(lines: int, seconds: float, seed: int, burners: int) -> Figures:
-    """Run all phases on full lines and return their figures with a verdict for each goal."""
+def measure_stops(chosen: Measurement) -> Figures:
+    """Run the chosen phases on full lines and return their figures with a verdict for each goal."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         record = folder / "record"
-        with CStations(lines, baud=BAUD, delay_us=DELAY_US, dead=STATIONS, flat=0x3000, record=record) as stations:
+        with CStations(
+            chosen.lines, baud=BAUD, delay_us=DELAY_US, dead=chosen.stations, flat=0x3000, record=record
+        ) as stations:
             priority = raise_priority(stations.process.pid)
-            with running_service(folder, stations.paths, STATIONS, BAUD) as service:
+            with running_service(folder, stations.paths, chosen.stations, BAUD) as service:
                 nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in service.processes.items()}
-                phases = run_phases(folder, service, lines, seconds, seed, burners)
-        found = with_wire_figures(phases, folder, record)
+                phases = run_phases(folder, service, chosen)
+        found = with_wire_figures(phases, folder, record, chosen.stations)
     return {"far_end_runs": priority, "nice": nice, "verdicts": check_goals(found)} | found
 
 
 def check_goals(found: Mapping[str, Figures]) -> Figures:
-    """Return each goal and whether it was met."""
-    normal, flood = found["normal"], found["flood"]
-    poll_share = flood["polls"]["of_a_drive_per_s"] / normal["polls"]["of_a_drive_per_s"]
-    most_mb = flood["processes"]["web"]["memory_mb"]["most"]
-    return {
-        "stops over the plant's socket": normal["by_socket"]["goal_met"],
-        "stops over the web": normal["by_web"]["goal_met"],
-        "all cores loaded, stops over the plant's socket": found["loaded"]["by_socket"]["goal_met"],
-        "all cores loaded, stops over the web": found["loaded"]["by_web"]["goal_met"],
-        "flood, stops over the plant's socket": flood["by_socket"]["goal_met"],
-        "flood, stops over the web": flood["by_web"]["goal_met"],
-        f"flood, web process below {WEB_MEMORY_MAX_MB} MB": most_mb < WEB_MEMORY_MAX_MB,
-        f"flood, at least {MIN_POLL_SHARE:.0%} of the polls poll_share": poll_share >= MIN_POLL_SHARE,
+    """Return each goal of the measured phases and whether it was met."""
+    loads = {"normal": "", "loaded": "all cores loaded, ", "flood": "flood, "}
+    ways = {"socket": "the plant's socket", "web": "the web"}
+    verdicts: Figures = {
+        f"{load}stops over {way}": found[phase][f"by_{interface}"]["goal_met"]
+        for phase, load in loads.items()
+        if phase in found
+        for interface, way in ways.items()
     }
+    if "flood" in found and "normal" in found:
+        normal, flood = found["normal"], found["flood"]
+        poll_share = flood["polls"]["of_a_drive_per_s"] / normal["polls"]["of_a_drive_per_s"]
+        most_mb = flood["processes"]["web"]["memory_mb"]["most"]
+        verdicts |= {
+            f"flood, web process below {WEB_MEMORY_MAX_MB} MB": most_mb < WEB_MEMORY_MAX_MB,
+            f"flood, at least {MIN_POLL_SHARE:.0%} of the polls kept": poll_share >= MIN_POLL_SHARE,
+        }
+    return verdicts
 
 
 def measure_chosen(chosen: argparse.Namespace) -> Figures:
@@ -178,14 +203,15 @@ def measure_chosen(chosen: argparse.Namespace) -> Figures:
         "busy": round(os.getloadavg()[0], 2),
         "seconds": chosen.seconds,
         "lines": chosen.lines,
-        "stations_a_line": STATIONS,
+        "stations_a_line": chosen.stations,
         "silent_a_line": 1,
         "line": f"{BAUD} 8N1",
         "cores": os.cpu_count(),
         "burners": chosen.burners,
         "goals": STOP_GOALS,
     }
-    found = head | measure_stops(chosen.lines, chosen.seconds, chosen.seed, chosen.burners)
+    names = ("lines", "stations", "seconds", "seed", "burners", "phases")
+    found = head | measure_stops(Measurement(**{name: getattr(chosen, name) for name in names}))
     return found | {"sizes": measure_sizes(chosen.settle)}
 
 
@@ -193,6 +219,8 @@ def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks.service", description=__doc__)
     options.add_argument("--seconds", type=float, default=50.0, help="of normal stops; half of it in the flood")
     options.add_argument("--lines", type=int, default=8)
+    options.add_argument("--stations", type=int, default=8, help="on each line; the last is silent")
+    options.add_argument("--phases", nargs="+", choices=PHASES, default=PHASES)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--burners", type=int, default=os.cpu_count() or 1, help="processes that only use a core")
     options.add_argument("--settle", type=float, default=60.0, help="seconds after which memory is looked at; 0: skip")
