@@ -308,3 +308,11 @@ def test_a_scan_names_no_model_whose_status_can_not_have_the_value_that_was_read
     """A Goodrive at rest reads 0 at 3000H, which is no state of the MD380 map."""
     found, _ = scan_9600(EIGHT, "sim://gd10@1?drives=9600-8N1&baud=9600&format=8N1&name=one", [1], encodings=["rtu"])
     assert "gd10" in found[0].models and "skf8000" not in found[0].models
+
+
+@pytest.mark.parametrize(("model", "named"), [("gd300", ("gd300",)), ("gd200", ("gd200", "gd200l"))])
+def test_a_code_names_the_model_among_those_with_the_same_registers(model: str, named: tuple[str, ...]) -> None:
+    """Eight Goodrives and others answer the same reads; 2103H tells which one it is."""
+    link = f"sim://{model}@1?drives=9600-8N1&baud=9600&format=8N1&name=code"
+    (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
+    assert found.models == named and found.doubtful is (len(named) > 1)

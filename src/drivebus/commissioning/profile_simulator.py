@@ -179,6 +179,9 @@ class ProfileStation(SimulatedStation):
                 return (word | self._fault_word(status, locator[1])) if span.length == 1 else word >> place & 1
         if status is not None and locator in [("holding", register) for register in status.fault_registers]:
             return self._fault_word(status, locator[1])
+        codes = self.profile.identity_codes
+        if codes is not None and locator == ("holding", codes.register):
+            return next((code for code, models in codes.models.items() if self.profile.model in models), None)
         first, place, words = self._places.get(locator, (locator, 0, 1))
         number = self._number(first)
         return None if number is None else split_words(number, words, self.features)[place]

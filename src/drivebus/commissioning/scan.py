@@ -7,7 +7,7 @@ runs the plan on real buses, with one opening of the port per pass; ``sniff`` li
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -358,6 +358,8 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     answer = good or first
     fits = [candidate for candidate in fits if candidate.profile.model not in doubtful] or fits
     candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
+    if good is not None and fits:
+        candidates = await _named_by_code(candidates, address, reply_to) or candidates
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
         setpoint_steps_hz={
@@ -370,6 +372,20 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         exchange=(answer.sent, answer.received),
         valid_reply=bool(fits),
     )
+
+
+async def _named_by_code(
+    fits: Sequence[ScanCandidate], address: int, reply_to: Callable[[Dialect, Any], Awaitable[Any | None]]
+) -> list[ScanCandidate]:
+    """Return the models that the code of their identity register names; none where no model has such codes."""
+    for candidate in fits:
+        dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
+        for request in dialect.identity_reads() if candidate.profile.identity_codes is not None else ():
+            reply = await reply_to(dialect, request)
+            models = dialect.decode_identity((reply,)).models if reply is not None else ()
+            if models:
+                return [one for one in fits if one.profile.model in models]
+    return []
 
 
 def _is_foreign_status(dialect: Dialect, request: Any, reply: Any) -> bool:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.check_access import BIT_SPACES, check_access, command_places
+from drivebus.profiles.check_access import BIT_SPACES, check_access, check_codes, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
@@ -274,6 +274,7 @@ def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
     if profile.identity is not None and profile.identity.register_ not in registers:
         choices = _join(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
         yield issue("choice", ("identity", "register"), f"{profile.identity.register_:04X}H", choices=choices)
+    yield from check_codes(profile)
 
 
 def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:

@@ -65,6 +65,20 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
         yield from _check_commands(profile, profile.commands)
 
 
+def check_codes(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that the code of the identity has its models, and that its register is none that a command writes."""
+    identity = profile.identity
+    if identity is None:
+        return
+    if identity.codes and identity.code_register is None:
+        yield issue("no_effect_without", ("identity", "codes"), "codes", other="code_register")
+    if identity.code_register is not None and not identity.codes:
+        yield issue("missing_key", ("identity", "codes"), "-", name="codes")
+    for place, name, _ in command_places(profile):
+        if place == ("holding", identity.code_register):
+            yield issue("duplicate", ("identity", "code_register"), f"{place[1]:04X}H", other=name)
+
+
 def _readable_spaces(profile: ProfileIn) -> list[str]:
     functions = profile.modbus.functions if profile.modbus else []
     return [space for space, function in READ_FUNCTIONS.items() if function in functions]

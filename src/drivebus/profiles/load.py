@@ -36,6 +36,7 @@ from drivebus.profiles.schema import (
     BilingualTextIn,
     BitIn,
     CommandsIn,
+    IdentityIn,
     OptionIn,
     ParameterIn,
     ProfileIn,
@@ -299,6 +300,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         commands=_build_commands(parsed.commands),
         status=_build_status(parsed.status),
         identity_register=parsed.identity.register_ if parsed.identity else None,
+        identity_codes=_build_identity_codes(parsed.identity),
         group_sizes=dict(parsed.group_sizes),
         ramp_notations=(parsed.ramp[0], parsed.ramp[1]) if parsed.ramp else None,
         keypad=tuple(_build_text(step) for step in parsed.keypad),
@@ -495,6 +497,12 @@ def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
         fault_mask=parsed.fault_mask,
         space=parsed.space,
     )
+
+
+def _build_identity_codes(parsed: IdentityIn | None) -> m.IdentityCodes | None:
+    if parsed is None or parsed.code_register is None:
+        return None
+    return m.IdentityCodes(parsed.code_register, {int(code, 16): tuple(names) for code, names in parsed.codes.items()})
 
 
 def _build_span(parsed: OptionIn) -> tuple[int, int] | None:

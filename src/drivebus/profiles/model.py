@@ -334,6 +334,20 @@ class NotationRule:
     """Largest parameter address (the index part of the locator)."""
 
 
+@dataclass(frozen=True, slots=True)
+class IdentityCodes:
+    """Register whose code names the model among those with the same map."""
+
+    register: int
+    models: Mapping[int, tuple[str, ...]]
+    """Code to the models that report it."""
+
+    def names_other(self, code: int, model: str) -> bool:
+        """Return whether a code is that of other models only, where the code of this one is known."""
+        has_code = any(model in found for found in self.models.values())
+        return has_code and code in self.models and model not in self.models[code]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveProfile:
     """Everything that drivebus knows of one drive model."""
@@ -374,6 +388,8 @@ class DriveProfile:
     status: StatusMap | None = None
     identity_register: int | None = None
     """Register that look-alikes with the same status register do not have; None where the status tells them apart."""
+    identity_codes: IdentityCodes | None = None
+    """Codes of the models with this map; None where the drive reports none."""
     group_sizes: Mapping[str, int] = field(default_factory=dict)
     """Group to its number of parameters, supplied by the user (VC660): gives Fgg.nn its index."""
     ramp_notations: tuple[str, str] | None = None

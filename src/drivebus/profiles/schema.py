@@ -346,6 +346,13 @@ class IdentityIn(StrictTable):
 
     register_: Annotated[Word, Field(alias="register")]
     """Register of a signal, which is polled anyway."""
+    code_register: Word | None = None
+    """Register of a code that names the model, among those with this map."""
+    codes: dict[
+        Annotated[str, StringConstraints(pattern=r"^0x[0-9A-F][0-9A-F][0-9A-F][0-9A-F]$")],
+        Annotated[list[Name], Field(min_length=1)],
+    ] = {}
+    """Code to the models that report it."""
     evidence: EvidenceLine
 
 

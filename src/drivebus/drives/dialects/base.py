@@ -65,6 +65,8 @@ class Identity:
     reported: bool
     voltage_class_v: int | None = None
     power_kw: float | None = None
+    models: tuple[str, ...] = ()
+    """Models that report the same; empty where the profile lists no such codes."""
     digits: tuple[tuple[str, str], ...] = ()
     """Part (model, series, version, control) and its six digits; "-" where a fault hides one."""
     host_controls: bool | None = None

@@ -411,10 +411,17 @@ class ModbusDialect:
         return self._command_frames(self._require_command_word().reset(self.profile.model))
 
     def identity_reads(self) -> tuple[Any, ...]:
-        return ()
+        codes = self.profile.identity_codes
+        return () if codes is None else (Span("holding", codes.register).request(self.address),)
 
     def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(model=self.profile.model, reported=False)
+        """Return the model that the code names; a code that the profile does not list names none."""
+        codes = self.profile.identity_codes
+        code = self.parameter_raw(replies[0]) if replies else None
+        models = codes.models.get(code, ()) if codes is not None and code is not None else ()
+        if not models:
+            return Identity(model=self.profile.model, reported=False)
+        return Identity(model=" / ".join(models), reported=True, models=models)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         return span_of(parameter).request(self.address)

@@ -17,8 +17,9 @@ from drivebus.values import Quality, Text
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     """Read every precondition of the profile, and the ramp times where the profile names them.
 
-    Raises PreflightError where the drive does not answer.
+    Raises PreflightError where the drive does not answer, StartInhibited where it names another model.
     """
+    yield from _check_identity_code(op)
     holds: list[str] = []
     missing: list[UnmetPrecondition] = []
     unreadable: list[tuple[str, Text]] = []
@@ -94,6 +95,25 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
     raise PreflightError(
         "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error
+
+
+def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
+    """Read the code of the model. Raises StartInhibited where it is that of another one.
+
+    No reply and an unknown code prove nothing: other models with this map may have another code, or none. A stop does
+    not wait for it, because the models that share the codes share the command word.
+    """
+    codes, model = op.dialect.profile.identity_codes, op.dialect.profile.model
+    if codes is None:
+        return
+    for request in op.dialect.identity_reads():
+        if (yield from op.sync()) is not None:
+            return
+        answer = yield from op.transact(request)
+        code = None if answer.error is not None else op.dialect.parameter_raw(answer.reply)
+        if code is not None and codes.names_other(code, model):
+            named = " / ".join(codes.models[code])
+            raise StartInhibited("drives.other_model", station=op.dialect.address, model=model, code=code, named=named)
 
 
 def recheck_maximum_frequency(op: OperationContext) -> DriveOperation[None]:
