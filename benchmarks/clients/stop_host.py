@@ -24,7 +24,8 @@ from drivebus.drives import Drive, MemoryStore
 from drivebus.errors import StopUnconfirmed
 from drivebus.ports import open_port
 from drivebus.protocols.modbus import ReadRegisters
-from verification.drive_variants import VC660, TimingBounds
+from verification.drive_variants import TimingBounds
+from verification.families.modbus.facts import VC660
 
 PERIOD_S = 0.01
 """Poll period: shorter than a bus allows, so that a poll is always due."""

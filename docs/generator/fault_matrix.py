@@ -8,8 +8,7 @@ from typing import Any
 
 from drivebus.values import Text
 from generator import terms
-from verification.drive_variants import DRIVE_VARIANTS
-from verification.fault_matrix.cell import TABLE
+from verification.fault_matrix.cell import COVERED, TABLE
 
 REPORT = Path("docs") / "reports" / "campaign-matrix.json"
 MODEL_NAMES = {"c320": "C320", "dzb100": "DZB100", "vc660": "VC660 RTU", "df800": "DF800 RTU / ASCII"}
@@ -57,7 +56,7 @@ def _table(found: dict[str, Any], language: str) -> str:
 def _cell(row: str, entry: dict[str, Any] | None, model: str, found: dict[str, Any], language: str) -> str:
     if entry is None:
         return "–"
-    runs = [found.get(f"{row}/{kind.name}") for kind in DRIVE_VARIANTS if kind.model == model]
+    runs = [found.get(f"{row}/{kind.name}") for kind in COVERED if kind.model == model]
     return f"{_mark(runs, entry, language)} {entry[language]}"
 
 
@@ -80,6 +79,6 @@ def _row(row: str, entry: dict[str, Any], found: dict[str, Any], language: str) 
     lines = [f"### {entry['fault'][language]}", "", entry["shown"][language]]
     if "missing" in entry:
         lines += ["", f"**{terms.localized(MISSING, language)}**{colon}{entry['missing'][language]}"]
-    names = (f"{row}/{kind.name}" for kind in DRIVE_VARIANTS)
+    names = (f"{row}/{kind.name}" for kind in COVERED)
     shown = (f"`{name}` {found[name]['held']}/{found[name]['cases']}" for name in names if name in found)
     return "\n".join([*lines, "", f"{terms.localized(RUN, language)}{colon}{' · '.join(shown)}", ""])

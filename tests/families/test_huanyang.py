@@ -17,13 +17,22 @@ from drivebus.commissioning.decode.describe import describe_frame
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import CapabilityError, CodeError, DrivebusError, EchoError, PreflightError, ProtocolError
+from drivebus.errors import (
+    AddressError,
+    CapabilityError,
+    CodeError,
+    DrivebusError,
+    EchoError,
+    PreflightError,
+    ProtocolError,
+)
 from drivebus.families.huanyang import codec as hy
 from drivebus.families.huanyang.codec import HuanyangCodec, HuanyangReply, HuanyangRequest
 from drivebus.ports import open_port
 from drivebus.protocols.codec import Complete, Effect, Incomplete
 from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
+from verification.reference.huanyang import HuanyangReference
 
 CODEC = HuanyangCodec()
 RECORDED = [
@@ -126,6 +135,27 @@ def test_a_reply_to_another_number_frequency_or_function_is_rejected() -> None:
         CODEC.decode_reply(setpoint, CODEC.encode_reply(HuanyangReply(1, 1, 5, 0)))
     with pytest.raises(CodeError, match="status item 19"):  # as the manual's example of a reply is printed
         CODEC.decode_reply(hy.read_status(1, 0), bytes.fromhex("01 04 03 13 88 89 A6 2D"))
+
+
+@pytest.mark.parametrize("more", ["87", "87 04 01"])
+def test_bytes_behind_a_reply_do_not_become_part_of_its_value(more: str) -> None:
+    """The value was taken to the end of all received bytes, so that a set frequency looked like another one."""
+    setpoint, frame = hy.set_frequency(1, 5000), CODEC.encode_reply(HuanyangReply(1, 5, 0, 5000))
+    assert CODEC.decode_reply(setpoint, frame + bytes.fromhex(more)) == Complete(HuanyangReply(1, 5, 0, 5000), 7)
+
+
+def test_a_reply_to_a_broadcast_is_rejected() -> None:
+    frame = CODEC.encode_reply(HuanyangReply(0, 3, 0, hy.STOP, 1))
+    with pytest.raises(AddressError, match="broadcast"):
+        CODEC.decode_reply(hy.control(0, hy.STOP), frame)
+
+
+def test_no_station_has_an_address_above_250() -> None:
+    frame = CODEC.encode_request(hy.control(250, hy.STOP))
+    beyond = HuanyangReference().reseal(b"\xfb" + frame[1:])
+    assert CODEC.decode_request(frame) == Complete(hy.control(250, hy.STOP), 6)
+    with pytest.raises(AddressError, match="251"):
+        CODEC.decode_request(beyond)
 
 
 def test_a_rejection_is_a_reply() -> None:

@@ -32,7 +32,7 @@ from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET
 from fixtures.child_process import COMMAND, ENVIRONMENT
 from real.recorded_bench import RecordedPlant, recorded_plant, wait_until
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 from verification.report import current_commit
 
 LINE = {"model": "vc660", "encoding": "rtu", "addresses": [1, 2], "baud": 38400, "format": "8N1", "ramp_s": 0.3}

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from verification.reference.request_effects import RequestEffect, classify_request
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request
 
 PROCESS_TIMEOUT_S = 20.0
 """Longest wait for another process on a loaded machine; no test asserts how long it takes."""

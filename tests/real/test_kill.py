@@ -30,7 +30,7 @@ from real.recorded_bench import (
     slow_machine_c320,
     wait_until,
 )
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 

@@ -20,7 +20,7 @@ from drivebus.ports import open_port
 from real.conftest import Start
 from real.host_process import slow_machine_drive
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, vc660, wait_until
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 FIRST_USER, SECOND_USER, ROOT = 65534, 65533, 0

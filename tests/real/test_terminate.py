@@ -13,7 +13,7 @@ from typing import Any
 
 from real.conftest import Start
 from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, slow_machine_c320, wait_until
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
 MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (

@@ -17,7 +17,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import clock
-from verification.drive_variants import DRIVE_VARIANTS, VARIANTS_BY_NAME
+from verification.families.registry import DRIVE_VARIANTS, VARIANTS_BY_NAME
 from verification.fault_injection.clocks import (
     CLOCK_JUMPS_S,
     HostSleepScenario,

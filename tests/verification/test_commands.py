@@ -14,7 +14,8 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import commands
-from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import VARIANTS_BY_NAME
 
 WRONG_ECHO = (("echo", "off"), ("", "on"))
 """Behaviour of the adapter, and the echo setting of the port."""
@@ -37,7 +38,7 @@ def found(campaign_run: CampaignRun, text: str) -> bool:
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """Restrict the campaign to these variants."""
     kinds: tuple[DriveVariant, ...] = tuple(VARIANTS_BY_NAME[name] for name in names)
-    monkeypatch.setattr(commands, "DRIVE_VARIANTS", kinds)
+    monkeypatch.setattr(commands, "COVERED", kinds)
 
 
 def test_the_product_has_no_violation_and_motors_run() -> None:

@@ -23,7 +23,8 @@ from drivebus.drives import store as stores
 from drivebus.drives.context import EepromBudget
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import failures
-from verification.drive_variants import VARIANTS_BY_NAME, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import VARIANTS_BY_NAME
 from verification.fault_injection import faulty_disk as files
 from verification.fault_injection.clocks import fail_kernel_timers, stall_clock
 from verification.fault_injection.faulty_disk import FaultyDisk, ProgramKilled, installed_disk

@@ -15,7 +15,8 @@ from drivebus.bus.station import Station
 from drivebus.drives.dialects.modbus import ModbusDialect
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import late
-from verification.drive_variants import DRIVE_VARIANTS, VARIANTS_BY_NAME, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import DRIVE_VARIANTS, VARIANTS_BY_NAME
 
 ALL = [pytest.param(kind, id=kind.name) for kind in DRIVE_VARIANTS]
 

@@ -23,7 +23,8 @@ from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import MODEL_NAMES, TimeGrid, model_subject
 from verification.model_check.search import SearchDomain, SearchResult, StateSearch
 from verification.model_check.wire_state import WireState
-from verification.reference.request_effects import RequestEffect, worst_effect
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import worst_effect
 
 COARSE, HALVES = TimeGrid(1.0, fine=False), TimeGrid(0.5, fine=False)
 EVERYTHING = frozenset(

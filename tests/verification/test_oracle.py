@@ -21,10 +21,16 @@ from drivebus.drives.permissives import PermitInputs
 from drivebus.drives.state import DriveStatus
 from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
-from verification.drive_variants import C320, C320_HEX, DF800, DRIVE_VARIANTS, DZB100, VC660, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.campaigns import campaign_of
+from verification.families.dzb100.facts import DZB100
+from verification.families.modbus.facts import DF800, VC660
+from verification.families.registry import DRIVE_VARIANTS
+from verification.families.sunfar.facts import C320, C320_HEX
 from verification.fault_injection.clocks import JumpingWallClock, before_midnight, installed_clock
+from verification.reference.effects import ReferenceWrite, RequestEffect
 from verification.reference.modbus import ModbusReference
-from verification.reference.request_effects import ReferenceWrite, RequestEffect, classify_request, decode_write
+from verification.reference.request_effects import classify_request, decode_write
 from verification.reference.sunfar import SunfarReference
 from verification.scenario.scenario import Scenario
 
@@ -231,14 +237,18 @@ def test_i7_a_frequency_beyond_the_limit(
     assert found(campaign_run, "I7")
 
 
-@pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "kind",
+    [kind for kind in DRIVE_VARIANTS if campaign_of(kind.model).saved_parameters],
+    ids=lambda kind: kind.name,
+)
 def test_i7_one_save_more_than_a_day_has(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
 ) -> None:
     """The budget counts days of the wall clock."""
     monkeypatch.setattr(EepromBudget, "consume", lambda wear, notation, day: iter(()))
     clock = JumpingWallClock(before_midnight(3600.0), lambda: 0.0)
-    notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[kind.model]
+    notation = campaign_of(kind.model).saved_parameters[kind.model]
     with installed_clock(clock):
         scenario = make_scenario(campaign_run, kind)
         for number in range(20):

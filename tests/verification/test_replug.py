@@ -13,7 +13,7 @@ from drivebus.ports import tty
 from drivebus.ports.tty import SerialDescriptor
 from verification.campaign import CampaignRun, load_campaign, run_campaign
 from verification.campaigns import replug
-from verification.drive_variants import DF800, VC660
+from verification.families.modbus.facts import DF800, VC660
 from verification.fault_injection.usb_adapter import reopen_ports
 
 

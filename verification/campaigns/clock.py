@@ -18,7 +18,8 @@ from drivebus.drives.state import DriveStatus
 from drivebus.ports.recording import RecordingPort
 from drivebus.testing.virtual_time import VirtualLoop
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.fault_injection.clocks import (
     CLOCK_JUMPS_S,
     HostSleepScenario,
@@ -30,6 +31,7 @@ from verification.fault_injection.clocks import (
 from verification.report import PACKAGE_FOLDER
 from verification.scenario.scenario import Scenario
 
+COVERED = variants_for("clock")
 CLOCK_READER = {("clock.py", "datetime.now")}
 """Only place in the product that reads the wall clock."""
 JUMPS_PER_TRIAL = 10
@@ -201,7 +203,7 @@ def run(campaign_run: CampaignRun) -> None:
     number = 0
     with TemporaryDirectory() as folder:
         while campaign_run.remaining:
-            kind = DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)]
+            kind = COVERED[number % len(COVERED)]
             rng = campaign_run.rng("jumps", number)
             jumps = [rng.choice(list(CLOCK_JUMPS_S)) for _ in range(min(JUMPS_PER_TRIAL, campaign_run.remaining))]
             campaign_run.counts.update(f"jump {name}" for name in jumps)

@@ -13,10 +13,12 @@ from typing import Any
 
 from drivebus.simulator.motor import Trip
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
 
+COVERED = variants_for("commands")
 PRESENT, ABSENT = (1, 2), 3
 BAUD, RAMP_S = 38400, 1
 COMMANDS_PER_EPISODE, COMMANDS_PER_WRONG_ECHO_EPISODE = 40, 8
@@ -291,7 +293,7 @@ def run(campaign_run: CampaignRun) -> None:
     """Run episodes, the variants in turn."""
     number = 0
     while campaign_run.remaining:
-        episode = CommandEpisode(campaign_run, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
+        episode = CommandEpisode(campaign_run, COVERED[number % len(COVERED)], number)
         episode.play(campaign_run.remaining)
         campaign_run.count("requests", episode.scenario.oracle.request_count)
         campaign_run.count("to absent drives", sum(command.address == ABSENT for command in episode.commands))

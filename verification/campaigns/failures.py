@@ -19,12 +19,14 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.fault_injection import faulty_disk as files
 from verification.fault_injection.clocks import fail_kernel_timers, stall_clock
 from verification.fault_injection.faulty_disk import FaultyDisk
 from verification.fault_injection.faulty_port import PortFailureScenario, failure_modes
 
+COVERED = variants_for("failures")
 FailureMode = TypeVar("FailureMode")
 FailingRun = Callable[[FaultyDisk], None]
 
@@ -109,7 +111,7 @@ def fail_counted_calls(campaign_run: CampaignRun, target: str, play: Callable[[C
 
 def run(campaign_run: CampaignRun) -> None:
     """Run every target; the store twice, as a kill and a power cut leave different files."""
-    for kind in DRIVE_VARIANTS:
+    for kind in COVERED:
         fail_port_calls(campaign_run, kind)
     clean: list[str] = []
     records: list[bytes] = []

@@ -11,10 +11,13 @@ from drivebus.bus import Poll
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import C320, C320_HEX, DRIVE_VARIANTS, VC660, DriveVariant, TimingBounds
+from verification.drive_variants import DriveVariant, TimingBounds
+from verification.families.modbus.facts import VC660
+from verification.families.registry import variants_for
 from verification.reference.request_effects import classify_request
 from verification.scenario.scenario import Scenario
 
+COVERED = variants_for("fairness")
 STATION_COUNT = 31
 CYCLE_STRETCH_MAX = 1.112
 """Longest cycle of the answering stations relative to a bus without silent stations."""
@@ -27,13 +30,8 @@ STEP_S = 0.01
 MISSED_POLL_S = 0.03
 """Longer than any request on the wire, in seconds."""
 CI_CASES = ((VC660, 1), (VC660, 5), (VC660, 15), (VC660, 30)) + tuple(
-    (kind, 4 + 5 * place) for place, kind in enumerate(kind for kind in DRIVE_VARIANTS if kind is not VC660)
+    (kind, 4 + 5 * place) for place, kind in enumerate(kind for kind in COVERED if kind is not VC660)
 )
-
-
-def addresses_of(kind: DriveVariant) -> range:
-    """Return 31 addresses; the C320 has 0 to 30, with 31 as its broadcast address."""
-    return range(31) if kind in (C320, C320_HEX) else range(1, 32)
 
 
 class FairnessBus:
@@ -42,11 +40,9 @@ class FairnessBus:
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, dead: int) -> None:
         self.campaign_run, self.kind, self.number = campaign_run, kind, dead
         self.rng: Random = campaign_run.rng(kind.name, dead)
-        self.scenario = Scenario(
-            campaign_run, kind, addresses_of(kind), name=f"{kind.name}, {dead} dead", seed=1 + dead
-        )
+        self.scenario = Scenario(campaign_run, kind, kind.addresses, name=f"{kind.name}, {dead} dead", seed=1 + dead)
         self.stations = {station.address: station for station in self.scenario.simulated_bus.stations}
-        self.dead = self.rng.sample(addresses_of(kind), dead)
+        self.dead = self.rng.sample(kind.addresses, dead)
         self.answers: dict[int, list[float]] = defaultdict(list)
         """Times at which each station answered a poll."""
         self._requested_at = -1
@@ -162,9 +158,7 @@ def run(campaign_run: CampaignRun) -> None:
 def _cases() -> Iterator[tuple[DriveVariant, int]]:
     """Yield all cases, those of the slice first."""
     yield from CI_CASES
-    yield from (
-        (kind, dead) for dead in range(1, STATION_COUNT) for kind in DRIVE_VARIANTS if (kind, dead) not in CI_CASES
-    )
+    yield from ((kind, dead) for dead in range(1, STATION_COUNT) for kind in COVERED if (kind, dead) not in CI_CASES)
 
 
 def _cycles_without_dead(campaign_run: CampaignRun, kind: DriveVariant) -> list[float]:
@@ -217,7 +211,7 @@ CAMPAIGN = Campaign(
     summary={"en": "Silent stations don't slow the others.", "zh": "无应答的站不拖慢其他站。"},
     unit="cases",
     evidence_for=(),
-    full_budget=len(DRIVE_VARIANTS) * (STATION_COUNT - 1),
+    full_budget=len(COVERED) * (STATION_COUNT - 1),
     ci_budget=len(CI_CASES),
     run=run,
 )

@@ -23,7 +23,8 @@ from verification.codec_fuzz.fuzz_block import (
     decode_outcome,
     run_block,
 )
-from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec
+from verification.codec_fuzz.fuzzed_codec import FuzzedCodec
+from verification.codec_fuzz.registry import FUZZED_CODECS
 
 # --- cost of decoding -------------------------------------------------------------------------------------------------
 

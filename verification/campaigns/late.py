@@ -14,13 +14,15 @@ from typing import Any
 
 from drivebus.bus import Poll
 from drivebus.ports import open_port
-from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.campaigns import campaign_of
+from verification.families.registry import variants_for
 from verification.scenario.reply_log import BaselineHost, LateReplyCounter, ReplyLog
 from verification.scenario.scenario import Scenario
 
+COVERED = variants_for("late")
 LATE_ADDRESSES = (1, 2, 3, 4, 5)
 LATE_SHARES = (0.0, 0.001, 0.01, 0.05, 0.1, 0.2)
 LATENESS_STEPS_S = (0.15, 0.5, 2.0, 5.0, 5.0, 5.0)
@@ -32,25 +34,11 @@ STEP_S = 2.0
 CHUNK_MAX_S = 3600.0
 """Longest virtual time of a chunk, in seconds: a bus that sends nothing more must not hang the campaign."""
 READ_PAUSE_S = 0.4
-WITHOUT_CHECKSUM = frozenset({"dzb100"})
-"""Models without a checksum: two stations that collide can make a valid digit, which only the second reading reveals.
-Such damage is counted separately."""
-LATE_PARAMETERS = {
-    "c320": ("F0.1", "F0.2", "F1.10", "F4.0", "F9.4"),
-    "dzb100": ("00", "01", "10", "23", "77"),
-    "vc660": ("F00.00", "F00.01", "F00.02", "F00.03"),
-    "df800": ("F1.00", "F1.01", "F1.02", "F1.07", "F1.08"),
-}
 
 
 def similar_reads(kind: DriveVariant, address: int) -> tuple[Any, ...]:
     """Return reads of one value each whose replies have the same form; all values change."""
-    if kind.model == "c320":
-        return tuple(sunfar.ReadMonitor(address, item) for item in (0, 2, 3, 5))
-    if kind.model == "dzb100":
-        return tuple(dzb100.Dzb100Query(address, item) for item in (0, 1, 2))
-    registers = (0x3002, 0x3003, 0x300B) if kind.model == "vc660" else (0, 3, 5, 6)
-    return tuple(modbus.ReadRegisters(address, register, 1) for register in registers)
+    return campaign_of(kind.model).similar_reads(kind, address)
 
 
 class LateReplyBus:
@@ -78,10 +66,11 @@ class LateReplyBus:
         return f"late={self.share}:{self.late_s}" + (",bytes" if self.bytes else "")
 
     async def _read_parameters(self) -> None:
-        """Read parameters at random times."""
-        while True:
+        """Read parameters at random times, where the model has some."""
+        listed = campaign_of(self.kind.model).late_parameters.get(self.kind.model, ())
+        while listed:
             await asyncio.sleep(self.rng.expovariate(1 / READ_PAUSE_S))
-            names = self.rng.sample(LATE_PARAMETERS[self.kind.model], 2)
+            names = self.rng.sample(listed, 2)
             await self.scenario.drives[self.rng.choice(LATE_ADDRESSES)].read(names)
 
     def _on_accept(self, transaction: Any, now: float) -> None:
@@ -91,7 +80,7 @@ class LateReplyBus:
         times = transaction.prepared.station.address, transaction.sent_at, transaction.last_byte_at
         if self.reply_log.matches(*times, bytes(transaction.buffer)):
             pass
-        elif self.kind.model in WITHOUT_CHECKSUM and self._collided(transaction, *times):
+        elif not self.kind.has_checksum and self._collided(transaction, *times):
             self.counts["right reply, damaged by another station's late reply, accepted"] += 1
         else:
             self.scenario.oracle.violation(
@@ -147,12 +136,12 @@ class LateReplyBus:
 
 def run(campaign_run: CampaignRun) -> None:
     """Run chunks of all variants in turn until each has done the budget."""
-    found: dict[str, Counter[str]] = {kind.name: Counter() for kind in DRIVE_VARIANTS}
-    baseline: dict[str, Counter[str]] = {kind.name: Counter() for kind in DRIVE_VARIANTS}
+    found: dict[str, Counter[str]] = {kind.name: Counter() for kind in COVERED}
+    baseline: dict[str, Counter[str]] = {kind.name: Counter() for kind in COVERED}
     number = 0
     while campaign_run.remaining:
         frames = min(TRANSACTIONS_PER_CHUNK, campaign_run.remaining)
-        for kind in DRIVE_VARIANTS:
+        for kind in COVERED:
             line = LateReplyBus(campaign_run, kind, f"{kind.name}/{number}", campaign_run.rng(kind.name, number))
             line.run_transactions(frames)
             found[kind.name].update(line.counts, transactions=line.scenario.oracle.request_count)
@@ -166,7 +155,7 @@ def _report_results(
     campaign_run: CampaignRun, found: dict[str, Counter[str]], baseline: dict[str, Counter[str]]
 ) -> None:
     campaign_run.figures["order"] = "stations reply in the order of the requests, however late"
-    for kind in DRIVE_VARIANTS:
+    for kind in COVERED:
         shown: dict[str, object] = {
             "longest_lateness_s": kind.max_reply_lateness_s,
             **dict(sorted(found[kind.name].items())),

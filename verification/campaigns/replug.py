@@ -12,12 +12,15 @@ from typing import Any
 from drivebus.testing.virtual_time import running
 from drivebus.values import Quality
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.fault_injection.usb_adapter import UsbAdapter, UsbHost, reopen_ports
-from verification.reference.request_effects import RequestEffect, classify_request
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
 
+COVERED = variants_for("replug")
 HOTPLUG_LINE_QUALITIES = ("bytes", "clean", "bytes", "batch=16")
 HOTPLUG_ADDRESSES = range(1, 4)
 HOTPLUG_SETTLING_S = 2.0  # until every drive was polled for the first time
@@ -218,7 +221,7 @@ def run(campaign_run: CampaignRun) -> None:
     lines: list[ReplugBus] = []
     number = 0
     while campaign_run.remaining:
-        bus = ReplugBus(campaign_run, DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)], number)
+        bus = ReplugBus(campaign_run, COVERED[number % len(COVERED)], number)
         for _ in range(min(UNPLUGS_PER_BUS, campaign_run.remaining)):
             bus.unplug()
             campaign_run.add_trials()
@@ -231,7 +234,7 @@ def run(campaign_run: CampaignRun) -> None:
 
 def _figures(campaign_run: CampaignRun, lines: list[ReplugBus]) -> None:
     detected = sorted(one for bus in lines for one in bus.detected_s)
-    for kind in DRIVE_VARIANTS:
+    for kind in COVERED:
         back = sorted(one for bus in lines if bus.kind is kind for one in bus.back_s)
         if back:
             campaign_run.figures[kind.name] = {

@@ -17,10 +17,12 @@ from random import Random
 from drivebus.drives.state import DriveState
 from drivebus.simulator.motor import Trip
 from verification.campaign import Campaign, CampaignRun, PartResult
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
 
+COVERED = variants_for("soak")
 SOAK_DRIVE_COUNT = 31
 HOURS_PER_DAY = 24
 HOUR_S = 3600.0
@@ -150,7 +152,7 @@ class SoakDay:
 def run_day(seed: int, hours: int, listener: Callable[[str], None] | None = None) -> PartResult:
     """Run one seed, in its own process."""
     campaign_run = CampaignRun(campaign="soak", seed=seed, budget=hours, listener=listener)
-    kind = DRIVE_VARIANTS[seed % len(DRIVE_VARIANTS)]
+    kind = COVERED[seed % len(COVERED)]
     began, pages = time.process_time(), list[int]()
     day = SoakDay(campaign_run, kind, seed)
     for _ in range(hours):

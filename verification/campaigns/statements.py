@@ -20,7 +20,10 @@ from drivebus.testing.virtual_time import VirtualLoop, running
 from drivebus.types import EchoSetting
 from drivebus.values import Quality
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.campaigns import campaign_of
+from verification.families.family_campaign import WrittenParameter
+from verification.families.registry import variants_for
 from verification.statements.drive_physics import MISBEHAVIOURS, DrivePhysics
 from verification.statements.fake_line import LINE_FAULTS, FakeLine, LinePlan
 from verification.statements.judge import HZ_TOLERANCE, OUTPUT_OFF, Judge, Statement
@@ -33,8 +36,6 @@ COMMAND_MAX_S = 400.0
 METHODS = {"status": 4, "run": 4, "run_wait": 2, "stop": 3, "reset_fault": 2, "read": 2, "write": 2, "scan": 1}
 FAULT_SHARES = (0.05, 0.2, 0.5, 1.0)
 FREQUENCIES_HZ = (2.0, 5.0, 10.0)
-OPTIONS = {"c320": {"setpoint_step": "0.01"}}
-"""What a person at the drive has determined."""
 ECHOES: tuple[tuple[bool, EchoSetting], ...] = (
     *((False, "off"),) * 6,
     (True, "on"),
@@ -42,13 +43,9 @@ ECHOES: tuple[tuple[bool, EchoSetting], ...] = (
     (False, "detect"),
 )
 """Whether the adapter echoes, and the setting of the port; wrong settings are tried by the campaign ``commands``."""
-CELLS = {
-    "c320": ("F0.2", False, 0x0_02, 100),
-    "dzb100": ("10", True, 10, 10),
-    "vc660": ("F00.02", False, 2, 100),
-    "df800": ("F1.00", True, 100, 100),
-}
-"""Parameter that is read and written: notation, saved or not, cell, raw counts per unit."""
+COVERED = variants_for("statements")
+NO_PARAMETER = WrittenParameter("", False, 0, 1)
+"""Of a drive that can't be asked for one: ``read`` and ``write`` are not among its methods."""
 
 
 class StatementSession:
@@ -58,6 +55,7 @@ class StatementSession:
         self.campaign_run, self.kind, self.number = campaign_run, kind, number
         self.rng = rng = campaign_run.rng(kind.name, number)
         self.loop = VirtualLoop()
+        self.family = campaign_of(kind.model)
         self.profile = _profile(kind.model)
         misbehaviours = frozenset(rng.sample(MISBEHAVIOURS, rng.choice((0, 1, 1, 2))))
         faults = tuple(rng.sample(LINE_FAULTS, rng.choice((0, 0, 1, 1, 2))))
@@ -77,7 +75,7 @@ class StatementSession:
         dialect = create_dialect(self.profile, ADDRESS, encoding=kind.encoding)
         settings = SerialSettings(BAUD, 8, self.profile.serial.format[1])
         self.line = FakeLine(
-            model=kind.model,
+            station=self.family.stations[kind.model](),
             address=ADDRESS,
             codec=dialect.codec,
             settings=settings,
@@ -102,11 +100,12 @@ class StatementSession:
                 self.profile,
                 ADDRESS,
                 encoding=self.kind.encoding,
-                options={**self.kind.drive_options, **OPTIONS.get(self.kind.model, {})},
+                options={**self.kind.drive_options, **self.family.statement_options},
                 store=MemoryStore(),
             )
         self.loop.run_until_complete(bus.open())
-        names = [name for name in METHODS if name != "scan" and (name != "status" or self.kind.reports_running)]
+        absent = self.family.lacks | {"scan"} | (set() if self.kind.reports_running else {"status"})
+        names = [name for name in METHODS if name not in absent]
         for _ in range(self.rng.randrange(1, MAX_COMMANDS + 1)):
             self._command(drive, self.rng.choices(names, [METHODS[name] for name in names])[0])
             self.loop.run_until(self.loop.time() + self.rng.choice((0.0, 0.2, 1.0)))
@@ -120,7 +119,7 @@ class StatementSession:
         self.line.physics.was_on = self.line.physics.is_on
         hz, reverse = rng.choice(FREQUENCIES_HZ), rng.random() < 0.2
         way = "reverse" if reverse else "forward"
-        cell = CELLS[self.kind.model]
+        cell = self.family.statement_parameters.get(self.kind.model, NO_PARAMETER)
         value = float(rng.randrange(1, 20))
         call: Any = {
             "status": drive.status,
@@ -128,8 +127,8 @@ class StatementSession:
             "run_wait": partial(drive.run, hz, way, wait=True, timeout_s=4.0),
             "stop": drive.stop,
             "reset_fault": drive.reset_fault,
-            "read": partial(drive.read, (cell[0],)),
-            "write": partial(drive.write, {cell[0]: value}, cell[1]),
+            "read": partial(drive.read, (cell.notation,)),
+            "write": partial(drive.write, {cell.notation: value}, cell.saved),
         }[name]
         result: Any = None
         error: DrivebusError | None = None
@@ -143,11 +142,13 @@ class StatementSession:
         elif name == "status":
             self._judge_status(result, began)
         elif name == "read":
-            self._judge_reading(result[cell[0]], cell[2], began)
+            self._judge_reading(result[cell.notation], cell.cell, began)
         else:
             statement = self._judge(name, str(result.status), result.key, result.params, began, way)
             if name == "write":
-                self._report(statement, *self.judge.judge_write(statement, cell[2], round(value * cell[3])))
+                self._report(
+                    statement, *self.judge.judge_write(statement, cell.cell, round(value * cell.counts_per_unit))
+                )
             if result.drive_status is not None and name != "write" and result.drive_status.reason is not None:
                 self._judge(name, "reason", result.drive_status.reason, {}, began, way)
 
@@ -188,7 +189,8 @@ class StatementSession:
                     self._report(statement, f"{reading.value} Hz was never reported")
         shows_fault, standing = status.fault is not None, status.state.value in OUTPUT_OFF
         changed = "trips" in self.line.physics.misbehaviours
-        if standing and not changed and shows_fault is not bool(self.line.physics.fault):
+        present = bool(self.line.physics.fault) and self.kind.reports_faults
+        if standing and not changed and shows_fault is not present:
             self._report(statement, f"fault {status.fault} shown, {self.line.physics.fault} present")
 
     def _judge_reading(self, reading: Any, cell: int, began: float) -> None:
@@ -244,7 +246,7 @@ def run(campaign_run: CampaignRun) -> None:
     """Play sessions with all variants in turn."""
     number = 0
     while campaign_run.remaining:
-        for kind in DRIVE_VARIANTS:
+        for kind in COVERED:
             if campaign_run.remaining:
                 StatementSession(campaign_run, kind, number).play()
                 campaign_run.add_trials()

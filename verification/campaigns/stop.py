@@ -15,11 +15,13 @@ from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import StopUnconfirmed
 from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.scenario.scenario import Scenario
 from verification.scenario.stop_timer import PendingStop, SentRequest, StopTimer
 from verification.scenario.user_command import UserCommand
 
+COVERED = variants_for("stop")
 LOAD_LINE_QUALITIES = ("bytes", "lossy,bytes", "late=0.1:0.12,bytes", "late=0.2:1.5", "clean", "noisy,bytes")
 LOAD_RAMPS_S = (2.0, 0.5, 8.0)
 READER_PRIORITIES = (
@@ -49,7 +51,7 @@ class StopBus:
 
     def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
         self.campaign_run, self.kind, self.rng = campaign_run, kind, campaign_run.rng(number)
-        turn = number // len(DRIVE_VARIANTS)
+        turn = number // len(COVERED)
         self.ramp_s, self.reader_priorities = (
             LOAD_RAMPS_S[turn % len(LOAD_RAMPS_S)],
             READER_PRIORITIES[turn % len(READER_PRIORITIES)],
@@ -265,7 +267,7 @@ def run(campaign_run: CampaignRun) -> None:
     found: dict[str, list[StopBus]] = defaultdict(list)
     number = 0
     while campaign_run.remaining:
-        kind = DRIVE_VARIANTS[number % len(DRIVE_VARIANTS)]
+        kind = COVERED[number % len(COVERED)]
         bus = StopBus(campaign_run, kind, number)
         for _ in range(min(INSTANTS_PER_BUS, campaign_run.remaining)):
             bus.run_instant()

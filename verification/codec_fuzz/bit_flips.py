@@ -21,33 +21,13 @@ from typing import Any
 from verification.campaign import map_in_order
 from verification.codec_fuzz.fuzz_block import accepted_size, decode_outcome
 from verification.codec_fuzz.registry import FUZZED_CODECS
+from verification.families.campaigns import family_campaigns
+from verification.families.family_campaign import StrengthCase, WorkedFrame
 
 FLIPS_FILE = Path(__file__).parent / "data" / "flips.json"
 FLIP_COUNTS = (1, 2, 3)
 MAX_LISTED_FLIPS = 20
 """Largest number of accepted flips that are listed in full."""
-CODECS_OF_VECTORS = {
-    ("c320", "ascii"): ("c320-ascii", "c320-ascii-tolerant"),
-    ("c320", "hex"): ("c320-hex", "c320-hex-nibble"),
-    ("dzb100", "ascii"): ("dzb100",),
-    ("vc660", "rtu"): ("modbus-rtu",),
-    ("df800", "rtu"): ("df800-rtu",),
-    ("df800", "ascii"): ("df800-ascii",),
-}
-MISSING_REQUESTS = {
-    "c320-sib-reply-hex": "5A 00 00 01 00 00 00 00 06 00 00 00 07 0D",
-    "c320-short-bad-item-ascii": "2A 30 35 31 30 30 30 30 30 30 31 38 36 0D",
-    "c320-short-bad-item-hex": "5A 00 05 01 00 00 00 00 00 00 00 00 06 0D",
-    "c320-fault-12-ascii": "2A 30 33 31 30 30 30 30 30 30 31 38 34 0D",
-    "dzb100-status-fault": "51 03 01 30 37 30 33 30 30 30 30",
-    "dzb100-refused": "50 03 01 30 32 39 39 30 30 30 30",
-    "vc660-exception": "01 06 20 00 00 01 43 CA",
-    "df800-read-error-ascii": "3A 30 31 30 33 30 30 36 34 30 30 30 31 39 37 0D 0A",
-    "df800-write-error-ascii": "3A 30 31 30 36 32 30 30 30 30 30 30 31 44 38 0D 0A",
-    "df800-read-error-rtu": "01 03 00 64 00 01 C5 D5",
-    "df800-write-error-rtu": "01 06 20 00 00 01 43 CA",
-}
-"""Requests of the replies that name none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,13 +102,16 @@ def _read_case(row: dict[str, Any]) -> FlipCase:
 
 
 def vector_cases(folder: Path) -> Iterator[FlipCase]:
-    """Yield every frame of ``vectors/``, as printed and as correct, with every possible receiver."""
+    """Yield every frame of ``vectors/`` and of each family, as printed and as correct, with every possible receiver."""
+    campaigns = family_campaigns().values()
+    codecs = {key: names for one in campaigns for key, names in one.codecs_of_vectors.items()}
+    missing = {name: frame for one in campaigns for name, frame in one.missing_requests.items()}
     lines = [json.loads(line) for path in sorted(folder.glob("*.jsonl")) for line in path.open(encoding="utf-8")]
     right = {line["id"]: bytes.fromhex(line.get("canonical_hex", line["hex"])) for line in lines}
     for line in lines:
         printed = bytes.fromhex(line["hex"])
         for frame in dict.fromkeys((printed, right[line["id"]])):
-            for codec in CODECS_OF_VECTORS[line["model"], line["encoding"]]:
+            for codec in codecs[line["model"], line["encoding"]]:
                 if line["direction"] == "request":
                     yield FlipCase(
                         vector=line["id"], printed=frame == printed, role="request", codec=codec, sent=b"", frame=frame
@@ -143,14 +126,19 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
                             frame=frame,
                         )
                 else:
-                    sent = (
-                        bytes.fromhex(MISSING_REQUESTS[line["id"]])
-                        if "reply_to" not in line
-                        else right[line["reply_to"]]
-                    )
+                    sent = bytes.fromhex(missing[line["id"]]) if "reply_to" not in line else right[line["reply_to"]]
                     yield FlipCase(
                         vector=line["id"], printed=frame == printed, role="reply", codec=codec, sent=sent, frame=frame
                     )
+    for worked in (frame for one in campaigns for frame in one.worked_frames):
+        yield from _worked_cases(worked)
+
+
+def _worked_cases(worked: WorkedFrame) -> Iterator[FlipCase]:
+    sent, received = bytes.fromhex(worked.request), bytes.fromhex(worked.reply)
+    cases = (("request", b"", sent), ("echo", sent, sent), ("reply", sent, received))
+    for role, request, frame in cases if received else cases[:2]:
+        yield FlipCase(vector=worked.name, printed=True, role=role, codec=worked.codec, sent=request, frame=frame)
 
 
 def write_record(folder: Path) -> None:
@@ -186,45 +174,7 @@ FlipMask = tuple[tuple[int, int], ...]
 """Pairs of a byte's place and its flipped bits."""
 
 
-@dataclass(frozen=True, slots=True)
-class StrengthCase:
-    """Reply to a read or write, and its request."""
-
-    name: str
-    codec: str
-    sent: str
-    frame: str
-
-
-STRENGTH_CASES = (
-    StrengthCase("Modbus RTU, 03, one register", "modbus-rtu", "01 03 30 01 00 01 DA CA", "01 03 02 13 88 B5 12"),
-    StrengthCase("Modbus RTU, 06", "modbus-rtu", "01 06 00 02 0B B8 2F 48", "01 06 00 02 0B B8 2F 48"),
-    StrengthCase(
-        "Modbus ASCII, 03, one register",
-        "df800-ascii",
-        "3A 30 31 30 33 32 30 30 30 30 30 30 31 44 42 0D 0A",
-        "3A 30 31 30 33 30 32 30 31 32 30 44 39 0D 0A",
-    ),
-    StrengthCase(
-        "Modbus ASCII, 06",
-        "df800-ascii",
-        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
-        "3A 30 31 30 36 32 30 30 31 31 33 38 38 33 44 0D 0A",
-    ),
-    StrengthCase(
-        "C320 ASCII",
-        "c320-ascii",
-        "2A 30 30 31 30 30 30 30 30 30 31 38 31 0D",
-        "2A 30 30 30 30 31 30 30 30 30 33 45 37 30 32 36 30 0D",
-    ),
-    StrengthCase(
-        "C320 hex",
-        "c320-hex",
-        "5A 00 00 01 00 00 00 00 00 00 00 00 01 0D",
-        "5A 00 00 00 00 01 00 00 00 00 00 03 E7 00 00 00 EB 0D",
-    ),
-    StrengthCase("DZB100", "dzb100", "52 03 01 30 33 32 33 30 30 30 30", "52 03 06 30 33 32 33 30 30 36 34"),
-)
+STRENGTH_CASES = tuple(case for one in family_campaigns().values() for case in one.strength_cases)
 
 
 def undetected_shares(most: int) -> dict[str, dict[str, object]]:

@@ -16,7 +16,8 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
 from verification.codec_fuzz.collision_odds import CollisionOdds, noise_odds
-from verification.codec_fuzz.registry import FUZZED_CODECS, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.registry import FUZZED_CODECS
 from verification.reference.frame_shapes import FrameShape
 
 # --- kinds of damage --------------------------------------------------------------------------------------------------

@@ -26,9 +26,10 @@ from drivebus.simulator import timer
 from drivebus.simulator.timer import LoopTimer
 from drivebus.testing.virtual_time import VirtualTimer, running
 from verification.campaign import CampaignRun
-from verification.drive_variants import VC660, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.modbus.facts import VC660
 from verification.fault_injection.faulty_port import PORT_SUCCESS_WORDS, PortFailureScenario
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 from verification.scenario.rules import ClassifiedFrame
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand

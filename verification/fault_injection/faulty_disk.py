@@ -24,7 +24,7 @@ from drivebus.errors import ConfigurationError, NoReply, ProfileError
 from drivebus.ports.recording import RecordingPort
 from drivebus.testing.virtual_time import running
 from verification.campaign import CampaignRun
-from verification.drive_variants import VC660
+from verification.families.modbus.facts import VC660
 from verification.fault_injection.faulty_port import (
     BAUD,
     CALL_MAX_S,

@@ -8,7 +8,7 @@ from typing import Any
 from drivebus.errors import DrivebusError
 from verification.fault_matrix.cell import CellRun, cell, check_void
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 # --- adapter ----------------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,8 @@ from drivebus.simulator.station import SimulatedStation
 from drivebus.testing.virtual_time import running
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
-from verification.reference.request_effects import RequestEffect, status_read_key
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import status_read_key
 
 # --- foreign stations -------------------------------------------------------------------------------------------------
 

@@ -12,12 +12,14 @@ from typing import Any
 
 from drivebus.bus import TraceKind as Became
 from verification.campaign import CampaignRun
-from verification.drive_variants import DRIVE_VARIANTS, DriveVariant
+from verification.drive_variants import DriveVariant
+from verification.families.registry import variants_for
 from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction
 from verification.reference.request_effects import is_sync_probe
 
 # --- table ------------------------------------------------------------------------------------------------------------
 
+COVERED = variants_for("matrix")
 TABLE: dict[str, dict[str, Any]] = json.loads((Path(__file__).parent / "table.json").read_text(encoding="utf-8"))[
     "rows"
 ]
@@ -79,7 +81,7 @@ def cell(row: str, *kinds: DriveVariant) -> Callable[[CellCheck], CellCheck]:
     """Register a function as the check of a row, for these variants (default: all)."""
 
     def register(check: CellCheck) -> CellCheck:
-        for kind in kinds or DRIVE_VARIANTS:
+        for kind in kinds or COVERED:
             _CELL_CHECKS[row, kind.name] = check
         return check
 
@@ -93,7 +95,7 @@ def all_cells() -> tuple[MatrixCell, ...]:
     return tuple(
         MatrixCell(row, kind, _CELL_CHECKS[row, kind.name])
         for row, message in TABLE.items()
-        for kind in DRIVE_VARIANTS
+        for kind in COVERED
         if kind.model in message["cells"]
     )
 

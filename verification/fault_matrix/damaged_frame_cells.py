@@ -9,7 +9,9 @@ from drivebus.bus import TraceKind as Became
 from drivebus.protocols import modbus, sunfar
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality
-from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
+from verification.families.dzb100.facts import DZB100
+from verification.families.modbus.facts import DF800, DF800_ASCII, VC660
+from verification.families.sunfar.facts import C320, C320_HEX
 from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_void
 from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction, WireSend
 

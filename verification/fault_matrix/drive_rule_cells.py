@@ -10,16 +10,13 @@ from drivebus.drives import Direction, Drive
 from drivebus.errors import DrivebusError
 from drivebus.protocols import modbus
 from drivebus.simulator.motor import Trip
-from verification.drive_variants import C320, C320_HEX, DF800, DF800_ASCII, DZB100, VC660
+from verification.families.dzb100.facts import DZB100
+from verification.families.modbus.facts import DF800, DF800_ASCII, VC660, modbus_write
+from verification.families.sunfar.facts import C320, C320_HEX, CONTROL, class_and_operation
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixScenario
-from verification.reference.request_effects import (
-    C320_CONTROL,
-    RequestEffect,
-    c320_class_and_operation,
-    modbus_write,
-    status_read_key,
-)
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import status_read_key
 from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
@@ -70,7 +67,7 @@ def _check_ram_writes(scenario: MatrixScenario, notation: str) -> None:
     )
     for one in scenario.requests_since(mark, RequestEffect.SETTING):
         if scenario.kind.model == "c320":
-            scenario.expect(c320_class_and_operation(scenario.kind, one.data)[0] == 3, "not class 3")
+            scenario.expect(class_and_operation(scenario.kind, one.data)[0] == 3, "not class 3")
         else:
             scenario.expect((modbus_write(scenario.kind, one.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
 
@@ -90,8 +87,8 @@ def operation_only_after_status(run: CellRun) -> None:
         status_reads = [sent for sent in scenario.requests[one:other] if status_read_key(scenario.kind, sent.data)]
         scenario.expect(len(status_reads) >= 2, f"{len(status_reads)} looks before a start")
     for sent in scenario.requests:
-        kind, operation = c320_class_and_operation(scenario.kind, sent.data)
-        scenario.expect(kind == C320_CONTROL or operation == 0, f"{sent.data.hex()} carries an operation")
+        kind, operation = class_and_operation(scenario.kind, sent.data)
+        scenario.expect(kind == CONTROL or operation == 0, f"{sent.data.hex()} carries an operation")
 
 
 @cell("toggle", DZB100)

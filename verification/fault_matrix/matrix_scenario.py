@@ -15,7 +15,8 @@ from drivebus.testing.virtual_time import running
 from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
-from verification.reference.request_effects import RequestEffect, classify_request, is_sync_probe
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request, is_sync_probe
 from verification.scenario.scenario import ObservedBus, Scenario
 from verification.scenario.user_command import UserCommand
 

@@ -9,15 +9,11 @@ from drivebus import i18n
 from drivebus.bus import TraceKind as Became
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.motor import Trip
+from verification.families.sunfar.facts import class_and_operation
 from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_quarantine, check_void
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario, WireSend
-from verification.reference.request_effects import (
-    RequestEffect,
-    c320_class_and_operation,
-    is_sync_probe,
-    shows_standstill,
-    status_read_key,
-)
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import is_sync_probe, shows_standstill, status_read_key
 
 # --- no reply ---------------------------------------------------------------------------------------------------------
 
@@ -255,7 +251,7 @@ def _check_same_key_other_class(scenario: MatrixScenario) -> None:
     parameter = next(
         one
         for one in sent
-        if c320_class_and_operation(scenario.kind, one.data)[0] == 2 and not is_sync_probe(scenario.kind, one.data)
+        if class_and_operation(scenario.kind, one.data)[0] == 2 and not is_sync_probe(scenario.kind, one.data)
     )
     scenario.expect(scenario.sync_probes(one for one in sent if one.start < parameter.start), "F0.1 right after d.1")
 

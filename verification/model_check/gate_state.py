@@ -30,7 +30,7 @@ from verification.model_check.model_subject import (
 )
 from verification.model_check.permissive_inputs import PermissiveInputs
 from verification.model_check.permit_monitor import ModelCommand, PermitMonitor, PermitRecord
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 FIRST_FORGED_SLOT = 8
 """First slot of requests without a granted permit."""

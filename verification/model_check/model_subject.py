@@ -20,7 +20,7 @@ from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings, StationTiming
 from drivebus.values import Reading
 from verification.model_check.permit_monitor import COMMAND_LIFETIMES_S
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 # --- time grid --------------------------------------------------------------------------------------------------------
 

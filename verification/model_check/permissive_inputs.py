@@ -27,7 +27,7 @@ from verification.model_check.permit_monitor import (
     EVIDENCE_MAX_AGE_S,
     FAMILY_DAMAGE_RATE_MAX,
 )
-from verification.reference.request_effects import RequestEffect
+from verification.reference.effects import RequestEffect
 
 NO_TEXT = Text("", "")
 CHECK_RESULTS = {

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from verification.reference.request_effects import RequestEffect, command_word, worst_effect
+from verification.families.modbus.facts import command_word
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import worst_effect
 
 COMMAND_LIFETIMES_S = {"start": 2.0, "jog": 2.0, "reset": 2.0, "setpoint": 5.0}
 """Validity of a command by its kind, in seconds; a frame that moves the motor is valid for 2 s at most."""

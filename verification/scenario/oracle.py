@@ -17,7 +17,8 @@ from drivebus import clock
 from drivebus.values import Quality
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant, character_s
-from verification.reference.request_effects import RequestEffect, classify_request
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request
 from verification.scenario.rules import ClassifiedFrame, DriveHistory, FrameRules, WriteRules, check_outcome
 from verification.scenario.user_command import UserCommand
 

@@ -14,20 +14,10 @@ from verification.scenario.scenario import Scenario
 BASELINE_TIMEOUT_S = 0.1
 BASELINE_GAP_CHARACTERS = 6
 
-BASELINE_REPLY_SHAPES = {
-    "c320-ascii": (18, (0, 1, 2)),
-    "c320-hex": (18, (0, 1, 2)),
-    "dzb100": (11, (0, 3, 4)),
-    "vc660": (7, (0, 1)),
-    "df800-rtu": (7, (0, 1)),
-    "df800-ascii": (15, (1, 2, 3, 4)),
-}
-"""Bytes of the reply to a read of one value, and the places where it repeats the request's address and function."""
-
 
 def is_plausible_reply(kind: DriveVariant, request: bytes, reply: bytes) -> bool:
     """Return whether the baseline host accepts these bytes as the reply."""
-    size, places = BASELINE_REPLY_SHAPES[kind.name]
+    size, places = kind.plain_reply
     return len(reply) == size and all(reply[place] == request[place] for place in places)
 
 

@@ -12,7 +12,8 @@ from math import inf
 from typing import Any
 
 from verification.drive_variants import DriveVariant
-from verification.reference.request_effects import RequestEffect, decode_write
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import decode_write
 from verification.scenario.user_command import UserCommand
 
 # --- frames -----------------------------------------------------------------------------------------------------------

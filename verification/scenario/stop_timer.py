@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from verification.drive_variants import TimingBounds
-from verification.reference.request_effects import RequestEffect, classify_request
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request
 from verification.scenario.scenario import Scenario
 
 STOP_TOLERANCE_S = 1e-3

@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field, replace
 from random import Random
-from typing import Any
 
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete, CompleteIfSilent
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import Capabilities, EchoSetting, Receiver
 from verification.statements.drive_physics import DrivePhysics
-from verification.statements.fake_stations import Reaction, create_station
+from verification.statements.reaction import FakeStation, Reaction
 
 LINE_FAULTS = ("silent", "before", "after", "doubled", "foreign", "late", "cut", "damaged")
 MAX_LATENESS_S = 0.7
@@ -56,7 +55,7 @@ class LinePlan:
 class FakeLine:
     """Port of the master, with the drive behind it."""
 
-    model: str
+    station: FakeStation
     address: int
     codec: Codec
     settings: SerialSettings
@@ -69,14 +68,12 @@ class FakeLine:
     deliveries: list[tuple[float, bytes]] = field(default_factory=list)
     """Bytes of the drive that reached the master, with the time of the last one."""
     receiver: Receiver | None = None
-    station: Any = None
     free_at: float = 0.0
 
     identity = "memory:statements"
     url = "memory://statements"
 
     def __post_init__(self) -> None:
-        self.station = create_station(self.model)
         self.physics.memory.update(self.station.preset)
 
     async def open(self, receiver: Receiver) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from drivebus import i18n
 from verification.statements.fake_line import Exchange, FakeLine
-from verification.statements.fake_stations import Report
+from verification.statements.reaction import Report
 
 OUTPUT_OFF = ("stopped", "fault")
 HZ_TOLERANCE = 0.011

@@ -134,6 +134,8 @@ class HuanyangCodec:
         if len(data) < size:
             return Incomplete(size)
         _check_crc(data, size)
+        if data[0] > LAST_ADDRESS:
+            raise AddressError("huanyang.address", expected=LAST_ADDRESS, found=data[0])
         return Complete(HuanyangRequest(data[0], data[1], *_fields(data, size)), size)
 
     def decode_reply(self, request: HuanyangRequest, data: bytes, /) -> DecodeResult:
@@ -142,9 +144,11 @@ class HuanyangCodec:
         if len(data) < size:
             return Incomplete(size)
         _check_crc(data, size)
+        if request.address == BROADCAST:
+            raise AddressError("huanyang.broadcast_answered", expected=BROADCAST, found=data[0])
         if data[0] != request.address:
             raise AddressError("protocols.address", expected=request.address, found=data[0], size=size)
-        return Complete(_checked(request, parse_reply(data)), size)
+        return Complete(_checked(request, parse_reply(data[:size])), size)
 
     def reply_size(self, request: HuanyangRequest, /) -> int:
         """Return the bytes of the longest normal reply; 0 for a broadcast."""

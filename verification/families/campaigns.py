@@ -1,0 +1,22 @@
+"""What the campaigns need of each family of the registry."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+
+from verification.families.family_campaign import FamilyCampaign
+from verification.families.registry import FAMILY_NAMES, facts_by_model, family_facts
+
+
+@cache
+def family_campaigns() -> dict[str, FamilyCampaign]:
+    """Return what the campaigns need of each family, by its name."""
+    return {name: import_module(f"verification.families.{name}.campaign").CAMPAIGN for name in FAMILY_NAMES}
+
+
+@cache
+def campaign_of(model: str) -> FamilyCampaign:
+    """Return what the campaigns need of a model's family. Raises KeyError."""
+    facts = facts_by_model()[model]
+    return next(family_campaigns()[name] for name, one in family_facts().items() if one is facts)

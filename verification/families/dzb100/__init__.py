@@ -1,0 +1,1 @@
+"""DZB100 in the campaigns."""

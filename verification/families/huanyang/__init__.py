@@ -1,0 +1,1 @@
+"""Huanyang HY in the campaigns."""

@@ -1,0 +1,1 @@
+"""Mitsubishi computer link in the campaigns."""

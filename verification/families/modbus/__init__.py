@@ -1,0 +1,1 @@
+"""Modbus: VC660 and DF800 in the campaigns."""

@@ -1,0 +1,1 @@
+"""Sunfar C320 in the campaigns."""
