@@ -1,4 +1,4 @@
-"""What the campaigns need of each family of the registry."""
+"""Registry of the campaigns' codecs, frames and stations, by family."""
 
 from __future__ import annotations
 

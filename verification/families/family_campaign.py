@@ -1,4 +1,4 @@
-"""What the campaigns need of one protocol family beside its facts."""
+"""Codecs, frames and stations of one protocol family for the campaigns."""
 
 from __future__ import annotations
 
