@@ -267,3 +267,21 @@ def test_a_request_is_published_to_live_clients_within_a_cycle() -> None:
         assert kit.service.plant.hub.topics["drives/fan-1"]["control_request"]["user"] == "bob"
 
     played(scenario)
+
+
+def test_a_takeover_by_the_asking_user_itself_names_no_other_request() -> None:
+    async def scenario(kit: ServiceKit) -> None:
+        await kit.call("control_request.make", EVE, **FAN)
+        await kit.call("lease.take", EVE, **FAN)
+        assert events(kit)[-1] == "the control lease was taken from ann"
+
+    played(scenario)
+
+
+def test_the_request_for_a_drive_that_a_reload_removed_is_dropped() -> None:
+    async def scenario(kit: ServiceKit) -> None:
+        await kit.call("control_request.make", BOB, **FAN)
+        kit.service.plant.remove_drive("fan-1")
+        assert kit.service.plant.control_requests.get("fan-1") is None
+
+    played(scenario)

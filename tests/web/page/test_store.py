@@ -144,6 +144,18 @@ def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_
     assert page.evaluate(script) == [["new", "read", "low"], ["new"]]
 
 
+def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(page: Any) -> None:
+    """A group shows one author, reason and end, and is unshelved as a whole."""
+    script = """async () => {
+      const { groupAlarms } = await import('/static/js/parts/alarm-groups.js');
+      const alarm = (id, shelved_reason) => ({ id, shelved_reason, kind: 'stale', setting: 's', priority: 'low',
+        subject: '', drive: '', value: null, shelved_by: 'ann', shelved_until_ms: 5 });
+      const groups = groupAlarms([alarm(1, 'a'), alarm(2, 'b'), alarm(3, 'a'), alarm(4, 'a')]);
+      return groups.map((group) => group.map(({ id }) => id));
+    }"""
+    assert page.evaluate(script) == [[1, 3, 4], [2]]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)
