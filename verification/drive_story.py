@@ -1,4 +1,4 @@
-"""One story for every drive: identify, read, run both ways, change speed, trip, reset, stop, lose the line.
+"""Story that every drive plays: status, readings, run both ways, change of speed, trip, reset, stop, lost line.
 
 The station is the judge: each step compares what drivebus reports with what its motor does. On a line that loses or
 delays frames a step is repeated as a user would.

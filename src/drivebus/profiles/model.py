@@ -359,8 +359,8 @@ class DriveProfile:
     family: str
     """Name of its ``ProtocolFamily``."""
     grade: Literal["draft", "simulated", "verified"]
-    """draft: from one source, or from the manual of a related model; simulated: every worked frame of its manual passes
-    and a simulated drive exists; verified: tried on hardware."""
+    """draft: from one source, or from the manual of a related model; simulated: the worked frames of its manual or two
+    independent sources agree with it, and so does a simulated drive written from them; verified: tried on hardware."""
     encodings: tuple[str, ...]
     """The first is the default."""
     addresses: tuple[int, int]

@@ -27,7 +27,7 @@ def test_the_profile_of_a_model_that_the_plant_does_not_have_is_shown() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             found = await kit.call("models.get", model="gd10")
-            assert found["signals"] and found["grade"] == "draft"
+            assert found["signals"] and found["grade"] == "simulated"
 
     run(scenario())
 
