@@ -154,7 +154,42 @@ def test_a_dense_tile_with_an_alarm_shows_its_whole_name_and_value(visit: Any, s
     assert names.evaluate_all("all => all.filter((one) => one.scrollHeight > one.clientHeight + 1).length") == 0
     assert names.evaluate_all(OVERFLOWING) == 0
     assert page.locator(".tilelink").evaluate_all(OVERFLOWING) == 0
-    assert page.locator(".tile").first.bounding_box()["height"] < {"stopped": 90, "unknown": 110}[state]
+    assert page.locator(".tile").first.bounding_box()["height"] < 90
+
+
+TURNS = """async () => {
+  const store = await import('/static/js/store.js');
+  const heights = () => [...document.querySelectorAll('.tile')].map((one) => one.offsetHeight);
+  const known = heights();
+  const words = { en: 'over-voltage while decelerating, see the manual of the drive', zh: '减速过电压' };
+  const fault = { code: 6, label: 'E6', text: words, cause: null, remedy: null };
+  const tripped = { state: 'fault', fault, alarms: { critical: 1 } };
+  const turns = [tripped, { ...tripped, start_inhibited: true }, { ...tripped, stop_pending: true },
+    { start_inhibited: true }, { state: 'emergency_stopped' }, { state: 'unknown' }, { presence: 'offline' }];
+  const found = [];
+  for (const turn of turns) {
+    const quiet = { state: 'stopped', presence: 'online', fault: null, alarms: {}, start_inhibited: false,
+      stop_pending: false };
+    const topics = Object.fromEntries(store.idsOf('drives').value.map((id) => [`drives/${id}`, { ...quiet, ...turn }]));
+    store.applyDelta({ topics });
+    await new Promise((resolve) => { setTimeout(resolve, 100); });
+    const moved = heights().map((height, n) => height - known[n]).filter((by) => Math.abs(by) > 1);
+    if (moved.length) found.push({ turn, moved });
+  }
+  return found;
+}"""
+
+
+@pytest.mark.parametrize(("size", "width"), [("normal", 1440), ("dense", 1440), ("normal", 360)])
+def test_a_drive_that_trips_moves_no_tile(stage: Stage, visit: Any, size: str, width: int) -> None:
+    """Regression: a trip made its row 50 px taller, and the stop buttons of the rows below moved under the finger."""
+    page = visit("#/settings", size=(width, 740))
+    page.evaluate(f"localStorage.setItem('drivebus.fleet', JSON.stringify({{ size: '{size}' }}))")
+    page.goto(f"{stage.at}/#/fleet")
+    page.reload()
+    page.locator(".tile").nth(4).wait_for()
+    page.wait_for_load_state("networkidle")
+    assert page.evaluate(TURNS) == []
 
 
 def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) -> None:
@@ -165,3 +200,24 @@ def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) 
       return word.right > stop.left && word.top < stop.bottom && word.bottom > stop.top;
     }).length""")
     assert covered == 0
+
+
+# --- sentences of many drives -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("count", "expected"),
+    [
+        (1, "d0 may keep running"),
+        (3, "d0, d1, d2 may keep running"),
+        (30, "d0, d1, d2, d3, d4, d5, d6, d7 and 22 more may keep running"),
+    ],
+)
+def test_equal_sentences_of_many_drives_name_each_once_and_count_the_rest(
+    scripts: Any, count: int, expected: str
+) -> None:
+    """Regression: 30 blocked drives were listed twice, by their names and by their ids."""
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    item = "{ id: `d${n}`, key: 'k', params: { drive: `d${n}` }, text: { en: `d${n} may keep running`, zh: '' } }"
+    call_of = f"m.mergeSentences(Array.from({{ length: {count} }}, (_, n) => ({item})))"
+    assert [(one["text"], one["isNamed"]) for one in call(scripts, "selection", call_of)] == [(expected, True)]

@@ -1,6 +1,6 @@
 // Control panel of one drive: control lease, start in two steps, setpoint, stops, jog, reset, release.
 import { html, useEffect, useState } from "../lib.js";
-import { localized, t, titleOf } from "../i18n.js";
+import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
 import { isLive } from "../live.js";
@@ -10,6 +10,7 @@ import { stop } from "../stops.js";
 import { moment, number, numberOf } from "../format.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
 import { ArmStart } from "../parts/arm-start.js";
+import { mergeSentences } from "../parts/selection.js";
 import { ControlLease } from "./control-lease.js";
 import { JogPanel } from "./jog.js";
 
@@ -85,8 +86,8 @@ export function Reset({ view }) {
 
 function StartBlockers({ view }) {
   if (view.start_blockers.length === 0) return null;
-  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${view.start_blockers.map((one) => html`
-    <li key=${one.key}>${localized(one.text)}</li>`)}</ul><//>`;
+  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${mergeSentences(view.start_blockers.map(
+    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//>`;
 }
 
 /** Who stopped the drive, and how, until it is started again. */

@@ -15,9 +15,7 @@ import {
 const kindLabel = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
 
 function Kinds() {
-  // Most plants have no drive whose state is unknown: a count that is always 0 is left out.
-  const names = KINDS.filter((name) => name !== "unknown" || name === kind.value || counts.value[name] > 0);
-  const options = names.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
+  const options = KINDS.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
   return html`<${Choice} label=${t("page.show")} value=${kind.value} options=${options}
     onChange=${(name) => { kind.value = name; }} />`;
 }

@@ -10,7 +10,7 @@ import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError } from "./frequency.js";
 import { ArmStart } from "./arm-start.js";
-import { ReleaseButton, WaiverButton, mergeSentences, nameOf } from "./selection.js";
+import { ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "./selection.js";
 
 const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
 const GROUP_TIMEOUT_MS = 300_000;
@@ -22,7 +22,8 @@ function commonLimits(views) {
   };
 }
 
-const Merged = ({ ids, text }) => html`<li><b>${ids.map(nameOf).join(t("page.comma"))}</b>${t("page.colon")}${text}</li>`;
+const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(nameOf).join(t("page.comma"))}>${!isNamed && html`<b>
+  ${listed(ids)}</b>${t("page.colon")}`}${text}</li>`;
 
 /** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {

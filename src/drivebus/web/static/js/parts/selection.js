@@ -15,7 +15,17 @@ export const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 /** Parameters of a sentence that name the drive; all others must be equal for sentences to be one. */
 const OWN = ["drive", "station", "address"];
 
-/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result [{ids, text}]. */
+/** Names of drives in one sentence; more are counted. */
+const MAX_NAMES = 8;
+
+/** Names of drives as a list; of many the first ones and the number of the others. */
+export function listed(ids) {
+  const names = ids.slice(0, MAX_NAMES).map(nameOf).join(t("page.comma"));
+  return ids.length > MAX_NAMES ? t("page.names_more", { names, n: ids.length - MAX_NAMES }) : names;
+}
+
+/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result [{ids, text, isNamed}], where
+ * `isNamed` tells that the text has the names of the drives. */
 export function mergeSentences(items) {
   const groups = new Map();
   for (const one of items) {
@@ -23,24 +33,25 @@ export function mergeSentences(items) {
     const alike = JSON.stringify([one.key, others]);
     groups.set(alike, [...(groups.get(alike) ?? []), one]);
   }
-  return [...groups.values()].map((alike) => ({ ids: alike.map(({ id }) => id), text: mergedText(alike) }));
+  return [...groups.values()].map((alike) => ({ ids: alike.map(({ id }) => id), ...mergedText(alike) }));
 }
 
 function mergedText(alike) {
   const [{ params, text }] = alike;
   const found = OWN.find((name) => params?.[name] !== undefined && localized(text).includes(String(params[name])));
-  if (alike.length === 1 || !found) return localized(text);
-  const names = alike.map((one) => String(one.params[found])).join(t("page.comma"));
-  return localized(text).replace(String(params[found]), () => names);
+  if (!found) return { text: localized(text), isNamed: false };
+  const isNamed = found === "drive";
+  const own = isNamed ? listed(alike.map(({ id }) => id)) : alike.map((one) => one.params[found]).join(t("page.comma"));
+  return { text: localized(text).replace(String(params[found]), () => own), isNamed };
 }
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
 function SelectionResults({ outcomes }) {
   const entries = Object.entries(outcomes);
-  const done = entries.filter(([, one]) => one.status === "done").map(([id]) => nameOf(id));
+  const done = entries.filter(([, one]) => one.status === "done").map(([id]) => id);
   const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
   return html`<${Notice} live kind=${refused.length ? "warning" : undefined}><ul>
-    ${done.length > 0 && html`<li>${t("page.selection_done", { names: done.join(t("page.comma")) })}</li>`}
+    ${done.length > 0 && html`<li>${t("page.selection_done", { names: listed(done) })}</li>`}
     ${refused.map((one) => html`<li key=${one.ids[0]}>${one.text}</li>`)}
     ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
 }

@@ -23,7 +23,7 @@ export function appearanceOf({ state, presence, lost }) {
 export function StateMark({ known, direction, size = 22 }) {
   const [icon, tone, word] = appearanceOf(known);
   const turning = tone === "active" && direction;
-  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word">${word}</span>
+  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word" title=${word}>${word}</span>
     ${turning && html`<${Icon} name=${direction} size=${size - 4} />
       <span class="sr">${t(`drives.direction_${direction}`)}</span>`}
     ${known.lost && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
