@@ -161,10 +161,15 @@ class ProfileStation(SimulatedStation):
         limit = self.features.max_read if isinstance(request, modbus.ReadRegisters) else modbus.MAX_READ_BITS
         if span.length > limit:
             return modbus.ExceptionReply(request.address, request.function, ILLEGAL_VALUE)
+        blocks = [Span("holding", first, count) for first, count in self.features.blocks]
+        if span not in blocks and any(
+            block.covers(span._replace(start=n, length=1)) for block in blocks for n in range(span.start, span.end)
+        ):
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
         values = [self._value((span.space, place)) for place in range(span.start, span.end)]
         if isinstance(request, modbus.ReadBits) and any(value is not None for value in values):
             return modbus.BitValues(request.address, request.function, tuple(bool(value) for value in values))
-        if None in values:
+        if None in values and span not in blocks:
             return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
         return modbus.RegisterValues(request.address, request.function, tuple(value or 0 for value in values))
 
@@ -264,16 +269,17 @@ class ProfileStation(SimulatedStation):
                 self.motor.reset()
                 return 0
             case ParameterWrite(parameter=parameter):
-                return self._store_parameter(parameter, join_words((value for _, _, value in changes), self.features))
+                number = join_words((value for _, _, value in changes), self.features)
+                return self._store_parameter(parameter, number, changes[0][1])
         return ILLEGAL_ADDRESS
 
-    def _store_parameter(self, parameter: Parameter, number: int) -> int:
+    def _store_parameter(self, parameter: Parameter, number: int, written: int) -> int:
         key = _memory_key(parameter.locator)
         if key not in self.memory.specs:
             return ILLEGAL_ADDRESS
         if self.memory.write_rejection(key, number, self.running) is not None:
             return ILLEGAL_VALUE
-        self.memory.write(key, number, save=True)
+        self.memory.write(key, number, save=self.profile.write_support.saves(parameter.locator[1], written))
         return 0
 
     def _execute(self, word: int) -> int:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.check_access import BIT_SPACES, check_access, check_codes, command_places
+from drivebus.profiles.check_access import BIT_SPACES, block_registers, check_access, check_codes, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
@@ -160,6 +160,7 @@ def _has_sync_registers(profile: ProfileIn) -> bool:
     signals |= {(profile.status.space, profile.status.register_)} if profile.status else set()
     wanted = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
     known = {one for one in (*signals, *readable.values()) if one is not None and one[0] not in BIT_SPACES}
+    known -= block_registers(profile)
     pairs = [{one, (one[0], one[1] + 1)} for one in known if (one[0], one[1] + 1) in known]
     return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & wanted for pair in pairs)
 
@@ -306,6 +307,7 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
     taken = _command_locators(profile)
     eeprom_bit = profile.write.eeprom_address_bit or 0
     eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # otherwise reported by _check_registers
+    mask = profile.write.ram_address_mask or 0
     entries: list[tuple[tuple[str, str], str, SignalIn | ParameterIn]] = [
         *((("signals", name), signal.notation, signal) for name, signal in profile.signals.items()),
         *((("parameters", notation), notation, parameter) for notation, parameter in profile.parameters.items()),
@@ -322,7 +324,15 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
             space, index = locator
             if space == "holding" and index & eeprom_bit:
                 yield issue("eeprom_bit", at, notation, bit=f"{eeprom_bit:04X}H")
-            others = [taken.setdefault((space, index + place), path[1]) for place in range(entry.words)]
+            registers = {index}
+            if isinstance(entry, ParameterIn) and entry.readable and locator in block_registers(profile):
+                yield issue("duplicate", at, notation, related=(("modbus", "blocks"),), other="[modbus] blocks")
+            if mask and space == "holding" and isinstance(entry, ParameterIn) and entry.writable:
+                registers.add(index & ~mask)
+                if index & mask != mask:
+                    yield issue("choice", at, f"{index:04X}H", choices=f"{index | mask:04X}H")
+            places = [register + place for register in sorted(registers) for place in range(entry.words)]
+            others = [taken.setdefault((space, place), path[1]) for place in places]
             for other in dict.fromkeys(other for other in others if other != path[1]):
                 related = (("signals", other, "notation"), ("parameters", other), ("group_sizes",))
                 yield issue("duplicate", at, notation, related=related, other=other)

@@ -8,6 +8,8 @@ from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.schema import CommandsIn, ParameterIn, ProfileIn, SignalIn
 from drivebus.protocols.family import Locator, protocol_family
 
+SYNC_READ_COUNT = 2
+"""Registers of a sync probe of a model without loop-back."""
 SINGLE_COILS = 16
 """Coils from ``[commands] register`` on that a command may name with ``written_to = "coil"``."""
 READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
@@ -39,6 +41,12 @@ def command_places(profile: ProfileIn) -> list[tuple[Locator, str, KeyPath]]:
     return [((kind, first + place), name, path) for kind, first, size, name, path in spans for place in range(size)]
 
 
+def block_registers(profile: ProfileIn) -> set[Locator]:
+    """Return the registers that the drive gives only with their whole block."""
+    blocks = profile.modbus.blocks if profile.modbus else []
+    return {("holding", register) for first, count in blocks for register in range(first, first + count)}
+
+
 def check_access(profile: ProfileIn) -> Iterator[Issue]:
     """Yield the issues of reads and writes that the model has no function for, or that could be half done."""
     entries: list[tuple[KeyPath, SignalIn | ParameterIn]] = [
@@ -63,6 +71,24 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("choice", ("setpoint", "coding"), "bcd", choices="binary")
     if profile.commands is not None:
         yield from _check_commands(profile, profile.commands)
+    yield from _check_blocks(profile)
+
+
+def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that each block can be read at once, and that its reply does not look like that to a sync probe."""
+    rule = profile.modbus
+    taken: dict[int, int] = {}
+    for place, (first, count) in enumerate(rule.blocks if rule else []):
+        path: KeyPath = ("modbus", "blocks", place)
+        low = 2 if rule is not None and rule.loopback else SYNC_READ_COUNT + 1
+        high = min(rule.max_read if rule is not None else 0, 0x10000 - first)
+        if not low <= count <= high:
+            yield issue("range", path, count, related=(("modbus", "blocks"),), bound=f"{low} - {high}")
+        for register in range(first, first + count):
+            if taken.setdefault(register, place) != place:
+                other = f"[modbus] blocks {taken[register] + 1}"
+                yield issue("duplicate", path, f"{register:04X}H", related=(("modbus", "blocks"),), other=other)
+                break
 
 
 def check_codes(profile: ProfileIn) -> Iterator[Issue]:

@@ -22,6 +22,10 @@ def check_effect(profile: ProfileIn) -> Iterator[Issue]:
         yield from _ineffective("status", status, ("reserved_mask",), "values")
     elif status is not None:
         yield from _ineffective("status", status, ("mask",), "values", beside=False)
+    if profile.write.ram_address_mask is not None and profile.write.eeprom_address_bit is not None:
+        yield from _ineffective("write", profile.write, ("ram_address_mask",), "eeprom_address_bit")
+    if profile.write.ram_address_mask is not None and not profile.write.ram:
+        yield from _ineffective("write", profile.write, ("ram_address_mask",), "ram = true", beside=False)
     if status is not None and status.shares_command_register:
         is_shared = commands is not None and commands.written_to == "register"
         if not is_shared or commands is None or status.register_ != commands.register_ or status.space != "holding":

@@ -288,7 +288,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         parameters=parameters,
         preconditions=_build_preconditions(parsed, unplaced),
         faults={int(code): _build_fault(int(code), fault) for code, fault in parsed.faults.items()},
-        write_support=m.WriteSupport(parsed.write.ram, parsed.write.eeprom, parsed.write.eeprom_address_bit),
+        write_support=m.WriteSupport(**parsed.write.model_dump(exclude={"evidence"})),
         comm_loss=m.CommLossParameters(
             parsed.comm_loss.time, parsed.comm_loss.action, tuple(parsed.comm_loss.trips_values)
         ),
@@ -455,6 +455,7 @@ def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
         error_form=rule.error_form,
         loopback=rule.loopback,
         word_order=rule.word_order,
+        blocks=tuple((first, count) for first, count in rule.blocks),
     )
 
 

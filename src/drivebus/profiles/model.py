@@ -259,6 +259,18 @@ class WriteSupport:
     eeprom: bool = True
     eeprom_address_bit: int | None = None
     """Address bit that makes a write go to EEPROM as well (VC660: 8000H)."""
+    ram_address_mask: int | None = None
+    """Bits of a parameter's address that are 0 in the address that writes RAM only, which can't be read."""
+
+    def address(self, register: int, save: bool) -> int:
+        """Return the address that writes a parameter, to EEPROM as well where it is to be saved."""
+        if save:
+            return register | (self.eeprom_address_bit or 0)
+        return register & ~(self.ram_address_mask or 0)
+
+    def saves(self, register: int, written: int) -> bool:
+        """Return whether a write of a parameter to this address goes to EEPROM."""
+        return not self.ram or (written == self.address(register, True) != self.address(register, False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -272,6 +284,8 @@ class ModbusFeatures:
     loopback: bool = False
     word_order: Literal["high_first", "low_first"] = "high_first"
     """Order of the registers of a number that has two."""
+    blocks: tuple[tuple[int, int], ...] = ()
+    """First register and count of each block of holding registers that is read only as a whole."""
 
 
 @dataclass(frozen=True, slots=True)

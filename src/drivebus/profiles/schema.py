@@ -312,6 +312,8 @@ class ModbusIn(StrictTable):
     loopback: bool = False
     word_order: Literal["high_first", "low_first"] = "high_first"
     """Order of the registers of a number that has two."""
+    blocks: list[Annotated[list[Word], Field(min_length=2, max_length=2)]] = []
+    """First register and count of each block of holding registers that the drive gives only as a whole."""
     evidence: EvidenceLine
 
 
@@ -360,6 +362,9 @@ class WriteIn(StrictTable):
     ram: bool
     eeprom: bool = True
     eeprom_address_bit: Word | None = None
+    """Bit that makes a write go to EEPROM as well, where the plain address writes RAM."""
+    ram_address_mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
+    """Bits that are 0 in the address that writes RAM only, where the plain address saves: F00AH and 000AH."""
     evidence: EvidenceLine
 
 

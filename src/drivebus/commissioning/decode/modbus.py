@@ -90,10 +90,13 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
 
 
 def _strip_eeprom_bit(profile: DriveProfile, register: int) -> tuple[int, bool]:
-    """Return the register without the EEPROM bit, and whether the bit was set."""
+    """Return the plain register of an address that writes to EEPROM or RAM, and whether that saves."""
     bit = profile.write_support.eeprom_address_bit
     if bit and register & bit and register ^ bit <= profile.notation.highest:
         return register ^ bit, True
+    mask = profile.write_support.ram_address_mask
+    if mask and isinstance(entry_at(profile, ("holding", register | mask)), Parameter):
+        return register | mask, register & mask == mask
     return register, False
 
 

@@ -34,6 +34,7 @@ from drivebus.drives.dialects.modbus_reads import (
     span_value,
     status_span,
     sync_spans,
+    whole_span,
 )
 from drivebus.drives.dialects.modbus_writes import CommandWrite, ModbusWrites, ParameterWrite, RecognisedWrite
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
@@ -193,7 +194,7 @@ class ModbusDialect:
             return None
         identity = self.profile.identity_register
         if identity is not None and self._is_status_shown:
-            return self._identity_span(identity).request(self.address)
+            return self._read(self._identity_span(identity))
         if self.status_map is None:
             return self.echo_test_read()
         status = status_span(self.status_map)
@@ -211,10 +212,14 @@ class ModbusDialect:
 
     def echo_test_read(self) -> Any:
         if self.status_map is not None:
-            return status_span(self.status_map).request(self.address)
+            return self._read(status_span(self.status_map))
         entries: list[Signal | Parameter] = [*self.profile.signals.values()]
         entries += [p for p in self.profile.parameters.values() if p.readable]
-        return span_of(entries[0]).request(self.address)
+        return self._read(span_of(entries[0]))
+
+    def _read(self, span: Span) -> ReadRequest:
+        """Return the read of a span, or of the block that has it and is read only as a whole."""
+        return whole_span(span, self._rule).request(self.address)
 
     def fault_reads(self) -> tuple[Any, ...]:
         """Return the reads that name the fault once the status word reports one."""
@@ -335,7 +340,7 @@ class ModbusDialect:
 
     def setpoint_reads(self) -> tuple[Any, ...]:
         signal = self.profile.signals.get("set_frequency")
-        return () if signal is None else (span_of(signal).request(self.address),)
+        return () if signal is None else (self._read(span_of(signal)),)
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
         return setpoint_matches(readings, self.profile, frequency_hz, self.options)

@@ -56,6 +56,12 @@ def status_span(status: StatusMap) -> Span:
     return Span(status.space, status.register, status.bit_count if status.space in ("coil", "discrete") else 1)
 
 
+def whole_span(span: Span, rule: ModbusFeatures) -> Span:
+    """Return the block that has a span and is read only as a whole, else the span."""
+    blocks = (Span("holding", first, count) for first, count in rule.blocks)
+    return next((block for block in blocks if block.covers(span)), span)
+
+
 def request_span(request: ReadRequest) -> Span:
     """Return the span that a request reads."""
     return Span(SPACES[request.function], request.register, request.count)
@@ -104,7 +110,11 @@ def merge_reads(
     ``sync_space``: sync probes are recognised there by their count, so no other read of it may have that count.
     """
     runs: list[tuple[Span, float]] = []
-    for span, period in sorted(wanted.items()):
+    needed: dict[Span, float] = {}
+    for span, period in wanted.items():
+        whole = whole_span(span, rule)
+        needed[whole] = min(needed.get(whole, period), period)
+    for span, period in sorted(needed.items()):
         last = runs[-1] if runs else None
         if last is not None and _can_merge(last, span, period, rule):
             runs[-1] = _joined(last[0], span), min(last[1], period)
@@ -122,6 +132,8 @@ def _can_merge(run: tuple[Span, float], span: Span, period: float, rule: ModbusF
     last, shortest = run
     if last.covers(span):
         return True
+    if any(one.space == "holding" and (one.start, one.length) in rule.blocks for one in (last, span)):
+        return False
     limit = rule.max_read if span.space in SYNC_SPACES else MAX_BITS
     touches = last.space == span.space and span.start <= last.end and _joined(last, span).length <= limit
     return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
@@ -153,7 +165,8 @@ def _sync_spans_in(profile: DriveProfile, space: str) -> tuple[Span, ...]:
     if profile.status is not None and profile.status.space == space:
         wanted.add(profile.status.register)
     readable = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == space}
-    known = readable | wanted
+    blocks = profile.modbus.blocks if profile.modbus is not None and space == "holding" else ()
+    known = (readable | wanted) - {register for first, count in blocks for register in range(first, first + count)}
     pairs: list[Span] = []
     for index in sorted(known):
         touches = index + 1 in known and (index in wanted or index + 1 in wanted)

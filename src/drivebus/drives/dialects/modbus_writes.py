@@ -81,8 +81,7 @@ class ModbusWrites:
         space, index = parameter.locator
         if space == "coil":
             return self._coil(index, bool(raw))
-        bit = self.profile.write_support.eeprom_address_bit if save else None
-        return self.registers(index | (bit or 0), raw, parameter.scale.words)
+        return self.registers(self.profile.write_support.address(index, save), raw, parameter.scale.words)
 
     def _coil(self, index: int, value: bool) -> WriteBit | WriteBits:
         """Return the write of one coil: function 05, or 0FH on a model that lacks 05."""
@@ -152,12 +151,13 @@ def coil_bits(word: int, count: int) -> tuple[bool, ...]:
 
 
 def _writable_parameters(profile: DriveProfile) -> dict[Locator, Parameter]:
-    """Return the writable parameters by locator; one that can be read also by its EEPROM address."""
-    bit = profile.write_support.eeprom_address_bit or 0
+    """Return the writable parameters by locator; one that can be read also by its EEPROM or RAM address."""
+    support = profile.write_support
     found: dict[Locator, Parameter] = {}
     for parameter in profile.parameters.values():
         space, index = parameter.locator
         if parameter.writable:
-            for register in (index, index | bit) if parameter.readable and space == "holding" else (index,):
+            has_twin = parameter.readable and space == "holding"
+            for register in (index, *((support.address(index, save) for save in (True, False)) if has_twin else ())):
                 found.setdefault((space, register), parameter)
     return found
