@@ -34,6 +34,7 @@ CAMPAIGN_NAMES = (
     "audit",
     "unauthorized",
     "statements",
+    "story",
 )
 
 

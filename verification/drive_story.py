@@ -23,6 +23,13 @@ from drivebus.simulator.station import SimulatedStation
 
 LINES = ("clean", "bytes", "loss=0.03", "late=0.02:0.3")
 """Line qualities: whole frames, byte by byte, lossy, late."""
+OPTIONS: dict[str, dict[str, Any]] = {
+    "dzb100": {"query_coding": "hex-0.1", "setpoint_coding": "hex-0.1"},
+    "df800": {"direction_calibrated": True},
+}
+"""Options that a calibration settles, as the simulated drives have them."""
+HIDES_FAULTS = frozenset({"huanyang_hy", "df800"})
+"""Models that report no fault: a tripped drive reads as stopped, or no state is read at all."""
 TRIES = 20
 RAMP_S = 2.0
 SETTLE_S = 3.0
@@ -51,7 +58,8 @@ async def play(profile: DriveProfile, station: SimulatedStation, line: str, seed
     share = profile.setpoint_share
     stated = share is not None and share.maximum is None
     async with Bus(port) as bus:
-        drive = Drive(bus, profile, station.address, options={"maximum_frequency": 50} if stated else None)
+        options = OPTIONS.get(profile.model, {}) | ({"maximum_frequency": 50} if stated else {})
+        drive = Drive(bus, profile, station.address, options=options)
         return await _Story(drive, station).steps()
 
 
@@ -63,20 +71,21 @@ class _Story:
         self.known_state = "status" in self.able
         self.acknowledged = frozenset({OutcomeStatus.CONFIRMED, OutcomeStatus.ACKNOWLEDGED})
         self.wanted = frozenset({OutcomeStatus.CONFIRMED}) if self.known_state else self.acknowledged
+        self.slow_hz = min(10.0, drive.profile.limits.maximum_hz / 2)  # some are capped until their unit is confirmed
         self.done: list[str] = []
 
     async def steps(self) -> list[str]:
         await self._status(DriveState.STOPPED)
         self.done.append("status")
-        await self._run(10.0, Direction.FORWARD)
+        await self._run(self.slow_hz, Direction.FORWARD)
         if "set_frequency" in self.able:
-            await self._until_succeeded(lambda: self.drive.set_frequency(20.0), self.acknowledged)
+            await self._until_succeeded(lambda: self.drive.set_frequency(2 * self.slow_hz), self.acknowledged)
             await self._settle()
-            self._expect_hz(20.0, "set_frequency")
+            self._expect_hz(2 * self.slow_hz, "set_frequency")
         await self._read()
         await self._stop()
         if "reverse" in self.able:
-            await self._run(10.0, Direction.REVERSE)
+            await self._run(self.slow_hz, Direction.REVERSE)
             await self._stop()
         await self._fault()
         await self._lose_line()
@@ -84,7 +93,7 @@ class _Story:
 
     async def _run(self, hertz: float, direction: Direction) -> None:
         reverse = direction is Direction.REVERSE
-        await self._until_succeeded(lambda: self.drive.run(hertz, direction if reverse else None))
+        await self._until_succeeded(lambda: self.drive.run(hertz, direction if "reverse" in self.able else None))
         await self._settle()
         self._expect_hz(-hertz if reverse else hertz, f"run {direction.value}")
 
@@ -107,7 +116,7 @@ class _Story:
             self.done.append(f"read {name}")
 
     async def _fault(self) -> None:
-        if not self.known_state:
+        if not self.known_state or self.drive.profile.model in HIDES_FAULTS:
             return
         self.station.trip(Trip.OVERLOAD)
         await asyncio.sleep(1)
@@ -127,7 +136,7 @@ class _Story:
 
     async def _lose_line(self) -> None:
         """No reply while the motor runs: no stop is reported as confirmed, and the next one after it is."""
-        await self._run(10.0, Direction.FORWARD)
+        await self._run(self.slow_hz, Direction.FORWARD)
         self.station.faults.silent = True
         try:
             outcome = await self.drive.stop()

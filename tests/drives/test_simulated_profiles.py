@@ -16,7 +16,7 @@ from drivebus.bus import Bus
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.outcome import OutcomeStatus
-from drivebus.drives.state import Direction, DriveState
+from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, LimitError, PreflightError, TargetNotReached
 from drivebus.ports import open_port
 from drivebus.profiles.model import DriveProfile
@@ -89,43 +89,6 @@ def test_a_model_that_reports_no_state_runs_and_stops_without_a_guess(model: str
             stopped = await drive.stop()
             await settle(drive)
             assert stopped.status is not OutcomeStatus.FAILED and not station.motor.energised
-
-    story(tell)
-
-
-@pytest.mark.parametrize("model", sorted(set(MODELS) - set(STATELESS)))
-def test_a_model_runs_both_ways_changes_speed_trips_resets_and_stops(model: str) -> None:
-    async def tell() -> None:
-        async with simulated_drive(model) as (drive, station):
-            able = drive.profile.capabilities
-            assert (await drive.status()).state is DriveState.STOPPED
-            slow_hz = min(
-                10.0, drive.profile.limits.maximum_hz / 2
-            )  # some drafts are capped until their unit is confirmed
-            started = await drive.run(slow_hz)
-            assert started.status is OutcomeStatus.CONFIRMED, started
-            await settle(drive)
-            assert station.motor.output_hz == pytest.approx(slow_hz, abs=0.1)
-            if "set_frequency" in able:
-                assert (await drive.set_frequency(2 * slow_hz)).succeeded
-                await settle(drive)
-                assert station.motor.output_hz == pytest.approx(2 * slow_hz, abs=0.1)
-            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
-            await settle(drive)
-            assert not station.motor.energised
-            if "reverse" in able:
-                assert (await drive.run(slow_hz, Direction.REVERSE)).status is OutcomeStatus.CONFIRMED
-                await settle(drive)
-                assert station.motor.output_hz == pytest.approx(-slow_hz, abs=0.1)
-            station.trip(Trip.OVERLOAD)
-            await asyncio.sleep(1)
-            status = await drive.status()
-            assert status.state is DriveState.FAULT and status.fault is not None
-            if drive.profile.status is not None and drive.profile.status.fault_registers:
-                assert status.fault.code == station.trip_code(Trip.OVERLOAD)  # in the high byte of the E5-H too
-            if "reset_fault" in able:
-                assert (await drive.reset_fault()).succeeded
-                assert (await drive.status()).state is DriveState.STOPPED
 
     story(tell)
 
