@@ -164,8 +164,10 @@ TURNS = """async () => {
   const words = { en: 'over-voltage while decelerating, see the manual of the drive', zh: '减速过电压' };
   const fault = { code: 6, label: 'E6', text: words, cause: null, remedy: null };
   const tripped = { state: 'fault', fault, alarms: { critical: 1 } };
+  const old = (unit) => ({ value: 50, unit, quality: 'bad', reason: 'drives.no_answer', source_time_ms: 1 });
+  const signals = { output_frequency: old('Hz'), output_current: old('A') };
   const turns = [tripped, { ...tripped, start_inhibited: true }, { ...tripped, stop_pending: true },
-    { start_inhibited: true }, { state: 'emergency_stopped' }, { state: 'unknown' }, { presence: 'offline' }];
+    { start_inhibited: true }, { state: 'emergency_stopped' }, { state: 'unknown' }, { presence: 'offline', signals }];
   const found = [];
   for (const turn of turns) {
     const quiet = { state: 'stopped', presence: 'online', fault: null, alarms: {}, start_inhibited: false,

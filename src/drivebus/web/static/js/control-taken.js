@@ -7,7 +7,7 @@ import { isMine, session } from "./session.js";
 import { drive, idsOf, serviceNow } from "./store.js";
 
 /** Takeovers kept; the oldest are dropped first. */
-const MAX_TAKEOVERS = 20;
+const MAX_TAKEOVERS = 500;
 /** `{drive, owner, cause, time_ms}`, the newest last: `cause` is "taken" (by `owner`), "tab" or "ended"; the time is null
  * where the page had no connection meanwhile. */
 export const takeovers = signal([]);
@@ -30,7 +30,17 @@ function storeTakeovers(items) {
   savePreference("takeovers", { session: ownSession(), items: takeovers.value });
 }
 
-export const dismiss = (one) => storeTakeovers(takeovers.peek().filter((other) => other !== one));
+export const dismiss = (some) => storeTakeovers(takeovers.peek().filter((one) => !some.includes(one)));
+
+/** Lists of takeovers that one sentence can tell: by the same user, for the same cause. */
+export function groupTakeovers(items) {
+  const groups = new Map();
+  for (const one of items) {
+    const alike = JSON.stringify([one.owner, one.cause, one.time_ms === null]);
+    groups.set(alike, [...(groups.get(alike) ?? []), one]);
+  }
+  return [...groups.values()];
+}
 
 /** Note that this tab releases a drive (`isReleased`), or that the release failed. */
 export function announceRelease(id, isReleased) {

@@ -14,10 +14,11 @@ import { usePublishedHeight } from "./published-height.js";
 import { drive, topic } from "./store.js";
 import { acknowledgeAll, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
 import { ControlRequestNotices } from "./parts/control-request-notices.js";
+import { listed } from "./parts/selection.js";
 import { PriorityMark } from "./parts/state.js";
 import { Unlock } from "./parts/unlock.js";
 import { StopBar } from "./stopbar.js";
-import { dismiss, takeovers } from "./control-taken.js";
+import { dismiss, groupTakeovers, takeovers } from "./control-taken.js";
 
 /** Page → the right that it needs. */
 const NAV_PAGES = [
@@ -120,14 +121,15 @@ function takeoverKey({ owner, cause, time_ms }) {
   return time_ms === null ? "page.taken_unseen" : "page.taken";
 }
 
-/** Takeovers of a drive. The live region exists before its text, so that screen readers announce it. */
+/** Takeovers of drives, those of one kind by one user in one sentence with the time of the last. The live region exists before its text, so that screen readers announce it. */
 function Takeovers() {
-  return html`<div class="takeovers" role="status">${takeovers.value.map((one) => {
-    const view = drive(one.drive).value;
-    const params = { owner: one.owner, name: view ? titleOf(view) : one.drive, time: clock(one.time_ms) };
+  return html`<div class="takeovers" role="status">${groupTakeovers(takeovers.value).map((equal) => {
+    const [one] = equal;
+    const ids = [...new Set(equal.map((other) => other.drive))];
+    const params = { owner: one.owner, name: listed(ids), time: clock(equal.at(-1).time_ms) };
     return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
-      <a href=${href("drive", one.drive)}>${t(takeoverKey(one), params)}</a>
-      <${Button} onClick=${() => dismiss(one)} data-do="read">${t("page.taken_read")}<//></div>`;
+      <a href=${ids.length > 1 ? href("fleet") : href("drive", one.drive)}>${t(takeoverKey(one), params)}</a>
+      <${Button} onClick=${() => dismiss(equal)} data-do="read">${t("page.taken_read")}<//></div>`;
   })}</div>`;
 }
 
