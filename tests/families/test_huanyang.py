@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest
 from drivebus.commissioning.decode.describe import describe_frame
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.outcome import OutcomeStatus
@@ -27,14 +28,15 @@ from drivebus.errors import (
     ProtocolError,
 )
 from drivebus.families.huanyang import codec as hy
-from drivebus.families.huanyang.codec import HuanyangCodec, HuanyangReply, HuanyangRequest
+from drivebus.families.huanyang.codec import HuanyangReply, HuanyangRequest
 from drivebus.ports import open_port
 from drivebus.protocols.codec import Complete, Effect, Incomplete
+from drivebus.protocols.family import protocol_family
 from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
 from verification.reference.huanyang import HuanyangReference
 
-CODEC = HuanyangCodec()
+CODEC: Any = protocol_family("huanyang").codecs["rtu"]()  # loads the family's texts
 RECORDED = [
     ("04 01 03 01 00 00 6D DB", HuanyangRequest(4, 1, 1), "04 01 02 01 02 F5 AD", HuanyangReply(4, 1, 1, 2, 1)),
     ("04 01 03 05 00 00 2C 1A", HuanyangRequest(4, 1, 5), "04 01 03 05 17 70 22 0E", HuanyangReply(4, 1, 5, 6000)),
@@ -150,12 +152,47 @@ def test_a_reply_to_a_broadcast_is_rejected() -> None:
         CODEC.decode_reply(hy.control(0, hy.STOP), frame)
 
 
+@pytest.mark.parametrize("hz", [0.0, 12.5])
+def test_stray_bytes_after_replies_are_neither_a_second_drive_nor_a_foreign_master(hz: float) -> None:
+    """A status reply has the form of a request, so it was taken for another reply or for the request of a master."""
+
+    async def play() -> None:
+        async with simulated_drive("clean") as (drive, station):
+            await drive.preflight()
+            station.keypad_run(hz)
+            await asyncio.sleep(3)
+            wire: Any = drive.bus.port.simulated_bus.wire
+            transmit = wire.transmit_reply
+
+            def followed_by_noise(source: Any, data: bytes, now: float, at: float) -> Any:
+                return transmit(source, data + b"\xfd\x18" * (data[1] == hy.STATUS), now, at)
+
+            wire.transmit_reply = followed_by_noise
+            for _ in range(4):
+                answer = await drive.bus.transact(BusRequest(station=3, request=hy.read_status(3, 1)))
+                assert answer.error is not None
+                await asyncio.sleep(6)
+            wire.transmit_reply = transmit
+            health = drive.bus.health(3)
+            assert (health.duplicate_address, health.foreign_master) == (False, False)
+            assert health.damaged >= 4
+
+    run(play())
+
+
 def test_no_station_has_an_address_above_250() -> None:
     frame = CODEC.encode_request(hy.control(250, hy.STOP))
     beyond = HuanyangReference().reseal(b"\xfb" + frame[1:])
     assert CODEC.decode_request(frame) == Complete(hy.control(250, hy.STOP), 6)
     with pytest.raises(AddressError, match="251"):
         CODEC.decode_request(beyond)
+
+
+def test_no_sync_probe_reads_a_parameter_of_one_byte() -> None:
+    """The bus took its reply, which is shorter than the longest one, for a rejection and probed once more."""
+    dialect: Any = Drive(Bus(open_port("sim://huanyang_hy@3")), profiles.load("huanyang_hy"), 3).dialect
+    probes = {dialect._bus_sync_request(n).index for n in range(20)} | {dialect.sync_request().index for _ in range(20)}
+    assert len(probes) >= 8 and not probes & {1, 2, 23, 143, 163, 164, 165}
 
 
 def test_a_rejection_is_a_reply() -> None:
@@ -221,6 +258,22 @@ def test_a_tripped_drive_shows_0_hz_and_no_fault_and_nothing_claims_to_reset_it(
             assert (status.state, status.fault) == (DriveState.STOPPED, None)
             with pytest.raises(CapabilityError):
                 await drive.reset_fault()
+
+    run(play())
+
+
+@pytest.mark.parametrize(
+    ("language", "words"), [("en", "does not report whether the output is on"), ("zh", "不报告输出")]
+)
+def test_a_stop_is_confirmed_by_0_hz_and_nothing_more(language: str, words: str) -> None:
+    """The outcome was that the drive reports "stopped", also where it ran on at 0 Hz."""
+
+    async def play() -> None:
+        async with simulated_drive("clean") as (drive, _):
+            await drive.run(20.0)
+            outcome = await drive.stop()
+            assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed_by_frequency")
+            assert words in i18n.text(outcome.key, language)
 
     run(play())
 

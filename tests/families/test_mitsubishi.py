@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest
 from drivebus.commissioning.decode.describe import describe_frame
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.outcome import OutcomeStatus
@@ -71,6 +72,28 @@ def test_of_all_run_commands_only_00h_is_a_stop_and_only_the_explained_ones_get_
     assert [value for value, effect in effects.items() if effect is Effect.STOP] == [0x00]
     assert set(effects.values()) == {Effect.STOP, Effect.MOTION}
     assert [value for value, frame in frames.items() if dialect.is_allowed(frame)] == [0x00, 0x02, 0x04]
+
+
+@pytest.mark.parametrize("code", [fr.STATUS, fr.OUTPUT_FREQUENCY])
+@pytest.mark.parametrize("earlier_probes", [0, 1])
+def test_a_sync_probe_differs_in_length_from_an_unanswered_read(code: int, earlier_probes: int) -> None:
+    """A probe with as many digits as the missing reply proved nothing, and the drive was not read for 5 s."""
+
+    async def play() -> float:
+        port: Any = open_port("sim://fr_e500@3")
+        async with Bus(port) as bus:
+            drive, station = Drive(bus, profiles.load("fr_e500"), 3), port.simulated_bus.stations[0]
+            read = BusRequest(station=3, request=MitsubishiRequest(3, code))
+            await bus.transact(read)
+            bus.core.stations[3].sync_probe_count = earlier_probes
+            station.faults.mute = True
+            asyncio.get_running_loop().call_later(0.1, setattr, station.faults, "mute", False)
+            began = asyncio.get_running_loop().time()
+            assert (await bus.transact(read)).error is None
+            drive.close()
+            return asyncio.get_running_loop().time() - began
+
+    assert run(play()) < 2.0
 
 
 @given(REQUESTS)

@@ -762,6 +762,8 @@ class BusCore:
         found = decode_request_prefix(prepared.codec, data)
         if found is None or data[: found[1]] == prepared.data:
             return
+        if prepared.station.decode_reply_to(prepared.request, data) is not None:
+            return  # its own reply, with stray bytes or not trusted: one of Huanyang HY has the form of a request
         request, size = found
         if is_late_reply(prepared.station, request, data[:size]):
             frame = UnsolicitedFrame(TraceKind.LATE, prepared.station, request, size)

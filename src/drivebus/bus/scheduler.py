@@ -264,7 +264,7 @@ class Scheduler:
             if not station.state.is_suspect:
                 return prepared
             if now >= station.quarantined_until:
-                return self._sync_probe(station)
+                return self._sync_probe(station, now)
             self._wake_no_later_than(station.quarantined_until)
         return None
 
@@ -311,14 +311,13 @@ class Scheduler:
                 self._wake_no_later_than(at)
             elif best is None or _sync_due_since(station) < _sync_due_since(best):
                 best = station
-        return None if best is None else self._sync_probe(best)
+        return None if best is None else self._sync_probe(best, now)
 
-    def _sync_probe(self, station: Station) -> PreparedRequest:
+    def _sync_probe(self, station: Station, now: float) -> PreparedRequest:
         """Return the station's next sync probe; the same one until it was sent."""
         pending = self._pending_sync_probes.get(station)
         if pending is None:
-            request = station.config.sync_request(station.sync_probe_count)
-            station.sync_probe_count += 1
+            request = station.next_sync_request(now)
             bus_request = BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE)
             pending = PreparedRequest(bus_request, None, station, self._settings, is_sync_probe=True)
             self._pending_sync_probes[station] = pending

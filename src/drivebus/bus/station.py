@@ -308,6 +308,19 @@ class Station:
             cacheable=effect is Effect.NONE and reply_bytes > 0 and codec.address_of(request) == self.address,
         )
 
+    def next_sync_request(self, now: float) -> Any:
+        """Return the next sync probe: the one after it where only its reply differs in length from late replies due."""
+        request = self.config.sync_request(self.sync_probe_count)
+        self.sync_probe_count += 1
+        due = {self.codec.reply_size(entry.request) for entry in self.unanswered_requests if entry.until > now}
+        if self.codec.reply_size(request) not in due:
+            return request
+        other = self.config.sync_request(self.sync_probe_count)
+        if self.codec.reply_size(other) in due:
+            return request
+        self.sync_probe_count += 1
+        return other
+
     def decode_reply_to(self, request: Any, data: bytes) -> tuple[Any, int] | None:
         """Return the reply to ``request`` at the start of ``data`` and its size, None where there is none."""
         try:

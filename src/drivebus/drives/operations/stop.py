@@ -190,5 +190,7 @@ def _is_stop_confirmed(op: OperationContext) -> bool:
 def _stopped_outcome(op: OperationContext) -> Outcome:
     state = op.derived.state
     plain = state in (DriveState.STOPPED, DriveState.EMERGENCY_STOPPED)
+    if op.dialect.state_names == ("output_frequency",):  # it may be on at 0 Hz: no reply tells
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed_by_frequency")
     key = "drives.stop_confirmed" if plain else "drives.output_off"
     return op.outcome(OutcomeStatus.CONFIRMED, key, state=state)

@@ -47,6 +47,8 @@ from drivebus.protocols.codec import Codec, Effect
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Reading, missing_reading
 
+LONGEST_VALUE = 2
+"""Bytes of a parameter's value."""
 SET_FREQUENCY_ITEM, OUTPUT_FREQUENCY_ITEM = 0, 1
 ALLOWED_COMMANDS = frozenset({RUN_FORWARD, RUN_REVERSE, STOP})
 
@@ -64,7 +66,12 @@ class HuanyangDialect:
         self.profile, self.address, self.options = profile, address, options
         self.codec: Codec = HuanyangCodec()
         self._signals = signals_by_index(profile, "item")
-        self._probes = sorted(one.locator[1] for one in profile.parameters.values() if one.locator[0] == "parameter")
+        self._probes = sorted(
+            one.locator[1]
+            for one in profile.parameters.values()
+            if one.locator[0] == "parameter" and self._width(one, 0) == LONGEST_VALUE
+        )
+        """Parameters of two bytes: the bus takes a reply that is shorter than the longest one for a rejection."""
         self._sync_count = 0
         self._last_read: HuanyangRequest | None = None
         self.station_config = StationConfig(
