@@ -12,7 +12,7 @@ from typing import Any
 
 from drivebus.serial_settings import SerialSettings
 
-NOT_YET_COVERED_BY = frozenset({"clock", "commands", "failures", "fairness", "matrix", "replug", "soak", "stop"})
+NOT_YET_COVERED_BY = frozenset({"clock", "commands", "failures", "fairness", "replug", "soak", "stop"})
 """Campaigns that the first four models alone have: their cells, commands and parameters are written for those."""
 
 
@@ -62,11 +62,26 @@ class DriveVariant:
     """Whether the drive reports that it runs."""
     reports_faults: bool = True
     """Whether the drive reports a trip; else it looks like a stopped one."""
+    numbers_faults: bool = True
+    """Whether the report of a trip has the number of the fault."""
     broadcast: int | None = 0
     maximum_hz: float = 50.0
     """Highest frequency that may be sent unless the user of the drive raises the limit."""
     plain_reply: tuple[int, tuple[int, ...]]
     """Bytes of the reply to a read of one value, and the places where it repeats the request's address and function."""
+    start_has_setpoint: bool = False
+    """Whether the frame that starts the drive carries the setpoint; else the setpoint is written before it."""
+    setpoint_readable: bool = False
+    """Whether a read shows the setpoint that the drive holds."""
+    status_read_count: int = 1
+    """Number of different reads that show together whether the drive runs."""
+    stops_by_broadcast: bool = True
+    """Whether a stop of all drives begins with a broadcast."""
+    lateness_range_s: tuple[float, float] = (0.2, 0.5)
+    """Lateness after the deadline and within the longest lateness, in seconds."""
+    undetected_swaps: tuple[int, int] | None = None
+    """First and last place (exclusive) of the request's fields in a reply, where its check detects no swap of two
+    neighbours; None: it detects every swap."""
     has_checksum: bool = True
     """Whether replies have a checksum: without one, two stations that collide can make a valid digit."""
     addresses: range = range(1, 32)

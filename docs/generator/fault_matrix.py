@@ -11,7 +11,14 @@ from generator import terms
 from verification.fault_matrix.cell import COVERED, TABLE
 
 REPORT = Path("docs") / "reports" / "campaign-matrix.json"
-MODEL_NAMES = {"c320": "C320", "dzb100": "DZB100", "vc660": "VC660 RTU", "df800": "DF800 RTU / ASCII"}
+MODEL_NAMES = {
+    "c320": "C320",
+    "dzb100": "DZB100",
+    "vc660": "VC660 RTU",
+    "df800": "DF800 RTU / ASCII",
+    "huanyang_hy": "Huanyang HY",
+    "fr_e500": "Mitsubishi FR",
+}
 PASSED, PARTLY, FAILED, NOT_PRESENT = "✔", "◐", "✘", "?"
 FAULT = Text("fault", "故障")
 SUMMARY = Text(

@@ -33,6 +33,8 @@ from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.stop_supervisor import StopSupervisor
+from drivebus.families.huanyang.dialect import HuanyangDialect
+from drivebus.families.mitsubishi.dialect import MitsubishiDialect
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import StationTiming
 from verification.campaign import CampaignRun, run_campaign
@@ -50,9 +52,10 @@ def run_cell_once(name: str) -> CampaignRun:
 
 
 def test_every_cell_has_a_check_and_texts_in_both_languages() -> None:
-    """27 faults, four protocols, C320 and DF800 in both encodings; the C320 has no scale row."""
+    """27 faults, six protocols, C320 and DF800 in both encodings. The C320 has no scale row; the computer link has no
+    broadcast, no EEPROM and no scale row."""
     assert len(TABLE) == 27
-    assert len(CELLS_BY_NAME) == 27 * len(COVERED) - 2
+    assert len(CELLS_BY_NAME) == 27 * len(COVERED) - 5
     for row in TABLE.values():
         texts = [row["fault"], row["shown"], *row["cells"].values(), row.get("missing", row["shown"])]
         assert all(text["en"] and text["zh"] for text in texts)
@@ -243,6 +246,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
         replace_attribute(Transaction, "on_data", deaf_to_marks(Transaction.on_data)),
     ),
     ("bit_flip/dzb100", "one read decides", replace_attribute(ReadingPairs, "raw_pair", newest_alone)),
+    ("digit_swap/fr-e500", "one read decides", replace_attribute(ReadingPairs, "raw_pair", newest_alone)),
     ("digit_swap/c320-hex", "one read decides", replace_attribute(ReadingPairs, "raw_pair", newest_alone)),
     (
         "echo/df800-rtu",
@@ -274,9 +278,15 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     ("eeprom_burst/df800-rtu", "no budget", replace_attribute(EepromBudget, "consume", free_of_charge)),
     ("toggle/vc660", "pulses stay", replace_attribute(CommandBits, "_pulse_and_levels", one_word)),
     ("toggle/df800-rtu", "no allow-list", replace_attribute(ModbusDialect, "is_allowed", says_yes)),
+    ("toggle/huanyang-hy", "no allow-list", replace_attribute(HuanyangDialect, "is_allowed", says_yes)),
+    ("toggle/fr-e500", "no allow-list", replace_attribute(MitsubishiDialect, "is_allowed", says_yes)),
     ("toggle/dzb100", "a lease without end", replace_attribute(JogSession, "_arm", lasting(JogSession._arm))),
     ("scale/dzb100", "no cap", replace_attribute(dzb100, "is_within_cap", says_yes)),
     ("scale/vc660", "any read-back", replace_attribute(ModbusDialect, "setpoint_matches", says_yes)),
+    ("scale/huanyang-hy", "any read-back", replace_attribute(HuanyangDialect, "setpoint_matches", says_yes)),
+    ("error_answer/fr-e500", "no refusal", replace_attribute(MitsubishiDialect, "rejection", nothing)),
+    ("trailing/huanyang-hy", "a reply is a foreign request", replace_attribute(Station, "decode_reply_to", nothing)),
+    ("late_same_item/fr-e500", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
     ("scale/df800-rtu", "no pre-flight", replace_attribute(Preflight, "passed", True)),
 ]
 

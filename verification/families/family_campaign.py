@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from verification.codec_fuzz.fuzzed_codec import FuzzedCodec
 from verification.drive_variants import DriveVariant
+from verification.fault_matrix.matrix_family import MatrixFamily
 from verification.statements.reaction import FakeStation
 
 
@@ -64,5 +65,6 @@ class FamilyCampaign:
     """Model to the parameter that is read and written; none where the model has none."""
     saved_parameters: Mapping[str, str] = field(default_factory=dict)
     """Model to a parameter that can be saved; none where the model has none."""
+    matrix: MatrixFamily
     lacks: frozenset[str] = frozenset()
     """Methods of a drive that this family's drives do not have."""

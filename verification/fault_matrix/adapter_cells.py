@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from drivebus.errors import DrivebusError
+from verification.families.campaigns import campaign_of
 from verification.fault_matrix.cell import CellRun, cell, check_void
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
 from verification.reference.effects import RequestEffect
@@ -36,7 +37,7 @@ def transmitter_disabled_too_early(run: CellRun) -> None:
     )
     own = run.scenario(1, 2)
     check_void(own, lambda transmit, data, when: transmit(data, when).dropped.add(len(data) - 1), "NoReply")
-    if run.kind.model == "dzb100":
+    if not run.kind.has_checksum:
         _check_missing_last_byte(run)
 
 
@@ -87,6 +88,8 @@ def adapter_unplugged(run: CellRun) -> None:
         _unplug_during(run, scenario, what)
         user_command, mark = scenario.command(1, "run", run.random_hz()), len(scenario.requests)
         scenario.run(1.0)
+        while scenario.simulated_bus.wire.plugged and not user_command.is_ended:
+            scenario.run(0.1)
         scenario.expect(not scenario.simulated_bus.wire.plugged, "nothing was pulled")
         _check_port_lost(scenario)
         scenario.replug()
@@ -104,7 +107,7 @@ def adapter_unplugged(run: CellRun) -> None:
             f"ended as {user_command.result_word}, {user_command.error!r}",
         )
         scenario.expect(
-            not scenario.requests_since(mark, RequestEffect.SETTING) or run.kind.model in ("vc660", "df800"),
+            not scenario.requests_since(mark, RequestEffect.SETTING) or not run.kind.start_has_setpoint,
             "a setpoint was sent",
         )
         scenario.expect(scenario.bus.is_open and not scenario.bus.health(2).suspect, "polling does not go on")
@@ -167,8 +170,9 @@ def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bo
     """
     scenario = run.scenario(1, echo=setting, line_quality=line_quality)
     scenario.bus.core.has_line_timing, scenario.oracle.frame_rules.misled_drives = paced, not paced
-    notation = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}[run.kind.model]
-    saves = run.kind.model in ("dzb100", "df800")  # T21: else a RAM write, whose echo has a reply's length in C320
+    family = campaign_of(run.kind.model)
+    notation = family.saved_parameters.get(run.kind.model, "")
+    saves = notation not in family.matrix.ram_parameters  # T21: a RAM write has an echo of a reply's length in C320
     commands: dict[str, tuple[Any, ...]] = {
         "write": ({notation: 7.0}, saves),
         "set_frequency": (run.random_hz(),),
@@ -176,6 +180,7 @@ def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bo
         "run": (run.random_hz(),),
         "stop": (),
     }
+    commands = {what: arguments for what, arguments in commands.items() if what not in family.lacks}
     for address, (what, arguments) in enumerate(
         commands.items(), ABSENT_ADDRESS
     ):  # a new address each time: after one failure nothing of a station is accepted
@@ -217,7 +222,7 @@ def _check_unconfigured_echo(run: CellRun) -> None:
         scenario.run(1.5)
     command = scenario.command_to_end(1, "set_frequency", hz)
     station = scenario.station(1)
-    held = station.bus_hz if run.kind.model == "df800" else station.setpoint_hz
+    held = getattr(station, "bus_hz", station.setpoint_hz)
     scenario.expect(
         command.result_word not in COMPLETED_WORDS or abs(held - hz) < 0.006,
         f"set_frequency {command.result_word}, the drive holds {held}",

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
 from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives import StopReport, stop_bus
 from drivebus.errors import NotPermitted
-from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.station import SimulatedStation
 from drivebus.testing.virtual_time import running
+from verification.families.campaigns import campaign_of
 from verification.fault_matrix.cell import CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
 from verification.reference.effects import RequestEffect
@@ -22,8 +19,6 @@ from verification.reference.request_effects import status_read_key
 FOREIGN_QUIET_S = 61.0
 FOREIGN_PAUSE_S = (0.9, 1.5)
 """Pause between two foreign frames, in seconds: the sync probe after the first one has ended by then."""
-LONGEST_FRAME = {"c320-ascii": 18, "c320-hex": 18, "dzb100": 11, "vc660": 11, "df800-rtu": 9, "df800-ascii": 19}
-"""Characters of the longest reply here: a second reply that starts after it is received completely."""
 
 
 @cell("duplicate_address")
@@ -35,7 +30,7 @@ def duplicate_address(run: CellRun) -> None:
         second.set_ramps(2.0, 2.0)
         if apart:  # right behind the first one's answer, as a drive of another make or firmware
             second.faults.added_delay_s = scenario.simulated_bus.settings.seconds(
-                LONGEST_FRAME[run.kind.name] + run.rng.uniform(0.5, 1.5)
+                run.kind.frames.reply + run.rng.uniform(0.5, 1.5)
             )
         with running(scenario.loop):
             scenario.simulated_bus.add(second)
@@ -114,29 +109,12 @@ def foreign_master(run: CellRun) -> None:
 # --- broadcasts -------------------------------------------------------------------------------------------------------
 
 
-def forbidden_broadcasts(kind: Any) -> Iterator[Any]:
-    """Yield starts, jogs, setpoints, resets and parameter writes to the family's broadcast address."""
-    if kind.model == "c320":
-        for operation in ("RUN_FORWARD", "RUN_REVERSE_AT", "JOG_FORWARD", "SET_FREQUENCY", "RESET_FAULT"):
-            yield sunfar.SunfarControl(31, sunfar.SunfarOperation[operation], 0)
-        yield sunfar.SunfarWriteParameter(31, 1, 10, 0, False)
-    elif kind.model == "dzb100":
-        for command in ("FORWARD", "REVERSE", "JOG_FORWARD", "RESET"):
-            yield dzb100.Dzb100Control(0, dzb100.Dzb100Command[command], 0, broadcast=True)
-    else:
-        words = ((0x2000, 0x01), (0x2000, 0x02), (0x2000, 0x10), (0x2000, 0x200), (0x2001, 500), (2, 500))
-        stop = 0x02 if kind.model == "vc660" else 0x01
-        for register, value in words:
-            if (register, value) != (0x2000, stop):
-                yield modbus.WriteRegister(0, register, value)
-
-
 @cell("broadcast_other")
 def only_stops_are_broadcast(run: CellRun) -> None:
     """Check that no broadcast other than a stop is sent, in any priority and through any station."""
     scenario = run.scenario(1, 2)
     mark = len(scenario.requests)
-    for wanted in forbidden_broadcasts(run.kind):
+    for wanted in campaign_of(run.kind.model).matrix.forbidden_broadcasts(run.kind):
         for station in (1, run.kind.broadcast or 0):
             answer = scenario.loop.run_until_complete(
                 scenario.bus.transact(
@@ -162,7 +140,7 @@ def broadcast_stop(run: CellRun) -> None:
     scenario.run(4.0)
     sent = scenario.requests_since(mark)
     broadcasts = [one for one in sent if one.address == run.kind.broadcast]
-    if run.kind.model == "df800":
+    if not run.kind.stops_by_broadcast:
         scenario.expect(not broadcasts, "an undocumented broadcast")
     else:
         _check_all_stopped(scenario, broadcasts, sent)

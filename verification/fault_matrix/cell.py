@@ -141,6 +141,7 @@ def check_quarantine(scenario: MatrixScenario, mark: int) -> None:
 
 def check_persistent_failure(scenario: MatrixScenario, act: ReplyAction | str, address: int = 1) -> None:
     """Check that values stay good after one invalid reply, and are bad with an unknown state where the fault lasts."""
+    scenario.run(scenario.kind.identical_probe_quarantine_s)  # until the replies lost before can no longer be due
     monitor = scenario.monitored(address)
     scenario.expect(not scenario.has_bad_quality(address), "bad before anything happened")
     scenario.manipulate_replies(address, act, 1)

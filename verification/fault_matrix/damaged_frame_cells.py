@@ -6,21 +6,16 @@ from dataclasses import replace
 from typing import Any
 
 from drivebus.bus import TraceKind as Became
-from drivebus.protocols import modbus, sunfar
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality
-from verification.families.dzb100.facts import DZB100
-from verification.families.modbus.facts import DF800, DF800_ASCII, VC660
-from verification.families.sunfar.facts import C320, C320_HEX
-from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_void
+from verification.families.campaigns import campaign_of
+from verification.fault_matrix.cell import COVERED, CellRun, cell, check_persistent_failure, check_void
 from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction, WireSend
 
 # --- swapped digits ---------------------------------------------------------------------------------------------------
 
 DIGITS_OBSERVATION_S = 6.0
 """Longer than any reply can be late, in seconds: garbage differs from a late reply only where none can arrive."""
-ECHOED_FIELDS = {"c320": (1, 10), "dzb100": (3, 7)}
-"""Places where a reply repeats the request: C320 address … item, DZB100 address and item."""
 
 
 def swap_neighbours(data: bytes, index: int) -> bytes:
@@ -37,7 +32,7 @@ def swapped_digits(run: CellRun, first: int, last: int) -> Any:
     return act
 
 
-@cell("digit_swap", VC660, DF800, DF800_ASCII)
+@cell("digit_swap", *(kind for kind in COVERED if kind.undetected_swaps is None))
 def swapped_digits_meet_a_check(run: CellRun) -> None:
     """Check that CRC and LRC detect every swap of neighbours."""
     scenario = run.scenario()
@@ -53,11 +48,12 @@ def swapped_digits_meet_a_check(run: CellRun) -> None:
         scenario.expect(scenario.failure_count(1) == failed + 1, f"not counted: {scenario.statistics(1).errors}")
 
 
-@cell("digit_swap", C320, C320_HEX, DZB100)
+@cell("digit_swap", *(kind for kind in COVERED if kind.undetected_swaps is not None))
 def swapped_digits_pass_the_check(run: CellRun) -> None:
     """Check swaps that the sum does not detect: invalid in repeated fields, uncertain in values out of range."""
     scenario = run.scenario(12, 13)
-    first, last = ECHOED_FIELDS[run.kind.model]
+    assert run.kind.undetected_swaps is not None
+    first, last = run.kind.undetected_swaps
     for _ in range(3):
         scenario.run(DIGITS_OBSERVATION_S)
         attempts = _check_one_swap(run, scenario, first, last)
@@ -101,23 +97,9 @@ def falsified_replies(run: CellRun, stands: bool) -> Any:
     """Return an action that falsifies the state in a reply, with a correct check."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
-        return transmit(falsify_state(run, data, stands), when)
+        return transmit(campaign_of(run.kind.model).matrix.falsify_state(run.kind, data, stands), when)
 
     return act
-
-
-def falsify_state(run: CellRun, data: bytes, stands: bool) -> bytes:
-    """Return the reply with another state: DZB100 in Q01; C320 in the state field, with a correct sum."""
-    if run.kind.model == "dzb100":
-        return data[:7] + (b"0000" if stands else b"0064") + data[11:] if data[5:7] == b"01" else data
-    if len(data) != 18:
-        return data
-    hexed = run.kind.encoding == "hex"
-    state = bytes((0, 3) if stands else (0, 1)) if hexed else b"03" if stands else b"01"
-    body = data[1:4] + state + data[6:13]
-    total = sum(body) & 0xFFFF
-    check = total.to_bytes(4) if hexed else b"%04X" % total
-    return data[:1] + body + check + data[17:]
 
 
 def _check_out_of_range_value(run: CellRun) -> None:
@@ -156,21 +138,18 @@ def truncated_answer(run: CellRun) -> None:
         voided.time - request.end >= patience_s, f"void {voided.time - request.end:.4f} s after the request"
     )
     check_persistent_failure(scenario, lambda transmit, data, when: transmit(data[:-cut], when))
-    if run.kind.model != "dzb100":
-        _check_short_form(run)
+    _check_short_form(run)
 
 
 def _check_short_form(run: CellRun) -> None:
-    """Check that a short error reply is complete: C320 codes 6-8 in 11 bytes, Modbus errors in 5 bytes or 11
-    characters."""
-    scenario = run.scenario()
+    """Check that an error reply that is shorter than the normal one is complete."""
+    short = campaign_of(run.kind.model).matrix.short_error(run.kind, run.rng)
+    if short is None:
+        return
+    scenario, (reply, size) = run.scenario(), short
     codec = scenario.drives[1].dialect.codec
-    if run.kind.model == "c320":
-        reply: Any = sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse(run.rng.choice((6, 7, 8))))
-    else:
-        reply = modbus.ExceptionReply(1, 3, run.rng.choice((1, 2, 3, 4)) if run.kind.model == "vc660" else None)
     data = codec.encode_reply(reply)
-    scenario.expect(len(data) == (5 if run.kind.encoding == "rtu" else 11), f"{len(data)} bytes")
+    scenario.expect(len(data) == size, f"{len(data)} bytes")
     scenario.manipulate_replies(1, lambda transmit, _, when: transmit(data, when), 1)
     failed = scenario.failure_count(1)
     answer = scenario.read(1)
@@ -256,9 +235,9 @@ def single_flipped_bit(run: CellRun) -> None:
     required."""
     scenario = run.scenario()
     for number in range(FLIPS_PER_CELL):
-        marked = run.kind.model in ("c320", "dzb100") and (number % 2 == 0 or run.kind.model == "dzb100")
+        marked = not run.kind.has_checksum or (run.kind.undetected_swaps is not None and number % 2 == 0)
         _check_flipped(scenario, corrupt_reply(run, marked))
-    if run.kind.model == "dzb100":
+    if not run.kind.has_checksum:
         single_reads_decide_nothing(run)
 
 

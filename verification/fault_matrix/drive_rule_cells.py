@@ -10,18 +10,20 @@ from drivebus.drives import Direction, Drive
 from drivebus.errors import DrivebusError
 from drivebus.protocols import modbus
 from drivebus.simulator.motor import Trip
+from verification.families.campaigns import campaign_of
 from verification.families.dzb100.facts import DZB100
+from verification.families.huanyang.facts import HUANYANG_HY
 from verification.families.modbus.facts import DF800, DF800_ASCII, VC660, modbus_write
 from verification.families.sunfar.facts import C320, C320_HEX, CONTROL, class_and_operation
-from verification.fault_matrix.cell import CellRun, cell
+from verification.fault_matrix.cell import COVERED, CellRun, cell
 from verification.fault_matrix.matrix_scenario import MatrixScenario
 from verification.reference.effects import RequestEffect
+from verification.reference.huanyang import FREQUENCY
 from verification.reference.request_effects import status_read_key
 from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
 """Saves of one parameter a day."""
-CELL_PARAMETERS = {"c320": "F1.10", "dzb100": "10", "vc660": "F00.02", "df800": "F1.07"}
 COMMAND_DONE_WORDS = ("confirmed", "acknowledged")
 
 
@@ -29,7 +31,8 @@ COMMAND_DONE_WORDS = ("confirmed", "acknowledged")
 def burst_of_saves(run: CellRun) -> None:
     """Check that twenty saves a day reach the EEPROM, across restarts, and that RAM writes do not count."""
     scenario = run.scenario(1)
-    notation, saves = CELL_PARAMETERS[run.kind.model], scenario.station(1).memory.eeprom_writes
+    family = campaign_of(run.kind.model)
+    notation, saves = family.saved_parameters[run.kind.model], scenario.station(1).memory.eeprom_writes
     words = [
         scenario.command_to_end(1, "write", {notation: 10.0 + n}, True).result_word
         for n in range(CELL_WRITES_PER_DAY // 2)
@@ -44,7 +47,7 @@ def burst_of_saves(run: CellRun) -> None:
     ]
     scenario.expect(words == ["confirmed"] * CELL_WRITES_PER_DAY + ["EepromBudgetExceeded"] * 5, f"{words}")
     scenario.expect(saves.total() == CELL_WRITES_PER_DAY, f"{saves.total()} writes wore the EEPROM")
-    if run.kind.model in ("c320", "vc660"):
+    if notation in family.matrix.ram_parameters:
         _check_ram_writes(scenario, notation)
     else:
         command = scenario.command_to_end(1, "write", {notation: 12.0})
@@ -179,6 +182,49 @@ def toggle_is_never_sent(run: CellRun) -> None:
         word[1] for one in scenario.requests if (word := modbus_write(scenario.kind, one.data)) and word[0] == 0x2000
     ]
     scenario.expect(len(words) > 6 and not any(word & 0x0C == 0x0C for word in words), f"{words}")
+
+
+@cell("toggle", *(kind for kind in COVERED if campaign_of(kind.model).matrix.undocumented_commands(kind)))
+def only_documented_commands(run: CellRun) -> None:
+    """Check that no run and no direct request sends a command that no document explains."""
+    scenario = run.scenario(1)
+    for direction in (None, Direction.FORWARD, Direction.REVERSE):
+        scenario.command_to_end(1, "run", run.random_hz(), *(() if direction is None else (direction,)))
+        scenario.command_to_end(1, "stop")
+        scenario.run(3.0)
+    starts = scenario.station(1).motor.starts
+    scenario.expect(starts == 3, f"{starts} starts for three runs")
+    dialect, mark = scenario.drives[1].dialect, len(scenario.requests)
+    for request in campaign_of(run.kind.model).matrix.undocumented_commands(run.kind):
+        frame = dialect.codec.encode_request(request)
+        scenario.expect(not dialect.is_allowed(frame), f"the permissives allow {frame.hex(' ')}")
+        answer = scenario.transact(1, request)
+        scenario.expect(answer.error is not None and not answer.sent, f"{frame.hex(' ')} was sent")
+    scenario.expect(not scenario.requests_since(mark), "something was sent")
+
+
+@cell("scale", HUANYANG_HY)
+def set_frequency_read_back(run: CellRun) -> None:
+    """Check that status item 0 must return the frequency before a start: a drive with another scale is not started."""
+    scenario, hz = run.scenario(1), run.random_hz()
+    command = scenario.command_to_end(1, "run", hz)
+    scenario.expect(command.result_word == "confirmed", f"{command.result_word}")
+    other = run.scenario(1)
+    station, factor = other.station(1), run.rng.choice((10, 0.1))
+    answer = station.handle_request
+
+    def scaled(message: Any, codec: Any) -> Any:
+        reply = answer(message, codec)
+        station.setpoint_hz *= factor if message.function == FREQUENCY else 1
+        return reply
+
+    station.handle_request = scaled
+    mark, command = len(other.requests), other.command_to_end(1, "run", hz)
+    other.expect(
+        command.result_word == "failed" and not other.requests_since(mark, RequestEffect.MOTION),
+        f"another scale: {command.result_word}",
+    )
+    other.expect(not station.motor.starts, "started")
 
 
 @cell("scale", DZB100)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 from drivebus import i18n
 from drivebus.bus import TraceKind as Became
-from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.simulator.motor import Trip
+from verification.drive_variants import DriveVariant
+from verification.families.campaigns import campaign_of
 from verification.families.sunfar.facts import class_and_operation
 from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_quarantine, check_void
 from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario, WireSend
 from verification.reference.effects import RequestEffect
-from verification.reference.request_effects import is_sync_probe, shows_standstill, status_read_key
+from verification.reference.request_effects import classify_request, is_sync_probe, shows_standstill, status_read_key
 
 # --- no reply ---------------------------------------------------------------------------------------------------------
 
@@ -39,7 +41,8 @@ def no_reply_to_read(run: CellRun) -> None:
 def no_reply_to_setpoint(run: CellRun) -> None:
     """Check a setpoint without a reply: it is sent again after a sync probe, except on the DZB100, whose frame is a run
     command."""
-    frame = RequestEffect.MOTION if run.kind.model == "dzb100" else RequestEffect.SETTING
+    whole = _setpoint_is_a_run_command(run.kind)
+    frame = RequestEffect.MOTION if whole else RequestEffect.SETTING
     for lost, ends in (("mute", "done"), ("deaf", "done"), ("always", "open")):
         scenario, first, second = run.scenario(1), run.random_hz(5, 12), run.random_hz(12, 20)
         scenario.start_at(1, first)
@@ -57,11 +60,16 @@ def no_reply_to_setpoint(run: CellRun) -> None:
         )
 
 
+def _setpoint_is_a_run_command(kind: DriveVariant) -> bool:
+    """Return whether a setpoint is sent as a run command (DZB100); the C320 has an operation for it."""
+    return kind.start_has_setpoint and kind.setpoint_readable
+
+
 def _check_setpoint(
     scenario: MatrixScenario, lost: str, ends: str, word: str, frames: list[MatrixRequest], mark: int
 ) -> None:
-    shows = scenario.kind.model in ("dzb100", "vc660")
-    if scenario.kind.model == "dzb100":  # the frame starts the drive: never sent again where it was running
+    shows = scenario.kind.setpoint_readable
+    if _setpoint_is_a_run_command(scenario.kind):  # the frame starts the drive: never sent again where it was running
         scenario.expect(len(frames) == 1, f"the run command was sent {len(frames)} times")
         scenario.expect(word == ("confirmed" if lost == "mute" else "failed"), f"{lost}: {word}")
         return
@@ -173,7 +181,7 @@ def standstill_confirmed_twice(scenario: MatrixScenario) -> None:
         )
         if question is not None and shown is not None:
             answers.setdefault(question, []).append(shown)
-    wanted = 2 if scenario.kind.model == "dzb100" else 1
+    wanted = scenario.kind.status_read_count
     scenario.expect(len(answers) == wanted, f"{len(answers)} kinds of questions")
     scenario.expect(
         all(len(one) >= 2 and all(one[-2:]) for one in answers.values()), f"taken for standstill: {answers}"
@@ -195,8 +203,6 @@ def _check_unanswered_stop(run: CellRun) -> None:
 
 # --- late replies and other addresses ---------------------------------------------------------------------------------
 
-REPLY_LATENESS_S = {"c320": (0.06, 0.15), "dzb100": (0.2, 0.5), "vc660": (0.08, 0.17), "df800": (0.2, 0.5)}
-"""Lateness after the deadline and within the model's longest lateness, in seconds."""
 UNUSED_ADDRESS = 9
 PROBE_INTERVAL_S = 8.0
 """Time until the next sync probe of a DF800 counts, in seconds: its sync probes are identical."""
@@ -206,7 +212,7 @@ PROBE_INTERVAL_S = 8.0
 def late_reply_to_the_same_request(run: CellRun) -> None:
     """Check that a late reply is counted and never accepted, not even for the same request."""
     scenario = run.scenario()
-    late_s = run.rng.uniform(*REPLY_LATENESS_S[run.kind.model])
+    late_s = run.rng.uniform(*run.kind.lateness_range_s)
     late = scenario.unsolicited_count("late")
     check_void(scenario, lambda transmit, data, when: transmit(data, when + late_s), "NoReply")
     scenario.expect(scenario.unsolicited_count("late") == late + 1, "a late reply was not counted")
@@ -301,61 +307,33 @@ def _check_misaddressed(scenario: MatrixScenario, wanted: Any) -> None:
 
 # --- error replies and drive faults -----------------------------------------------------------------------------------
 
-REJECTED_WRITES = {
-    "c320": ("F1.10", False),
-    "dzb100": ("10", True),
-    "vc660": ("F00.02", False),
-    "df800": ("F1.07", True),
-}
-ERROR_CODES = {"c320": (1, 2, 3, 4, 6, 7, 8), "dzb100": (7,), "vc660": (1, 2, 3, 4), "df800": (None,)}
-"""Error codes of the manuals: C320 2.4.5, DZB100 07H, VC660 section 5, DF800 none."""
-
-
-def error_reply(kind: Any, code: int | None, request: Any) -> Any:
-    """Return the model's error reply with this code."""
-    if kind.model == "c320":
-        return sunfar.SunfarReply(
-            address=1,
-            response=sunfar.SunfarResponse(code or 0),
-            state=sunfar.SunfarState.STOPPED,
-            group=request.group,
-            item=request.item,
-            data=0,
-        )
-    if kind.model == "dzb100":
-        return dzb100.Dzb100Reply(head="P", address=1, index=request.parameter, data=request.data, accepted=False)
-    return modbus.ExceptionReply(1, 6, code)
-
 
 @cell("error_answer")
 def error_answers(run: CellRun) -> None:
     """Check that each error code refuses the write once, with a text in both languages."""
     scenario = run.scenario(1)
-    notation, save = REJECTED_WRITES[run.kind.model]
-    codes = ERROR_CODES[run.kind.model]
-    for code in run.rng.sample(codes, len(codes)):
-        _check_rejected(scenario, notation, save, code)
+    replies = campaign_of(run.kind.model).matrix.error_replies(run.kind)
+    for code, reply in run.rng.sample(replies, len(replies)):
+        _check_rejected(scenario, code, reply)
 
 
-def _check_rejected(scenario: MatrixScenario, notation: str, save: bool, code: int | None) -> None:
-    station, kind = scenario.station(1), scenario.kind
+def _check_rejected(scenario: MatrixScenario, code: int | None, error_reply: Callable[[Any], Any]) -> None:
+    station, family = scenario.station(1), campaign_of(scenario.kind.model)
+    notation = family.saved_parameters.get(scenario.kind.model)
     answer = station.handle_request
 
     def refusing(message: Any, codec: Any) -> Any:
         request = getattr(message, "request", message)
-        wrote = isinstance(request, sunfar.SunfarWriteParameter | dzb100.Dzb100WriteParameter | modbus.WriteRegister)
-        if not wrote:
-            return answer(message, codec)
-        found = error_reply(kind, code, request)
-        return (
-            sunfar.SunfarReply(address=1, response=found.response)
-            if getattr(found, "response", 0) in (6, 7, 8)
-            else found
-        )
+        frame = scenario.drives[1].dialect.codec.encode_request(request)
+        effect = classify_request(scenario.kind.model, scenario.kind.encoding, frame)[1]
+        return error_reply(request) if effect is RequestEffect.SETTING else answer(message, codec)
 
     station.handle_request = refusing
     mark, failed = len(scenario.requests), scenario.failure_count(1)
-    command = scenario.command_to_end(1, "write", {notation: 12.0}, save)
+    if notation is None:
+        command = scenario.command_to_end(1, "set_frequency", 12.0)
+    else:
+        command = scenario.command_to_end(1, "write", {notation: 12.0}, notation not in family.matrix.ram_parameters)
     station.handle_request = answer
     scenario.expect(command.result_word == "refused", f"code {code}: {command.result_word}")
     scenario.expect(
@@ -396,6 +374,9 @@ def drive_in_fault(run: CellRun) -> None:
         scenario.expect(str(status.state) == "unknown" and status.fault is None, f"{status}")
         scenario.expect(status.reason == "drives.no_run_status", f"the reason is {status.reason}")
         return
+    if not run.kind.reports_faults:
+        scenario.expect(str(status.state) == "stopped" and status.fault is None, f"{status}")
+        return
     scenario.expect(str(status.state) == "fault", f"{status}")
     _check_fault_named(scenario, status.fault, station.trip_code(trip))
     mark, command = len(scenario.requests), scenario.command_to_end(1, "run", run.random_hz())
@@ -408,7 +389,8 @@ def drive_in_fault(run: CellRun) -> None:
 
 
 def _check_fault_named(scenario: MatrixScenario, fault: Any, code: int) -> None:
-    scenario.expect(fault is not None and fault.code == code, f"{fault} instead of {code}")
+    named = not scenario.kind.numbers_faults or (fault is not None and fault.code == code)
+    scenario.expect(fault is not None and named, f"{fault} instead of {code}")
     words = {getattr(fault.text, language) for language in ("en", "zh")}
     scenario.expect(len(words) == 2 and "" not in words, f"fault {code} has no words in both languages")
     if scenario.kind.model == "dzb100":

@@ -144,6 +144,8 @@ class Judge:
         if statement.status == "confirmed":
             if statement.key in ("drives.stop_confirmed", "drives.output_off") and physics.is_on:
                 yield f"the output is on, at {physics.hz} Hz"
+            if statement.key == "drives.stop_confirmed_by_frequency" and physics.hz:
+                yield f"the output is at {physics.hz} Hz"
             if statement.key in ("drives.start_confirmed", "drives.running_at") and not physics.was_on:
                 yield "the output was never on"
             if statement.key in ("drives.start_confirmed", "drives.running_at"):

@@ -14,6 +14,7 @@ from drivebus.protocols.dzb100 import Dzb100Codec
 from drivebus.protocols.dzb100.messages import FREQUENCY_CODINGS, FaultCoding
 from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
 from verification.drive_variants import DriveVariant
+from verification.families.dzb100.matrix import MATRIX
 from verification.families.dzb100.station import Dzb100Station
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WrittenParameter
 from verification.reference.dzb100 import Dzb100Reference
@@ -86,6 +87,7 @@ CAMPAIGN = FamilyCampaign(
         "dzb100-status-fault": "51 03 01 30 37 30 33 30 30 30 30",
         "dzb100-refused": "50 03 01 30 32 39 39 30 30 30 30",
     },
+    matrix=MATRIX,
     strength_cases=(
         StrengthCase("DZB100", "dzb100", "52 03 01 30 33 32 33 30 30 30 30", "52 03 06 30 33 32 33 30 30 36 34"),
     ),

@@ -17,6 +17,10 @@ DZB100 = DriveVariant(
     drive_options={"setpoint_coding": "hex-0.1", "query_coding": "hex-0.1", "parameter_coding": "hex-0.1"},
     min_timeout_characters=11,
     maximum_hz=400.0,
+    start_has_setpoint=True,
+    undetected_swaps=(3, 7),
+    setpoint_readable=True,
+    status_read_count=2,
     plain_reply=(11, (0, 3, 4)),
     has_checksum=False,
 )

@@ -10,6 +10,7 @@ from drivebus.protocols.codec import Codec
 from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, FuzzedCodec, LawfulExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WorkedFrame, WrittenParameter
+from verification.families.huanyang.matrix import MATRIX
 from verification.families.huanyang.station import HuanyangStation
 from verification.reference.huanyang import HuanyangReference
 
@@ -79,6 +80,7 @@ CAMPAIGN = FamilyCampaign(
             "huanyang-stop", "huanyang-rtu", "01 03 01 08 F1 8E", "", "gist.github.com/Bouni/803492ed0aab3f944066"
         ),
     ),
+    matrix=MATRIX,
     strength_cases=(
         StrengthCase(
             "Huanyang HY, 01, two bytes", "huanyang-rtu", "04 01 03 05 00 00 2C 1A", "04 01 03 05 17 70 22 0E"

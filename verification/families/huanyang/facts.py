@@ -16,6 +16,7 @@ HUANYANG_HY = DriveVariant(
     gap_floor_s=0.05,
     min_timeout_characters=6,
     reports_faults=False,
+    setpoint_readable=True,
     plain_reply=(8, (0, 1)),
     not_covered_by=NOT_YET_COVERED_BY,
 )

@@ -10,6 +10,7 @@ from drivebus.protocols.codec import Codec
 from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WorkedFrame
+from verification.families.mitsubishi.matrix import MATRIX
 from verification.families.mitsubishi.station import MitsubishiStation
 from verification.reference.mitsubishi import MitsubishiReference
 
@@ -61,6 +62,7 @@ CAMPAIGN = FamilyCampaign(
         WorkedFrame("mitsubishi-run-reverse", "mitsubishi-ascii", "05 30 31 46 41 31 30 34 37 44", "", PROGRAM),
         WorkedFrame("mitsubishi-25-hz", "mitsubishi-ascii", "05 30 31 45 44 31 30 39 43 34 46 42", "", PROGRAM),
     ),
+    matrix=MATRIX,
     strength_cases=(
         StrengthCase(
             "Mitsubishi, read of four digits",

@@ -16,7 +16,11 @@ FR_E500 = DriveVariant(
     gap_floor_s=0.01,
     min_timeout_characters=3,
     identical_probe_quarantine_s=5.0,
+    numbers_faults=False,
     broadcast=None,
+    stops_by_broadcast=False,
+    status_read_count=2,
+    undetected_swaps=(1, 3),
     plain_reply=(10, (1, 2)),
     not_covered_by=NOT_YET_COVERED_BY,
 )

@@ -12,6 +12,7 @@ from drivebus.protocols.modbus import ModbusAsciiCodec, ModbusRtuCodec
 from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, HEX_DIGITS, FuzzedCodec, LawfulExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WrittenParameter
+from verification.families.modbus.matrix import MATRIX
 from verification.families.modbus.station import ModbusStation
 from verification.reference.modbus import ModbusReference
 
@@ -136,6 +137,7 @@ CAMPAIGN = FamilyCampaign(
         "df800-read-error-rtu": "01 03 00 64 00 01 C5 D5",
         "df800-write-error-rtu": "01 06 20 00 00 01 43 CA",
     },
+    matrix=MATRIX,
     strength_cases=(
         StrengthCase("Modbus RTU, 03, one register", "modbus-rtu", "01 03 30 01 00 01 DA CA", "01 03 02 13 88 B5 12"),
         StrengthCase("Modbus RTU, 06", "modbus-rtu", "01 06 00 02 0B B8 2F 48", "01 06 00 02 0B B8 2F 48"),

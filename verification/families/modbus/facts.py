@@ -31,6 +31,8 @@ VC660 = DriveVariant(
     gap_floor_s=0.00175,
     min_timeout_s=0.004,
     max_reply_lateness_s=0.204,
+    setpoint_readable=True,
+    lateness_range_s=(0.08, 0.17),
     plain_reply=(7, (0, 1)),
 )
 """FC03 of four registers; F06.06 = 4 ms and 20 ms of work."""
@@ -44,6 +46,7 @@ DF800 = DriveVariant(
     gap_floor_s=0.00175,
     identical_probe_quarantine_s=5.0,
     reports_running=False,
+    stops_by_broadcast=False,
     maximum_hz=400.0,
     plain_reply=(7, (0, 1)),
 )

@@ -11,6 +11,7 @@ from drivebus.protocols.sunfar import SunfarCodec
 from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WrittenParameter
+from verification.families.sunfar.matrix import MATRIX
 from verification.families.sunfar.station import SunfarStation
 from verification.reference.sunfar import SunfarReference
 
@@ -101,6 +102,7 @@ CAMPAIGN = FamilyCampaign(
         "c320-short-bad-item-hex": "5A 00 05 01 00 00 00 00 00 00 00 00 06 0D",
         "c320-fault-12-ascii": "2A 30 33 31 30 30 30 30 30 30 31 38 34 0D",
     },
+    matrix=MATRIX,
     strength_cases=(
         StrengthCase(
             "C320 ASCII",

@@ -22,6 +22,9 @@ C320 = DriveVariant(
     max_reply_lateness_s=0.18,
     broadcast=31,
     addresses=range(31),
+    start_has_setpoint=True,
+    undetected_swaps=(1, 10),
+    lateness_range_s=(0.06, 0.15),
     plain_reply=(18, (0, 1, 2)),
 )
 """2.2.2: 14 characters, with an operation 15, with a value 18; 8 characters to reply."""
