@@ -77,6 +77,11 @@ class _Story:
     async def steps(self) -> list[str]:
         await self._status(DriveState.STOPPED)
         self.done.append("status")
+        identity = await self._until_answered(self.drive.identify)
+        if self.drive.profile.model not in identity.model.split(" / "):
+            raise StoryError(f"identified as {identity.model}")
+        self.done.append("identify")
+        await self._write()
         await self._run(self.slow_hz, Direction.FORWARD)
         if "set_frequency" in self.able:
             await self._until_succeeded(lambda: self.drive.set_frequency(2 * self.slow_hz), self.acknowledged)
@@ -114,6 +119,24 @@ class _Story:
             if abs(value - expected) > signal.scale.factor + PHYSICAL_TOLERANCE * abs(expected):
                 raise StoryError(f"{name} reads {value}, and the station has {expected:.2f}")
             self.done.append(f"read {name}")
+
+    async def _write(self) -> None:
+        """Write a parameter with the value that it holds, which no drive may find harmful."""
+        profile = self.drive.profile
+        roles = set(profile.roles.values())
+        free = [
+            one for one in profile.parameters.values() if one.writable and one.readable and one.notation not in roles
+        ]
+        if "write" not in self.able or not free:
+            return
+        name = free[0].notation
+        value = await self._until_read(name)
+        await self._until_succeeded(
+            lambda: self.drive.write({name: value}, save="write_ram" not in self.able), self.acknowledged
+        )
+        if await self._until_read(name) != value:
+            raise StoryError(f"{name} is not {value} after it was written")
+        self.done.append("write")
 
     async def _fault(self) -> None:
         if not self.known_state or self.drive.profile.model in HIDES_FAULTS:

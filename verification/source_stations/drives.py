@@ -418,7 +418,38 @@ GD10 = SourceDrive(
     faults=NUMBERED_TRIPS,
 )
 
-SOURCE_DRIVES = {
-    drive.model: drive for drive in (E300, E500, EDS300, EDS1300, DC1, POWERFLEX_4M, MS300, LS_M100, DZB200, GD10)
+# Yalang YL600 and YL620-A.
+
+YALANG_ACTIONS = {0x01: "stop", 0x12: "forward", 0x22: "reverse", 0x80: "reset"}
+"""FluidNC YL620.cpp, grblHAL yl620.c (bits 1-0, 5-4, 7-6) and bbctrl-firmware, yl600_regs; YL600 manual page 27."""
+YALANG_READINGS: Mapping[int, Callable[[SourceStation], float]] = {
+    0x2008: fault,  # YL600 manual page 27: error code; bbctrl-firmware reads it as the status
+    0x2009: lambda station: station.running,  # internal state, whose values no source gives
+    0x200A: set_hertz(0.1),  # grblHAL yl620.c: target frequency
+    0x200B: hertz(0.1),  # FluidNC and grblHAL; bbctrl-firmware
+    0x200C: amperes(0.1),  # grblHAL yl620.c, without a step
 }
+YL600 = SourceDrive(
+    model="yl600",
+    source="Yalang YL600 manual page 27 (manualshive.com/en/manual/ya-lang/yl600-1-5kw-220v/3074792); "
+    "bbctrl-firmware, yl600_regs, commit e41ae00",
+    commands={0x2000: YALANG_ACTIONS.get},
+    setpoint_register=0x2001,
+    setpoint_step_hz=0.1,  # page 27
+    readings=YALANG_READINGS,
+    faults=NUMBERED_TRIPS,
+)
+YL620 = SourceDrive(
+    model="yl620",
+    source="bdring/FluidNC, FluidNC/src/Spindles/VFD/YL620.cpp, commit e952f33; grblHAL/Plugins_spindle, vfd/yl620.c, "
+    "commit 9581591",
+    commands={0x2000: YALANG_ACTIONS.get},
+    setpoint_register=0x2001,
+    setpoint_step_hz=0.1,  # both: rpm * 10 / rpm per Hz
+    readings=YALANG_READINGS,
+    faults=NUMBERED_TRIPS,
+)
+
+ALL_DRIVES = (E300, E500, EDS300, EDS1300, DC1, POWERFLEX_4M, MS300, LS_M100, DZB200, GD10, YL600, YL620)
+SOURCE_DRIVES = {drive.model: drive for drive in ALL_DRIVES}
 """Every drive that was written from its source."""
