@@ -56,6 +56,8 @@ def _serial_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, s
 
 def _setpoint_step(profile: DriveProfile) -> str:
     share = profile.setpoint_share
+    if profile.setpoint_rpm is not None:
+        return f"{profile.setpoint_rpm:g} rpm"
     if share is None:
         return f"{profile.setpoint_scale.factor:g} Hz"
     return f"{share.full_scale} = {share.maximum or f'{share.maximum_hz:g} Hz'}"

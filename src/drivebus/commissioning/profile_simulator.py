@@ -120,6 +120,8 @@ class ProfileStation(SimulatedStation):
     def setpoint_scale(self) -> Scale:
         """Hz of a setpoint word, by the maximum frequency that its own parameter holds."""
         share = self.profile.setpoint_share
+        if self.profile.setpoint_rpm is not None:
+            return Scale(self.profile.setpoint_rpm * self.motor.rating.pole_pairs / 60)
         if share is None:
             return self.profile.setpoint_scale
         maximum_hz = share.maximum_hz or DEFAULT_MAXIMUM_HZ

@@ -363,7 +363,10 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
         setpoint_steps_hz={
-            c.profile.model: None if c.profile.setpoint_share else c.profile.setpoint_scale.factor for c in candidates
+            c.profile.model: None
+            if c.profile.setpoint_share or c.profile.setpoint_rpm
+            else c.profile.setpoint_scale.factor
+            for c in candidates
         },
         family=scan_pass.candidates[0].profile.family,
         encoding=scan_pass.candidates[0].encoding,

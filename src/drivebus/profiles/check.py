@@ -13,7 +13,7 @@ from drivebus.profiles.check_access import BIT_SPACES, block_registers, check_ac
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
-from drivebus.profiles.model import MAXIMUM_FREQUENCY, NotationRule
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn, ValueIn
 from drivebus.protocols.family import Locator, protocol_family
@@ -77,7 +77,7 @@ def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
     low, high = profile.limits.minimum_hz, profile.limits.maximum_hz
     if low >= high:
         yield issue("limits", ("limits", "minimum_hz"), low, related=(("limits", "maximum_hz"),), maximum=high)
-    if profile.setpoint.full_scale is not None:
+    if profile.setpoint.full_scale is not None or profile.setpoint.rpm is not None:
         return
     word = 9999 if profile.setpoint.coding == "bcd" else 0xFFFF
     if high > word * profile.setpoint.factor:
@@ -358,6 +358,10 @@ def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the maximum of a setpoint that is a share can be read or is stated."""
     setpoint = profile.setpoint
     path = ("setpoint", "full_scale")
+    if setpoint.rpm is not None and not protocol_family(profile.family).register_based:
+        yield issue("register", ("setpoint", "rpm"), setpoint.rpm, family=profile.family)
+    if setpoint.rpm is not None and POLE_PAIRS in profile.options:
+        yield issue("duplicate", ("options", POLE_PAIRS), POLE_PAIRS, other="[setpoint] rpm")
     if setpoint.full_scale is None:
         return
     if not protocol_family(profile.family).register_based:

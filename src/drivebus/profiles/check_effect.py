@@ -12,10 +12,12 @@ def check_effect(profile: ProfileIn) -> Iterator[Issue]:
     """Yield every setting that another one makes ineffective."""
     setpoint, commands, status = profile.setpoint, profile.commands, profile.status
     if setpoint.full_scale is not None:
-        yield from _ineffective("setpoint", setpoint, ("factor", "coding"), "full_scale")
+        yield from _ineffective("setpoint", setpoint, ("factor", "coding", "rpm"), "full_scale")
     else:
         share = ("maximum", "maximum_hz", "lowest_hz", "highest_hz")
         yield from _ineffective("setpoint", setpoint, share, "full_scale", beside=False)
+    if setpoint.rpm is not None and setpoint.full_scale is None:
+        yield from _ineffective("setpoint", setpoint, ("factor", "coding"), "rpm")
     if commands is not None and commands.values:
         yield from _ineffective("commands", commands, ("variants", "rewrite_levels_after_pulse"), "values")
     if status is not None and status.values:

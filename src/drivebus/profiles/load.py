@@ -296,6 +296,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         options=option_values(parsed),
         setpoint_scale=_build_setpoint_scale(parsed.setpoint),
         setpoint_share=_build_setpoint_share(parsed),
+        setpoint_rpm=parsed.setpoint.rpm,
         modbus=_build_modbus(parsed),
         commands=_build_commands(parsed.commands),
         status=_build_status(parsed.status),
@@ -320,6 +321,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
 def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
     """Return the value of every option."""
     shared = {m.MAXIMUM_FREQUENCY: 0} if parsed.setpoint.full_scale else {}
+    shared |= {m.POLE_PAIRS: 0} if parsed.setpoint.rpm else {}
     return shared | {name: option.value for name, option in parsed.options.items()}
 
 
@@ -536,27 +538,25 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
         )
         for name, question in parsed.open_questions.items()
     )
-    return (*options, *others, *_share_question(_build_setpoint_share(parsed)))
+    return (*options, *others, *_setpoint_questions(parsed))
 
 
-def _share_question(share: m.SetpointShare | None) -> tuple[m.OpenQuestion, ...]:
-    """Return the question for the maximum frequency, which every model with a share has."""
-    if share is None:
-        return ()
-    text, reason, procedure = (
-        bilingual_text(f"profiles.maximum_frequency_{part}") for part in ("text", "reason", "procedure")
-    )
-    return (
-        m.OpenQuestion(
-            name=m.MAXIMUM_FREQUENCY,
-            value=0,
-            choices=(0,),
-            text=text,
-            reason=reason,
-            procedure=procedure,
-            span=(ceil(share.lowest_hz), int(share.highest_hz)),
-        ),
-    )
+def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
+    """Return the question for what a setpoint that counts no Hz depends on."""
+    share, parts = _build_setpoint_share(parsed), ("text", "reason", "procedure")
+    questions: list[m.OpenQuestion] = []
+    if share is not None:
+        texts = [bilingual_text(f"profiles.maximum_frequency_{part}") for part in parts]
+        span = (ceil(share.lowest_hz), int(share.highest_hz))
+        questions.append(_setpoint_question(m.MAXIMUM_FREQUENCY, span, *texts))
+    if parsed.setpoint.rpm is not None:
+        texts = [bilingual_text(f"profiles.pole_pairs_{part}") for part in parts]
+        questions.append(_setpoint_question(m.POLE_PAIRS, (1, m.MAX_POLE_PAIRS), *texts))
+    return questions
+
+
+def _setpoint_question(name: str, span: tuple[int, int], text: Text, reason: Text, procedure: Text) -> m.OpenQuestion:
+    return m.OpenQuestion(name=name, value=0, choices=(0,), text=text, reason=reason, procedure=procedure, span=span)
 
 
 def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:

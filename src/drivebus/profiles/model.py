@@ -221,6 +221,9 @@ class StatusMap:
         return "fault" in self.bits or "fault" in self.values.values()
 
 
+POLE_PAIRS = "pole_pairs"
+"""Option of a model whose setpoint is a speed: the pole pairs of the motor, 0 for unknown."""
+MAX_POLE_PAIRS = 24
 MAXIMUM_FREQUENCY = "maximum_frequency"
 """Option of a model whose setpoint is a share: the confirmed maximum frequency in Hz, 0 for none."""
 
@@ -397,6 +400,8 @@ class DriveProfile:
     setpoint_scale: Scale = Scale(0.01, decimals=2)
     """Steps of Hz; where the setpoint is a share, those under the largest maximum frequency."""
     setpoint_share: SetpointShare | None = None
+    setpoint_rpm: float | None = None
+    """Revolutions per minute a step, where the setpoint is a speed; None where it counts Hz or a share."""
     modbus: ModbusFeatures | None = None
     commands: CommandMap | None = None
     status: StatusMap | None = None

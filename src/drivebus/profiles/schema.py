@@ -163,6 +163,8 @@ class SetpointIn(StrictTable):
 
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01
     """Hz a step."""
+    rpm: Annotated[float, Field(ge=0.01, le=1000)] | None = None
+    """Revolutions per minute a step, of a setpoint that is a speed: the option ``pole_pairs`` makes it Hz."""
     full_scale: Annotated[int, Field(ge=100, le=0xFFFF)] | None = None
     """Word that means the maximum frequency."""
     maximum: Sentence | None = None

@@ -148,7 +148,7 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
     contradicted = any(caveat.id == "write_only" for caveat in profile.caveats)  # DF800: an example reads 2000H
     if function in (3, 4) and is_write_only and not contradicted:
         notes.append(note("explain.write_only", register=register))
-    counts_hz = profile.setpoint_share is None
+    counts_hz = profile.setpoint_share is None and profile.setpoint_rpm is None
     if commands and function == 6 and register == commands.setpoint_register and counts_hz:
         hz, limit = profile.setpoint_scale.value(fields["value"]), profile.limits.maximum_hz
         if hz > limit and profile.evidence["limits"].kind == "manual":
@@ -228,6 +228,8 @@ def _setpoint_fields(profile: DriveProfile, word: int) -> FieldDict:
     share = profile.setpoint_share
     if share is not None:
         return FieldDict(percent_of_maximum=round(100 * word / share.full_scale, 2))
+    if profile.setpoint_rpm is not None:
+        return FieldDict(speed_rpm=round(word * profile.setpoint_rpm, 2))
     return FieldDict(frequency_hz=profile.setpoint_scale.value(word))
 
 

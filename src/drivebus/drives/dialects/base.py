@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale, share_word
+from drivebus.drives.dialects.setpoint_speed import check_pole_pairs
 from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
@@ -309,9 +310,10 @@ def frequency_word(profile: DriveProfile, frequency_hz: float, options: Mapping[
 
     Raises LimitError where none fits, or where the drive may count in another step by its ``options``.
     """
+    check_pole_pairs(profile, options, frequency_hz)
     try:
-        is_share = profile.setpoint_share is not None
-        word = share_word(profile, options, frequency_hz) if is_share else profile.setpoint_scale.raw(frequency_hz)
+        counts_hz = profile.setpoint_share is None and profile.setpoint_rpm is None
+        word = profile.setpoint_scale.raw(frequency_hz) if counts_hz else share_word(profile, options, frequency_hz)
     except ValueError as error:
         raise LimitError("drives.no_word", frequency_hz=frequency_hz, step_hz=profile.setpoint_scale.factor) from error
     check_setpoint_step(profile, options, frequency_hz, word)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from drivebus.drives.dialects.setpoint_speed import speed_scale
 from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
 from drivebus.errors import LimitError
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, DriveProfile, SetpointShare
@@ -25,6 +26,8 @@ def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:
     never means more than was asked for.
     """
     share = profile.setpoint_share
+    if profile.setpoint_rpm is not None:
+        return speed_scale(profile, options)
     if share is None:
         return profile.setpoint_scale
     maximum_hz = _known_maximum_hz(options) or (share.maximum_hz if share.maximum is None else None)
@@ -32,14 +35,14 @@ def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:
 
 
 def share_word(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float) -> int:
-    """Return the word of a share, rounded down: it never means more than was asked for.
+    """Return the word of a share or a speed, rounded down: it never means more than was asked for.
 
-    Raises ValueError for a frequency below 0 or beyond 16 bits.
+    Raises ValueError for a frequency below 0 or beyond its words.
     """
     scale = setpoint_scale(profile, options)
     word = int(frequency_hz / scale.factor + ROUNDING)
-    if frequency_hz < 0 or word > 0xFFFF:
-        raise ValueError(f"{frequency_hz} Hz does not fit a 16-bit word at a step of {scale.factor} Hz")
+    if frequency_hz < 0 or word >= 1 << 16 * profile.setpoint_scale.words:
+        raise ValueError(f"{frequency_hz} Hz does not fit its words at a step of {scale.factor} Hz")
     return word
 
 
