@@ -24,6 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     options.add_argument("campaigns", nargs="+", choices=[*CAMPAIGN_NAMES, "all"], metavar="CAMPAIGN")
     options.add_argument("--seed", type=int, default=1, help="seed of everything random")
     options.add_argument("--budget", type=int, help="trials, in the campaign's unit; default: those of the full run")
+    options.add_argument("--only", nargs="+", default=(), help="variants (late) and codecs (fuzz, flips) to run alone")
     options.add_argument("--slice", action="store_true", help="the short run of continuous integration")
     options.add_argument("--trace", type=Path, help="append every event to this file, one a line")
     options.add_argument("--report", type=Path, metavar="FOLDER", help="write the reports into this folder")
@@ -37,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
             campaign=name,
             seed=chosen.seed,
             budget=budget,
+            only=frozenset(chosen.only),
             progress=_progress(campaign, budget),
             commit=report.current_commit(),
         )

@@ -84,6 +84,8 @@ class CampaignRun:
     """Called with the number of finished trials."""
     listener: Callable[[str], None] | None = None
     """Called with every trace line."""
+    only: frozenset[str] = frozenset()
+    """Variants and codecs of ``late``, ``fuzz`` and ``flips`` by name; empty: all."""
     commit: str = ""
     """Commit at the start of the run; the checkout may change while a long campaign runs."""
     trials: int = 0
@@ -100,6 +102,10 @@ class CampaignRun:
     def remaining(self) -> int:
         """Number of trials left in the budget."""
         return max(0, self.budget - self.trials)
+
+    def covers(self, name: str) -> bool:
+        """Return whether the run includes this variant or codec."""
+        return not self.only or name in self.only
 
     def rng(self, *names: object) -> Random:
         """Return a random generator for one part of the campaign, independent of the other parts."""

@@ -11,7 +11,8 @@ from drivebus.families.huanyang.codec import frame_effect as huanyang_effect
 from drivebus.families.mitsubishi.codec import frame_effect as mitsubishi_effect
 from drivebus.protocols.codec import Effect
 from drivebus.protocols.family import protocol_families
-from verification.campaign import CAMPAIGN_NAMES
+from verification.campaign import CAMPAIGN_NAMES, CampaignRun
+from verification.campaigns import fuzz, late
 from verification.codec_fuzz.registry import FUZZED_CODECS
 from verification.drive_variants import NOT_YET_COVERED_BY
 from verification.families.campaigns import campaign_of, family_campaigns
@@ -52,6 +53,15 @@ def test_a_variant_leaves_out_only_campaigns_that_exist_and_none_of_the_five() -
     for variant in DRIVE_VARIANTS:
         assert variant.not_covered_by <= NOT_YET_COVERED_BY
         assert not variant.not_covered_by & {"flips", "fuzz", "late", "matrix", "statements"}
+
+
+def test_a_run_may_be_limited_to_one_family() -> None:
+    fuzzed = CampaignRun(campaign="fuzz", seed=1, budget=1000, only=frozenset({"huanyang-rtu"}))
+    fuzz.run(fuzzed)
+    assert set(fuzzed.figures) == {"huanyang-rtu"} and fuzzed.trials >= 1000
+    late_run = CampaignRun(campaign="late", seed=1, budget=20, only=frozenset({"fr-e500"}))
+    late.run(late_run)
+    assert set(late_run.figures) == {"order", "fr-e500"} and late_run.violations == []
 
 
 @pytest.mark.parametrize(

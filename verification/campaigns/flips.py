@@ -33,7 +33,7 @@ def run(campaign_run: CampaignRun) -> None:
 
 
 def _tasks(campaign_run: CampaignRun) -> Iterator[FlipTask]:
-    every, planned = list(bit_flips.recorded_cases()), 0
+    every, planned = [case for case in bit_flips.recorded_cases() if campaign_run.covers(case.codec)], 0
     for bits in FLIP_COUNTS:
         if bits == max(FLIP_COUNTS):
             campaign_run.rng("order").shuffle(every)

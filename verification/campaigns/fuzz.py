@@ -96,7 +96,7 @@ FuzzTask = tuple[str, int, int, str]
 
 def run(campaign_run: CampaignRun) -> None:
     """Fuzz each codec with the budget in bytes."""
-    totals = {name: BlockResult() for name in FUZZED_CODECS}
+    totals = {name: BlockResult() for name in FUZZED_CODECS if campaign_run.covers(name)}
     done = 0
     tasks = tuple(_tasks(campaign_run))
     for (name, number, _, _), found in zip(
@@ -108,7 +108,7 @@ def run(campaign_run: CampaignRun) -> None:
         for text in found.violations:
             campaign_run.violation(f"seed {campaign_run.seed} block {number}: {text}")
         done += found.bytes
-        campaign_run.add_trials(max(0, done // len(FUZZED_CODECS) - campaign_run.trials))
+        campaign_run.add_trials(max(0, done // len(totals) - campaign_run.trials))
     for name, total in totals.items():
         _check_totals(campaign_run, name, total)
     campaign_run.machine["cost"] = decode_costs(campaign_run.rng("cost"))
@@ -118,7 +118,7 @@ def _tasks(campaign_run: CampaignRun) -> Iterator[FuzzTask]:
     """Yield the blocks, all codecs in turn."""
     for number in range(-(-campaign_run.budget // BLOCK_BYTES)):
         size = min(BLOCK_BYTES, campaign_run.budget - number * BLOCK_BYTES)
-        for name in FUZZED_CODECS:
+        for name in filter(campaign_run.covers, FUZZED_CODECS):
             yield name, number, size, f"{campaign_run.campaign}/{campaign_run.seed}/{name}/{number}"
 
 
