@@ -264,6 +264,7 @@ def test_three_damaged_replies_inhibit_a_start_and_two_do_not(failures: int, blo
         reports_run_state=True,
         preflight_passed=True,
         limits_checked=True,
+        is_prepared=True,
     )
     command = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():

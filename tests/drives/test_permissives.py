@@ -30,6 +30,7 @@ STANDSTILL = DriveEvidence(
     reports_run_state=True,
     preflight_passed=True,
     limits_checked=True,
+    is_prepared=True,
 )
 
 
@@ -130,6 +131,7 @@ def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> Non
         reports_run_state=False,
         preflight_passed=True,
         limits_checked=True,
+        is_prepared=True,
     )
     request_permit(evidence=blind)
     check_withheld(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
@@ -268,6 +270,7 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         reports_run_state=True,
         preflight_passed=False,
         limits_checked=True,
+        is_prepared=True,
     )
     request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), nothing)
     check_withheld(
@@ -288,6 +291,7 @@ def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -
         reports_run_state=True,
         preflight_passed=False,
         limits_checked=False,
+        is_prepared=True,
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), faulty)

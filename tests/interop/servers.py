@@ -79,7 +79,12 @@ def permitted_write(bus: Bus, request: Any) -> BusRequest:
     now, stop_epoch = bus.now(), bus.stop_epoch(STATION)
     command = permissives.DriveCommand("test", permissives.CommandKind.WRITE, now, stop_epoch)
     evidence = permissives.DriveEvidence(
-        derived=STATE_NOT_READ, state_at=None, reports_run_state=False, preflight_passed=True, limits_checked=True
+        derived=STATE_NOT_READ,
+        state_at=None,
+        reports_run_state=False,
+        preflight_passed=True,
+        limits_checked=True,
+        is_prepared=True,
     )
     conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     permit = permissives.grant_permit(

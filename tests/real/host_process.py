@@ -77,7 +77,12 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
     command = permissives.DriveCommand("test", permissives.CommandKind.START, now, stop_epoch)
     stopped = DerivedState(DriveState.STOPPED)
     evidence = permissives.DriveEvidence(
-        derived=stopped, state_at=now, reports_run_state=True, preflight_passed=True, limits_checked=True
+        derived=stopped,
+        state_at=now,
+        reports_run_state=True,
+        preflight_passed=True,
+        limits_checked=True,
+        is_prepared=True,
     )
     conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     frame = drive.dialect.start(None, 2000)[0]

@@ -101,12 +101,15 @@ class ProfileStation(SimulatedStation):
         self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.features = profile.modbus or ModbusFeatures()
         self.setpoint_word = self.command = 0
+        self.steps_taken = 0
+        """Words before a start that were taken, in their order."""
         self._writes = ModbusWrites(address, profile, self.commands)
         self._signals = {signal.locator: signal for signal in profile.signals.values()}
         self._places = _number_places(profile)
 
     def power_up(self) -> None:
         self.setpoint_word = self.command = 0
+        self.steps_taken = 0
 
     def reply_delay_s(self, line: SerialSettings) -> float:
         return max(REPLY_DELAY_S, line.seconds(3.5))
@@ -215,10 +218,12 @@ class ProfileStation(SimulatedStation):
         return code * (status.fault_mask & -status.fault_mask) if status.numbers_fault else 1 << code
 
     def _status_word(self, status: StatusMap) -> int:
+        motor = self.displayed_motor
+        if self.commands.preparation and not motor.energised and motor.trip is None:
+            return self._prepared_status()
         if status.values:
             by_name = {name: value for value, name in reversed(list(status.values.items()))}
             return int(next(by_name[name] for name in self._state_names() if name in by_name))
-        motor = self.displayed_motor
         on = {
             "ready": motor.ready and motor.trip is None,
             "fault": motor.trip is not None,
@@ -230,6 +235,11 @@ class ProfileStation(SimulatedStation):
             "output_reverse": motor.output_hz < 0.0 or (motor.output_hz == 0.0 and self.reverse),
         }
         return sum(mask for name, mask in status.bits.items() if on.get(name))
+
+    def _prepared_status(self) -> int:
+        """Return the status of a drive that stands, after the words before a start that it has taken."""
+        steps = self.commands.preparation
+        return steps[self.steps_taken - 1].until.value if self.steps_taken else steps[0].when.value
 
     def _state_names(self) -> Iterable[str]:
         """Return the names of the state from the most exact to the one that every status word has."""
@@ -287,8 +297,11 @@ class ProfileStation(SimulatedStation):
     def _execute(self, word: int) -> int:
         names = self._command_names(word)
         self.command = word
-        if not names and self.commands.values:
+        if not names and self.commands.values and not self._is_preparation(word):
             return ILLEGAL_VALUE
+        self._take_step(word, names)
+        if names & {"start", "start_forward", "start_reverse"} and self.steps_taken < len(self.commands.preparation):
+            return 0  # a drive that is not prepared acknowledges a start and stands
         if "reset" in names:
             self.motor.reset()
         self._apply_direction(names)
@@ -301,6 +314,20 @@ class ProfileStation(SimulatedStation):
             self.jogging = False
             self.run_towards(self.setpoint_scale.value(self.setpoint_word))
         return 0
+
+    def _is_preparation(self, word: int) -> bool:
+        return any(step.word == word for step in self.commands.preparation)
+
+    def _take_step(self, word: int, names: set[str]) -> None:
+        """Advance or fall back in the words before a start: a stop leaves the drive where its word leads at rest."""
+        steps = self.commands.preparation
+        if self.motor.trip is not None or "coast" in names:
+            self.steps_taken = 0
+        elif self.motor.energised and "stop" in names:
+            led_to = [place for place, step in enumerate(steps, 1) if step.word == word]
+            self.steps_taken = led_to[0] if led_to else len(steps)
+        elif self.steps_taken < len(steps) and steps[self.steps_taken].word == word:
+            self.steps_taken += 1
 
     def _command_names(self, word: int) -> set[str]:
         if self.commands.values:

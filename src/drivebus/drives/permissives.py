@@ -72,6 +72,8 @@ class DriveEvidence:
     reports_run_state: bool
     preflight_passed: bool
     limits_checked: bool
+    is_prepared: bool
+    """The status asks for no further word before a start."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +101,7 @@ def grant_permit(inputs: PermitInputs) -> Permit:
     if command.kind in (CommandKind.START, CommandKind.JOG) or effect is Effect.MOTION:
         _raise_first(unmet_start_permissives(conditions, inputs.family))
         if command.kind is not CommandKind.INPUTS:  # an input may also have to be cleared on a running drive
-            _check_drive_state(command, conditions, inputs.evidence)
+            _check_drive_state(command, effect, conditions, inputs.evidence)
     if command.kind in _MOTION_KINDS and not inputs.evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
     return Permit(
@@ -144,7 +146,9 @@ def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[
         yield StartInhibited("drives.high_error_rate", error_percent=percent, limit_percent=limit * 100)
 
 
-def _check_drive_state(command: DriveCommand, conditions: BusConditions, evidence: DriveEvidence) -> None:
+def _check_drive_state(
+    command: DriveCommand, effect: Effect, conditions: BusConditions, evidence: DriveEvidence
+) -> None:
     """A start or jog begins at standstill; a setpoint whose frame may move (DZB100) only changes a run."""
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
@@ -156,3 +160,5 @@ def _check_drive_state(command: DriveCommand, conditions: BusConditions, evidenc
     allowed = _SETPOINT_STATES if command.kind is CommandKind.SETPOINT else _START_STATES
     if evidence.derived.state not in allowed:
         raise StartInhibited("drives.state_forbids", state=evidence.derived.state, kind=command.kind)
+    if effect is Effect.MOTION and command.kind is not CommandKind.SETPOINT and not evidence.is_prepared:
+        raise StartInhibited("drives.not_prepared")

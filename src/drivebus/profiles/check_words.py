@@ -27,6 +27,7 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_masks(profile)
     yield from _check_whole_words(profile)
     yield from _check_command_values(profile)
+    yield from _check_preparation(profile)
     yield from _check_status_bits(profile)
     yield from _check_status_values(profile)
 
@@ -154,6 +155,30 @@ def _check_command_values(profile: ProfileIn) -> Iterator[Issue]:
             yield issue(
                 "same_value", path, f"{b:04X}H", related=(("commands", "values", first),), first=first, second=second
             )
+
+
+def _check_preparation(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that no word before a start can start: it is sent without the permit of a start."""
+    commands = profile.commands
+    if commands is None or not (commands.preparation or commands.ready):
+        return
+    if commands.ready is None or not commands.preparation or not commands.values or profile.status is None:
+        yield issue("preparation_parts", ("commands", "preparation"), len(commands.preparation))
+        return
+    moves = {
+        name: word for name, word in commands.values.items() if name.startswith(("start", "jog_forward", "jog_re"))
+    }
+    for place, step in enumerate(commands.preparation):
+        for name, word in moves.items():
+            if step.word & word == word:
+                path = ("commands", "preparation", place, "word")
+                yield issue("preparation_moves", path, f"{step.word:04X}H", name=name, word=f"{word:04X}H")
+        if (step.when.mask, step.when.value) == (step.until.mask, step.until.value):
+            yield issue("preparation_idle", ("commands", "preparation", place, "until"), f"{step.until.value:04X}H")
+    matches = [match for step in commands.preparation for match in (step.when, step.until)]
+    for match in (*matches, commands.ready):
+        if match.value & ~match.mask:
+            yield issue("outside_mask", ("commands", "preparation"), f"{match.value:04X}H", mask=f"{match.mask:04X}H")
 
 
 def _check_status_values(profile: ProfileIn) -> Iterator[Issue]:

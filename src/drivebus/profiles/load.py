@@ -45,6 +45,7 @@ from drivebus.profiles.schema import (
     SignalIn,
     StatusIn,
     ValueIn,
+    WordMatchIn,
 )
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
 from drivebus.protocols.family import Locator, protocol_families
@@ -465,6 +466,10 @@ def _build_bit(parsed: BitIn) -> m.CommandBit:
     return m.CommandBit(parsed.mask, parsed.value, parsed.pulse)
 
 
+def _build_match(parsed: WordMatchIn) -> m.WordMatch:
+    return m.WordMatch(parsed.mask, parsed.value)
+
+
 def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
     if parsed is None:
         return None
@@ -483,6 +488,14 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
         written_to=parsed.written_to,
         coil_count=parsed.coil_count,
         reset=m.ResetRegister(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
+        preparation=tuple(
+            m.StartStep(
+                when=_build_match(step.when), word=step.word, until=_build_match(step.until), timeout_s=step.timeout_s
+            )
+            for step in parsed.preparation
+        ),
+        ready=_build_match(parsed.ready) if parsed.ready else None,
+        reset_on_edge=parsed.reset_on_edge,
     )
 
 

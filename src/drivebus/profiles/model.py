@@ -168,6 +168,12 @@ class CommandMap:
     """Coils of the word where it is written to coils."""
     reset: ResetRegister | None = None
     """Fault reset outside the command word."""
+    preparation: tuple[StartStep, ...] = ()
+    """Words before a start, in their order."""
+    ready: WordMatch | None = None
+    """Status in which a start word may be sent; None where any stopped state will do."""
+    reset_on_edge: bool = False
+    """The stop word is sent before the reset, so that the bit of the reset rises."""
 
     @property
     def space(self) -> str:
@@ -180,6 +186,30 @@ class CommandMap:
         for setting, choices in self.variants.items():
             bits |= choices.get(str(options.get(setting)), {})
         return replace(self, bits=bits, variants={})
+
+
+@dataclass(frozen=True, slots=True)
+class WordMatch:
+    """Part of a status word and the value that it must have."""
+
+    mask: int
+    value: int
+
+    def matches(self, word: int) -> bool:
+        """Return whether a status word has the value."""
+        return word & self.mask == self.value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartStep:
+    """Word that a drive needs before it accepts a start; it moves nothing."""
+
+    when: WordMatch
+    """Status in which the word is sent."""
+    word: int
+    until: WordMatch
+    """Status that the word brings about."""
+    timeout_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

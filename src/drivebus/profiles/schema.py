@@ -269,6 +269,25 @@ class ResetIn(StrictTable):
     value: Word
 
 
+class WordMatchIn(StrictTable):
+    """Part of a status word and the value that it must have."""
+
+    mask: Annotated[int, Field(ge=1, le=0xFFFF)]
+    value: Word
+
+
+class StartStepIn(StrictTable):
+    """Word that a drive needs before it accepts a start, such as the 6 and 7 of DRIVECOM; it moves nothing."""
+
+    when: WordMatchIn
+    """Status in which the word is sent."""
+    word: Word
+    until: WordMatchIn
+    """Status that the word brings about."""
+    timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Longest time until then."""
+
+
 class CommandsIn(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
@@ -279,6 +298,12 @@ class CommandsIn(StrictTable):
     coil_count: Annotated[int, Field(ge=0, le=16)] = 0
     """Coils that a command writes, for ``written_to = "coils"``."""
     reset: ResetIn | None = None
+    preparation: list[StartStepIn] = []
+    """Words before a start, in their order; each is sent once at most, in the status that asks for it."""
+    ready: WordMatchIn | None = None
+    """Status in which a start word may be sent; required with ``preparation``."""
+    reset_on_edge: bool = False
+    """The drive resets on the rising edge of a bit: the stop word is sent before the reset."""
     rewrite_levels_after_pulse: bool = False
     bits: dict[CommandName, BitIn] = {}
     values: dict[CommandValueName, Words] = {}

@@ -121,6 +121,10 @@ class Dialect(Protocol):
         """Return the read that shows whether the station is of this model; None where none is needed, or no more."""
         ...
 
+    def preparation_frame(self, word: int) -> CommandFrame:
+        """Return the frame of a word that the profile lists before a start. Raises CapabilityError without one."""
+        ...
+
     def state_reads(self) -> tuple[Any, ...]:
         """Return the smallest set of reads that shows state, direction and fault."""
         ...

@@ -119,15 +119,18 @@ class CommandValues:
         return frozenset(name for name, value in self.map.values.items() if value == word)
 
     def is_mapped(self, word: int) -> bool:
-        """Return whether a word is one of the commands."""
-        return word in self.map.values.values()
+        """Return whether a word is one of the commands, or prepares a start."""
+        return word in self.map.values.values() or self._prepares(word)
 
     def effect(self, word: int) -> Effect:
-        """Return the effect of a word. One that no command has may move the motor."""
+        """Return the effect of a word. One that no command has, and that prepares no start, may move the motor."""
         names = self.active_names(word)
-        if not names or names & MOTION_VALUES:
+        if names & MOTION_VALUES or not (names or self._prepares(word)):
             return Effect.MOTION
-        return Effect.STOP if names <= STOP_BITS else Effect.SETTING
+        return Effect.STOP if names and names <= STOP_BITS else Effect.SETTING
+
+    def _prepares(self, word: int) -> bool:
+        return any(step.word == word for step in self.map.preparation)
 
     def on_sent(self, word: int) -> None:
         """Nothing is held from one word to the next."""

@@ -382,6 +382,9 @@ class ModbusDialect:
         classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
         return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
 
+    def preparation_frame(self, word: int) -> CommandFrame:
+        return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
+
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
         return (CommandFrame(self._writes.setpoint(word), RetryPolicy.IDEMPOTENT),)
 

@@ -183,6 +183,9 @@ class SunfarDialect:
         """Parameter F0.n and monitor d.n share their echo, as do write and read; in a fault the item is missing."""
         return isinstance(request, SunfarReadParameter)
 
+    def preparation_frame(self, word: int) -> CommandFrame:
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
+
     def model_check(self) -> Any | None:
         return None
 

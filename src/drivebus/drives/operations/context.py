@@ -312,7 +312,16 @@ class OperationContext:
             reports_run_state=self.dialect.reports_run_state,
             preflight_passed=preflight is not None and preflight.passed,
             limits_checked=self.limits_checked,
+            is_prepared=self.is_prepared(),
         )
+
+    def is_prepared(self) -> bool:
+        """Return whether the status that was read last asks for no further word before a start."""
+        commands = self.dialect.profile.commands
+        if commands is None or commands.ready is None:
+            return True
+        word = self.reading_pairs.agreed_raw("state")
+        return word is not None and commands.ready.matches(word)
 
     def check_not_superseded(self, command: DriveCommand) -> DriveOperation[float]:
         """Return the time. Raises Superseded where a newer stop took the command's place."""

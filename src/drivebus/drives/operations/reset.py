@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivebus import i18n
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.preparation import release_reset
 from drivebus.drives.operations.start import COMMAND_SETTLE_S, MAX_RESENDS, resend_frames, send_frames
 from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
@@ -23,6 +24,7 @@ def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
     yield from op.start_clock()
     if not (yield from _has_fault(op)):
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.no_fault", state=op.derived.state)
+    yield from release_reset(op)
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.RESET, conditions)
     frames = op.dialect.reset()

@@ -14,6 +14,7 @@ from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
+from drivebus.drives.operations.preparation import prepare_start
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
@@ -108,6 +109,7 @@ def _start_from_standstill(
 ) -> DriveOperation[Outcome]:
     if op.dialect.start_includes_setpoint:
         return (yield from _send_start(op, frequency_hz, direction, word))
+    yield from prepare_start(op)
     conditions = yield from op.check_deadline()
     start = op.create_command(CommandKind.START, conditions)
     yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written

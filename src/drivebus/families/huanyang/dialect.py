@@ -105,6 +105,9 @@ class HuanyangDialect:
     def needs_sync(self, request: Any) -> bool:
         return False
 
+    def preparation_frame(self, word: int) -> CommandFrame:
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
+
     def model_check(self) -> Any | None:
         return None
 

@@ -92,6 +92,9 @@ class MitsubishiDialect:
     def needs_sync(self, request: Any) -> bool:
         return True
 
+    def preparation_frame(self, word: int) -> CommandFrame:
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
+
     def model_check(self) -> Any | None:
         return None
 
