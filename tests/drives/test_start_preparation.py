@@ -146,9 +146,25 @@ def test_a_drive_whose_status_does_not_follow_is_not_started(profile: profiles.D
         async with bench(profile) as (drive, station, words):
             take = station._take_step
             station._take_step = lambda word, names: take(word, names) if station.steps_taken < stuck_after else None
-            with pytest.raises(StartInhibited, match=f"after {PREPARED[stuck_after]:04X}H"):
+            with pytest.raises(
+                StartInhibited, match="which it needs before a start, the drive still reports"
+            ) as caught:
                 await drive.run(10.0)
+            assert caught.value.params["word"] == f"{PREPARED[stuck_after]:04X}H"
             assert words == PREPARED[: stuck_after + 1] and not station.motor.energised
+
+    run(scenario())
+
+
+def test_a_rejected_word_ends_the_start(profile: profiles.DriveProfile) -> None:
+    async def scenario() -> None:
+        async with bench(profile) as (drive, station, words):
+            execute = station._execute
+            station._execute = lambda word: 4 if word == 7 else execute(word)
+            with pytest.raises(StartInhibited, match="code 4") as caught:
+                await drive.run(10.0)
+            assert caught.value.key == "drives.preparation_rejected"
+            assert words == PREPARED and not station.motor.energised
 
     run(scenario())
 
@@ -170,8 +186,9 @@ def test_a_status_that_fits_no_word_is_named_and_nothing_is_sent(tmp_path: Path)
     async def scenario() -> None:
         async with bench(profile) as (drive, station, words):
             station._prepared_status = lambda: 0x20
-            with pytest.raises(StartInhibited, match="status 0020H fits none"):
+            with pytest.raises(StartInhibited, match="status 0020H") as caught:
                 await drive.run(10.0)
+            assert caught.value.key == "drives.status_unprepared"
             assert words == []
 
     run(scenario())
@@ -231,7 +248,7 @@ def test_the_start_word_gets_no_permit_in_an_unprepared_status(
 
     async def scenario() -> None:
         async with bench(profile) as (drive, station, words):
-            with pytest.raises(StartInhibited, match="does not allow a start yet"):
+            with pytest.raises(StartInhibited, match="the status of the drive does not allow a start yet"):
                 await drive.run(10.0)
             assert words == [] and station.setpoint_word == 0
 

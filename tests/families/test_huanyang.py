@@ -148,8 +148,9 @@ def test_bytes_behind_a_reply_do_not_become_part_of_its_value(more: str) -> None
 
 def test_a_reply_to_a_broadcast_is_rejected() -> None:
     frame = CODEC.encode_reply(HuanyangReply(0, 3, 0, hy.STOP, 1))
-    with pytest.raises(AddressError, match="broadcast"):
+    with pytest.raises(AddressError) as caught:
         CODEC.decode_reply(hy.control(0, hy.STOP), frame)
+    assert caught.value.key == "huanyang.broadcast_answered"
 
 
 @pytest.mark.parametrize("hz", [0.0, 12.5])
@@ -184,8 +185,9 @@ def test_no_station_has_an_address_above_250() -> None:
     frame = CODEC.encode_request(hy.control(250, hy.STOP))
     beyond = HuanyangReference().reseal(b"\xfb" + frame[1:])
     assert CODEC.decode_request(frame) == Complete(hy.control(250, hy.STOP), 6)
-    with pytest.raises(AddressError, match="251"):
+    with pytest.raises(AddressError, match="251") as caught:
         CODEC.decode_request(beyond)
+    assert caught.value.key == "huanyang.address"
 
 
 def test_no_sync_probe_reads_a_parameter_of_one_byte() -> None:

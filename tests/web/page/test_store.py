@@ -216,6 +216,11 @@ def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, l
     page.locator(".takeovers .banner", has_text=name).wait_for()
     shown = page.locator(".takeovers .banner a").inner_text()
     assert re.fullmatch(i18n.text("page.control_ended_ended", language, name=name, time=r"\d\d:\d\d:\d\d"), shown)
+    page.evaluate("""() => import('/static/js/control-taken.js').then((m) => {
+      m.takeovers.value = [{ drive: 'fan-1', owner: null, cause: 'ended', time_ms: null }];
+    })""")
+    unseen = i18n.text("page.control_ended_unseen", language, name=name)
+    page.locator(".takeovers .banner a", has_text=unseen).wait_for()
 
 
 def test_the_takeovers_of_one_user_are_one_sentence_that_one_press_dismisses(page: Any) -> None:
