@@ -1,4 +1,4 @@
-"""Lists of drives reuse the objects of the supervision cycle, but never ones older than 0.5 s or than a command."""
+"""Lists of drives reuse the objects of the supervision cycle, but never ones older than 2 s or than a command."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import asyncio
 
 import pytest
 
+from drivebus.service.api import queries
 from drivebus.service.live import recent_views
+from drivebus.service.runtime import supervision
 from drivebus.service.runtime.fairness import EncodedOnce, encode_json_cooperatively
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, running_service
@@ -16,7 +18,7 @@ async def owners(kit: ServiceKit) -> list[object]:
     return [drive["lease"] and drive["lease"]["owner"] for drive in (await kit.call("drives.list"))["drives"]]
 
 
-def test_lists_within_half_a_second_build_no_view_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lists_of_recent_views_build_none_again(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[str] = []
 
     async def scenario() -> None:
@@ -59,5 +61,44 @@ def test_an_object_that_is_encoded_once_gives_the_same_bytes_as_a_plain_one() ->
             found = await encode_json_cooperatively({"result": {"drives": [shared, shared]}})
             assert found == await encode_json_cooperatively({"result": {"drives": [content, content]}})
         assert shared.encode()[1] == 0, "it was encoded again"
+
+    run(scenario())
+
+
+def test_the_first_list_of_new_views_is_made_in_turns_and_later_ones_share_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    turns = 0
+
+    async def count_turn() -> None:
+        nonlocal turns
+        turns += 1
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            monkeypatch.setattr(queries, "ITEMS_PER_TURN", 1)
+            monkeypatch.setattr(queries, "yield_to_loop", count_turn)
+            for _ in range(2):
+                await kit.call("drives.list")
+                assert turns == len(kit.service.plant.drives)
+
+    run(scenario())
+
+
+def test_a_supervision_cycle_pauses_after_some_drives_and_not_after_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each pause is an iteration of the loop with a part of a request: 300 of them made a cycle ten times as long."""
+    sleep, pauses = asyncio.sleep, 0
+
+    async def counted(seconds: float) -> None:
+        nonlocal pauses
+        pauses += seconds == 0
+        await sleep(seconds)
+
+    async def scenario() -> None:
+        async with running_service():
+            await sleep(2)
+            monkeypatch.setattr(supervision.asyncio, "sleep", counted)
+            await sleep(1)
+            monkeypatch.undo()
+            assert 4 <= pauses <= 20, "four cycles of about ten steps"
 
     run(scenario())

@@ -67,14 +67,17 @@ class Queries:
 
     @handles(DRIVES_LIST)
     async def list_drives(self, params: NoParams, actor: Actor) -> Json:
-        """Return views of at most 0.5 s that show every finished command; see ``RecentDriveViews``."""
+        """Return recent views that show every finished command; see ``RecentDriveViews``."""
         found: list[Json] = []
-        built = 0
+        made = 0
         for drive in tuple(self.plant.drives.values()):
-            if (view := self._recent_views.find(drive.id)) is None:
-                built += 1
-                if built % ITEMS_PER_TURN == 0:
+            is_shared = self._recent_views.is_shared(drive.id)
+            view = self._recent_views.find(drive.id)
+            if view is None or not is_shared:
+                made += 1
+                if made % ITEMS_PER_TURN == 0:
                     await yield_to_loop()
+            if view is None:
                 view = self._recent_views.build(drive)
             if self.plant.drives.get(drive.id) is drive:
                 found.append(view)

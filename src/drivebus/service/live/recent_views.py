@@ -12,11 +12,14 @@ from drivebus.service.runtime.fairness import EncodedOnce
 from drivebus.service.runtime.plant import Plant, PlantListener
 from drivebus.types import Json
 
-MAX_VIEW_AGE_S = 0.5  # two supervision cycles; `time_ms` of each drive says when it was made
+MAX_VIEW_AGE_S = 2.0
+"""Eight supervision cycles. On a busy machine a cycle takes longer than its period; lists that built each drive again
+would then make it longer still. ``time_ms`` of each drive says when its view was made.
+"""
 
 
 class RecentDriveViews(PlantListener):
-    """Views of at most 0.5 s, all of them made after the last command."""
+    """Newest views of the supervision cycle, of at most ``MAX_VIEW_AGE_S``, all of them made after the last command."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -40,6 +43,10 @@ class RecentDriveViews(PlantListener):
             view = EncodedOnce(view.as_json())
             self._views[drive] = made_at, view
         return view
+
+    def is_shared(self, drive: str) -> bool:
+        """Return whether an earlier list has made the JSON of the drive's view."""
+        return isinstance(self._views.get(drive, (0.0, None))[1], EncodedOnce)
 
     def build(self, drive: DriveRuntime) -> Json:
         """Return the present view of a drive."""
