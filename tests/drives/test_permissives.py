@@ -167,6 +167,13 @@ def test_unchecked_limits_stop_a_start() -> None:
     check_withheld(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDSTILL, limits_checked=False))
 
 
+def test_a_drive_that_needs_a_word_before_a_start_gets_that_word_and_no_start() -> None:
+    """DRIVECOM: 6 and 7 are settings; F, which starts, waits for the status that the profile calls ready."""
+    unprepared = replace(STANDSTILL, is_prepared=False)
+    check_withheld(StartInhibited, "drives.not_prepared", evidence=unprepared)
+    assert request_permit(effect=Effect.SETTING, evidence=unprepared).effect is Effect.SETTING
+
+
 @pytest.mark.parametrize(
     ("kind", "seconds"),
     [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0), ("inputs", 2.0)],

@@ -160,5 +160,5 @@ def _check_drive_state(
     allowed = _SETPOINT_STATES if command.kind is CommandKind.SETPOINT else _START_STATES
     if evidence.derived.state not in allowed:
         raise StartInhibited("drives.state_forbids", state=evidence.derived.state, kind=command.kind)
-    if effect is Effect.MOTION and command.kind is not CommandKind.SETPOINT and not evidence.is_prepared:
+    if effect is Effect.MOTION and not evidence.is_prepared:
         raise StartInhibited("drives.not_prepared")
