@@ -15,7 +15,6 @@ from functools import cache
 from pathlib import Path
 
 from drivebus import i18n
-from drivebus.protocols.family import protocol_families
 from drivebus.values import Text
 from generator.terms import localized, table
 
@@ -114,8 +113,9 @@ def _governing(key: str, patterns: Mapping[str, object]) -> str | None:
 
 @cache
 def _catalogue(language: str) -> dict[str, str]:
-    protocol_families()  # adds the texts of the families
-    return dict(i18n.catalogue(language))
+    """Return the texts of drivebus and its built-in families; tests may have added those of other packages."""
+    files = sorted(Path(i18n.__file__).parents[1].rglob(f"*.{language}.json"))
+    return {key: text for file in files for key, text in json.loads(file.read_text(encoding="utf-8")).items()}
 
 
 def _without_names(sentence: str) -> str:
