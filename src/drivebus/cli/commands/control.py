@@ -35,7 +35,14 @@ def _request(service: str, drive: str, reason: str | None, hold: bool) -> ExitCo
                 await _use_control(client, drive, hold)
             return ExitCode.DONE
 
-    return asyncio.run(ask())
+    async def interruptible() -> ExitCode:
+        from drivebus.cli.signals import shutdown_signals
+
+        with shutdown_signals() as shutdown:
+            code = await shutdown.interruptible(ask())
+        return ExitCode.INTERRUPTED if code is None else code
+
+    return asyncio.run(interruptible())
 
 
 async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
