@@ -281,6 +281,23 @@ def test_a_reset_on_an_edge_is_sent_after_the_stop_word(profile: profiles.DriveP
     run(scenario())
 
 
+def test_the_word_before_a_reset_waits_until_the_station_answers_as_its_model(tmp_path: Path) -> None:
+    """It may be the start of another model, as any stop word."""
+    identity = '\n[identity]\nregister = 0x0D00\nevidence = "assumed"\n'
+    identity += '[signals.output_current]\nnotation = "0D00H"\ntext = "current"\nevidence = "assumed"\n'
+    profile = load(tmp_path, DRIVECOM + identity)
+
+    async def scenario() -> None:
+        async with bench(profile) as (drive, station, words):
+            station.trip(Trip.OVERLOAD)
+            del station._signals[("holding", 0x0D00)]
+            with pytest.raises(StartInhibited, match="does not answer as a drivecom"):
+                await drive.reset_fault()
+            assert words == []
+
+    run(scenario())
+
+
 def test_of_all_words_only_the_listed_ones_are_sent_and_only_the_starts_may_move(
     profile: profiles.DriveProfile,
 ) -> None:

@@ -6,7 +6,8 @@ the status that the profile calls ready.
 
 from __future__ import annotations
 
-from drivebus.drives.dialects.base import StopMode
+from drivebus.bus.messages import RetryPolicy
+from drivebus.drives.dialects.base import CommandFrame, StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.permissives import CommandKind, DriveCommand
@@ -67,8 +68,9 @@ def release_reset(op: OperationContext) -> DriveOperation[None]:
     commands = op.dialect.profile.commands
     if commands is not None and commands.reset_on_edge:
         yield from _count_own_stops(op)
+        command = op.create_command(CommandKind.RESET, (yield from op.check_deadline()))
         for request in op.dialect.stop(StopMode.STOP):
-            yield from op.transact(request)
+            yield from op.send_command(command, CommandFrame(request, RetryPolicy.IDEMPOTENT))
 
 
 def _count_own_stops(op: OperationContext) -> DriveOperation[None]:
