@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal
+from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.values import Text
 from generator.terms import BITS, colon, evidence, localized, table, term
 
@@ -190,7 +191,7 @@ def _status_word(profile: DriveProfile, language: str) -> str:
     rows = [(f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in status.bits.items()]
     rows += [(f"`{name}`", _value_meaning(name, language), str(value)) for value, name in status.values.items()]
     heads = [term(head, language) for head in ("name", "meaning", "value" if status.values else "mask")]
-    if status.space in ("coil", "discrete"):
+    if status.space in BIT_SPACES:
         place = _coils(status.register, status.bit_count, language)
     else:
         place = f"{status.register:04X}H"

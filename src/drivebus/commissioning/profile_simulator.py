@@ -297,7 +297,7 @@ class ProfileStation(SimulatedStation):
     def _execute(self, word: int) -> int:
         names = self._command_names(word)
         self.command = word
-        if not names and self.commands.values and not self._is_preparation(word):
+        if not names and self.commands.values and not self.commands.prepares(word):
             return ILLEGAL_VALUE
         self._take_step(word, names)
         if names & {"start", "start_forward", "start_reverse"} and self.steps_taken < len(self.commands.preparation):
@@ -314,9 +314,6 @@ class ProfileStation(SimulatedStation):
             self.jogging = False
             self.run_towards(self.setpoint_scale.value(self.setpoint_word))
         return 0
-
-    def _is_preparation(self, word: int) -> bool:
-        return any(step.word == word for step in self.commands.preparation)
 
     def _take_step(self, word: int, names: set[str]) -> None:
         """Advance or fall back in the words before a start: a stop leaves the drive where its word leads at rest."""

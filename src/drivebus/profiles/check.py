@@ -9,13 +9,14 @@ import re
 from collections.abc import Iterable, Iterator
 
 from drivebus.errors import ProfileError
-from drivebus.profiles.check_access import BIT_SPACES, block_registers, check_access, check_codes, command_places
+from drivebus.profiles.check_access import block_registers, check_access, check_codes, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn, ValueIn
+from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import SerialSettings
 

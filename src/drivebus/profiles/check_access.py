@@ -6,14 +6,11 @@ from collections.abc import Iterator
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.schema import CommandsIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
 from drivebus.protocols.family import Locator, protocol_family
 
-SYNC_READ_COUNT = 2
-"""Registers of a sync probe of a model without loop-back."""
 SINGLE_COILS = 16
 """Coils from ``[commands] register`` on that a command may name with ``written_to = "coil"``."""
-READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
-BIT_SPACES = ("coil", "discrete")
 READ_ONLY_SPACES = ("input", "discrete")
 WRITE_COIL, WRITE_COILS, WRITE_REGISTERS = 5, 15, 16
 

@@ -180,6 +180,10 @@ class CommandMap:
         """Space of the command word's locator."""
         return "holding" if self.written_to == "register" else "coil"
 
+    def prepares(self, word: int) -> bool:
+        """Return whether a word is one of those before a start."""
+        return any(step.word == word for step in self.preparation)
+
     def resolved(self, options: Mapping[str, Any]) -> CommandMap:
         """Return the map with the bits of these option values added; an unknown value adds none."""
         bits = dict(self.bits)

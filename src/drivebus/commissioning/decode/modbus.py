@@ -20,7 +20,7 @@ from drivebus.commissioning.decode.annotate import (
     scaled_value,
 )
 from drivebus.commissioning.decode.errata import canonical_of_misprint, misprint_of
-from drivebus.drives.dialects.modbus_reads import FUNCTIONS, Span, join_words, span_of, span_value
+from drivebus.drives.dialects.modbus_reads import SPACES, Span, join_words, span_of, span_value
 from drivebus.drives.dialects.modbus_writes import (
     CommandWrite,
     ModbusWrites,
@@ -35,7 +35,7 @@ from drivebus.protocols import modbus
 from drivebus.protocols.describe import Direction, FrameDescription, Note, note
 from drivebus.protocols.family import Locator
 
-SPACES: Final = {function: space for space, function in FUNCTIONS.items()} | {5: "coil", 15: "coil"}
+REQUEST_SPACES: Final = SPACES | {5: "coil", 15: "coil"}
 """Function of a request to the space of its addresses; holding registers for all others."""
 DIRECTION_TOGGLE: Final = 0x000C
 """Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
@@ -72,7 +72,7 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
     exception = modbus.EXCEPTION_NAMES.get(fields.get("exception", 0))
     if exception is not None:
         added["exception_name"] = exception
-    space = SPACES.get(sent.get("function", fields.get("function")), "holding")
+    space = REQUEST_SPACES.get(sent.get("function", fields.get("function")), "holding")
     if "register" in sent and ("registers" in fields or "bits" in fields):
         values = fields["registers"] if "registers" in fields else fields["bits"][: sent.get("count", 0)]
         added |= _value_rows(profile, Span(space, sent["register"], len(values)), values)
@@ -119,7 +119,7 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
         notes.append(note("explain.too_many", model=profile.model, found=count, expected=rule.max_read))
     if "register" in fields:
         register, _ = _strip_eeprom_bit(profile, fields["register"])
-        space = SPACES.get(function or 0, "holding")
+        space = REQUEST_SPACES.get(function or 0, "holding")
         span = range(register, register + min(count, 8)) if function in (3, 4) else (register,)
         unknown = [each for each in span if not _is_known_register(profile, space, each)]
         if unknown:
@@ -136,7 +136,7 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
         notes.append(note("explain.no_broadcast", model=profile.model, address=address))
     elif address == profile.broadcast and function in (1, 2, 3, 4):
         notes.append(note("explain.broadcast_read", address=address))
-    space = SPACES.get(function or 0, "holding")
+    space = REQUEST_SPACES.get(function or 0, "holding")
     entry = None if register is None else entry_at(profile, (space, register))
     commands = profile.commands
     controls = {(commands.space, commands.register), ("holding", commands.setpoint_register)} if commands else set()
@@ -208,7 +208,7 @@ def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> Fiel
 
 def _changes(fields: Mapping[str, Any]) -> list[modbus.RegisterWrite]:
     """Return the registers or coils that the fields of a request write."""
-    space = SPACES.get(fields.get("function", 0), "holding")
+    space = REQUEST_SPACES.get(fields.get("function", 0), "holding")
     values = fields.get("values", [fields["value"] == modbus.COIL_ON] if "value" in fields else [])
     return [(space, fields["register"] + place, int(value)) for place, value in enumerate(values)]
 

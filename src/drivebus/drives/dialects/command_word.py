@@ -120,17 +120,14 @@ class CommandValues:
 
     def is_mapped(self, word: int) -> bool:
         """Return whether a word is one of the commands, or prepares a start."""
-        return word in self.map.values.values() or self._prepares(word)
+        return word in self.map.values.values() or self.map.prepares(word)
 
     def effect(self, word: int) -> Effect:
         """Return the effect of a word. One that no command has, and that prepares no start, may move the motor."""
         names = self.active_names(word)
-        if names & MOTION_VALUES or not (names or self._prepares(word)):
+        if names & MOTION_VALUES or not (names or self.map.prepares(word)):
             return Effect.MOTION
         return Effect.STOP if names and names <= STOP_BITS else Effect.SETTING
-
-    def _prepares(self, word: int) -> bool:
-        return any(step.word == word for step in self.map.preparation)
 
     def on_sent(self, word: int) -> None:
         """Nothing is held from one word to the next."""

@@ -93,6 +93,8 @@ class ModbusDialect:
         self._sync_spans = () if self._rule.loopback else sync_spans(profile)
         self._sync_space = self._sync_spans[0].space if self._sync_spans else None
         self._signals = _signals_by_locator(profile)
+        self._status_span = status_span(profile.status) if profile.status else None
+        self._identity_span = _identity_span(profile)
         self._sync_count = 0
         self._is_model_open = profile.needs_model_check
         self._is_status_shown = False
@@ -192,18 +194,12 @@ class ModbusDialect:
         """
         if not self._is_model_open:
             return None
-        identity = self.profile.identity_register
-        if identity is not None and self._is_status_shown:
-            return self._read(self._identity_span(identity))
-        if self.status_map is None:
+        if self._identity_span is not None and self._is_status_shown:
+            return self._read(self._identity_span)
+        status = self._status_span
+        if status is None:
             return self.echo_test_read()
-        status = status_span(self.status_map)
         return next(one for one in self.state_reads() if request_span(one).covers(status))
-
-    def _identity_span(self, register: int) -> Span:
-        """Return the span of the signal at the identity register."""
-        spans = [span_of(signal) for signal in self.profile.signals.values()]
-        return next(span for span in spans if span.start == register)
 
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
@@ -211,8 +207,8 @@ class ModbusDialect:
         return tuple(request for request, _ in self.polls(("set_frequency", "output_frequency")))
 
     def echo_test_read(self) -> Any:
-        if self.status_map is not None:
-            return self._read(status_span(self.status_map))
+        if self._status_span is not None:
+            return self._read(self._status_span)
         entries: list[Signal | Parameter] = [*self.profile.signals.values()]
         entries += [p for p in self.profile.parameters.values() if p.readable]
         return self._read(span_of(entries[0]))
@@ -229,8 +225,8 @@ class ModbusDialect:
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         """Merge signals of similar periods into one read where their registers touch."""
         wanted: dict[Span, float] = {}
-        if self.status_map is not None:
-            wanted[status_span(self.status_map)] = 0.5
+        if self.status_map is not None and self._status_span is not None:
+            wanted[self._status_span] = 0.5
             if not self.status_map.shows_fault:
                 wanted |= {Span("holding", register): 0.5 for register in self.status_map.fault_registers}
         for name in names:
@@ -253,23 +249,23 @@ class ModbusDialect:
         values = reply_values(request, reply)
         found: dict[str, Reading] = {}
         for locator in values:
-            for signal in self._signals.get(locator, ()):
-                raw = span_value(span_of(signal), values, self._rule)
+            for signal, span in self._signals.get(locator, ()):
+                raw = span_value(span, values, self._rule)
                 if raw is not None:
                     found[signal.name] = signal_reading(signal, raw, at)
-        if self.status_map is not None:
-            found |= self._status_readings(self.status_map, values, at)
+        if self.status_map is not None and self._status_span is not None:
+            found |= self._status_readings(self.status_map, self._status_span, values, at)
         shows_status = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
         self._is_status_shown = self._is_status_shown or shows_status
-        identity = self.profile.identity_register
-        if self._is_status_shown and (identity is None or read.covers(self._identity_span(identity))):
+        identity = self._identity_span
+        if self._is_status_shown and (identity is None or read.covers(identity)):
             self._is_model_open = False
         return found
 
     def _rejected_readings(self, read: Span) -> Readings:
         signals = [one for one in self.profile.signals.values() if read.covers(span_of(one))]
         found = {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
-        if self.status_map is not None and read.covers(status_span(self.status_map)):
+        if self._status_span is not None and read.covers(self._status_span):
             found["state"] = missing_reading("drives.read_refused")
         if self.status_map is not None:
             for register, name in zip(self.status_map.fault_registers, self._fault_names, strict=True):
@@ -277,9 +273,11 @@ class ModbusDialect:
                     found[name] = missing_reading("drives.read_refused")
         return found
 
-    def _status_readings(self, status: StatusMap, values: Mapping[Locator, int], at: float | None) -> Readings:
+    def _status_readings(
+        self, status: StatusMap, span: Span, values: Mapping[Locator, int], at: float | None
+    ) -> Readings:
         found: dict[str, Reading] = {}
-        raw = span_value(status_span(status), values, self._rule)
+        raw = span_value(span, values, self._rule)
         if raw is not None:
             broken = not is_valid_status(status, raw)
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
@@ -466,11 +464,18 @@ class ModbusDialect:
                 self.command_word.on_sent(write.word)
 
 
-def _signals_by_locator(profile: DriveProfile) -> dict[Locator, list[Signal]]:
-    found: dict[Locator, list[Signal]] = {}
+def _signals_by_locator(profile: DriveProfile) -> dict[Locator, list[tuple[Signal, Span]]]:
+    """Return the signals by their first register, each with its span."""
+    found: dict[Locator, list[tuple[Signal, Span]]] = {}
     for signal in profile.signals.values():
-        found.setdefault(signal.locator, []).append(signal)
+        found.setdefault(signal.locator, []).append((signal, span_of(signal)))
     return found
+
+
+def _identity_span(profile: DriveProfile) -> Span | None:
+    """Return the span of the signal at the identity register, None for a profile without one."""
+    spans = (span_of(signal) for signal in profile.signals.values())
+    return next((span for span in spans if span.start == profile.identity_register), None)
 
 
 def _is_terminal_word(parameter: Parameter) -> bool:

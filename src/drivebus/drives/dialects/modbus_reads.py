@@ -7,19 +7,17 @@ from typing import NamedTuple
 
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
+from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import BitValues, ReadBits, ReadRegisters, RegisterValues
 
 ReadRequest = ReadRegisters | ReadBits
-SYNC_READ_COUNT = 2
-"""Registers of a sync probe without FC08, by which its reply is recognised: no other read of its space has it."""
 MAX_MERGE_PERIOD_RATIO = 4.0
 """Registers whose periods differ by more are not merged."""
 MAX_BITS = 16
 """Coils of one read: every station that has coils allows so many, and a status word has no more."""
-FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
-"""Space of a locator to the function that reads it."""
-SPACES = {function: space for space, function in FUNCTIONS.items()}
+SPACES = {function: space for space, function in READ_FUNCTIONS.items()}
+"""Function of a read to the space that it reads."""
 SYNC_SPACES = ("holding", "input")
 """Spaces whose reads can be sync probes, in order of preference: a reply of bits has its length in octets only."""
 
@@ -42,8 +40,8 @@ class Span(NamedTuple):
 
     def request(self, address: int) -> ReadRequest:
         """Return the request that reads the span."""
-        kind = ReadRegisters if self.space in SYNC_SPACES else ReadBits
-        return kind(address, self.start, self.length, FUNCTIONS[self.space])
+        kind = ReadBits if self.space in BIT_SPACES else ReadRegisters
+        return kind(address, self.start, self.length, READ_FUNCTIONS[self.space])
 
 
 def span_of(entry: Signal | Parameter) -> Span:
@@ -53,7 +51,7 @@ def span_of(entry: Signal | Parameter) -> Span:
 
 def status_span(status: StatusMap) -> Span:
     """Return the register of the status word, or the coils that are its bits."""
-    return Span(status.space, status.register, status.bit_count if status.space in ("coil", "discrete") else 1)
+    return Span(status.space, status.register, status.bit_count if status.space in BIT_SPACES else 1)
 
 
 def whole_span(span: Span, rule: ModbusFeatures) -> Span:
@@ -78,11 +76,13 @@ def span_value(span: Span, values: Mapping[Locator, int], rule: ModbusFeatures) 
 
     None where the values lack a part of it.
     """
+    if span.length == 1:
+        return values.get((span.space, span.start))
     found = [values.get((span.space, index)) for index in range(span.start, span.end)]
     parts = [part for part in found if part is not None]
     if len(parts) != span.length:
         return None
-    if span.space not in SYNC_SPACES:
+    if span.space in BIT_SPACES:
         return sum(bit << place for place, bit in enumerate(parts))
     return join_words(parts, rule)
 
@@ -134,7 +134,7 @@ def _can_merge(run: tuple[Span, float], span: Span, period: float, rule: ModbusF
         return True
     if any(one.space == "holding" and (one.start, one.length) in rule.blocks for one in (last, span)):
         return False
-    limit = rule.max_read if span.space in SYNC_SPACES else MAX_BITS
+    limit = MAX_BITS if span.space in BIT_SPACES else rule.max_read
     touches = last.space == span.space and span.start <= last.end and _joined(last, span).length <= limit
     return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
 
