@@ -71,23 +71,21 @@ class ControlLeases:
 
     def require(self, drive: str, actor: Actor, now: float) -> None:
         """Raise ControlNotHeld unless the actor owns the drive now; a local actor takes a free one."""
-        held = self.get(drive, now)
-        if held is None and not actor.remote:
+        if self.get(drive, now) is None and not actor.remote:
             self.take(drive, actor, now)
-        elif held is None:
-            raise ControlNotHeld("plant.no_lease", drive=drive)
-        elif held.actor.session != actor.session:
-            raise _not_owner_error(held)
-        elif not held.claimed:
+            return
+        held = self.require_held(drive, actor, now)
+        if not held.claimed:
             self._leases[drive] = replace(held, claimed=True)
 
-    def require_held(self, drive: str, actor: Actor, now: float) -> None:
-        """Raise ControlNotHeld unless the actor has control of the drive now."""
+    def require_held(self, drive: str, actor: Actor, now: float) -> ControlLease:
+        """Return the lease of the actor. Raises ControlNotHeld unless the actor has control of the drive now."""
         held = self.get(drive, now)
         if held is None:
             raise ControlNotHeld("plant.no_lease", drive=drive)
         if held.actor.session != actor.session:
             raise _not_owner_error(held)
+        return held
 
     def hand_over(self, drive: str, actor: Actor, to: Actor, now: float) -> None:
         """Release the lease of ``actor`` to ``to``, which has to use it before it ends. Raises ControlNotHeld."""

@@ -40,6 +40,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "demo",
         "dry",
         "explain",
+        "grades",
         "help",
         "hint",
         "metrics",
@@ -47,7 +48,8 @@ COMMAND_LINE_TEXTS = frozenset(
         "monitor",
         "params",
     }
-    | {"plant_check", "plant_config", "plant_init", "ports_command", "read", "record", "release", "run"}
+    | {"plant_check", "plant_config", "plant_init", "ports_command", "profile_new", "read", "record", "register_table"}
+    | {"release", "run"}
     | {"scan", "serve", "service", "sim", "simulate", "status", "stop_all", "user_command"}
 )
 """First parts of the keys that only the command line and the check of a file use; the page does not load them."""
