@@ -3,7 +3,7 @@ import { api, drivePath } from "./api.js";
 import { connection, renew } from "./live.js";
 import { isMine, may, session } from "./session.js";
 import { drive, idsOf } from "./store.js";
-import { announceRelease, ownReleases } from "./control-taken.js";
+import { ownReleases, releasing } from "./control-taken.js";
 
 /** A lease expires after ten seconds without a renewal. */
 const RENEW_EVERY_MS = 3000;
@@ -13,15 +13,7 @@ export function takeControl(id) {
   return api.post(drivePath(id, "/lease"));
 }
 
-export async function releaseControl(id) {
-  announceRelease(id, true);
-  try {
-    return await api.remove(drivePath(id, "/lease"));
-  } catch (error) {
-    announceRelease(id, false);
-    throw error;
-  }
-}
+export const releaseControl = (id) => releasing(id, () => api.remove(drivePath(id, "/lease")));
 
 /** May the user command this drive now? */
 export const hasControl = (view) => isMine(view.lease) && may("operate");

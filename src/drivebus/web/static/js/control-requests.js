@@ -1,7 +1,7 @@
 // Requests for control: those of other users for drives of this session, and the answers to its own.
 import { computed, signal } from "./lib.js";
 import { api, drivePath } from "./api.js";
-import { announceRelease } from "./control-taken.js";
+import { releasing } from "./control-taken.js";
 import { isMine } from "./session.js";
 import { drive, idsOf, serviceNow } from "./store.js";
 
@@ -40,13 +40,6 @@ export const withdrawRequest = (id) => api.remove(drivePath(id, "/control-reques
 
 export const declineRequest = (id, request) => api.post(drivePath(id, "/control-request/decline"), { request: request.id });
 
-/** Control goes to the session that asks: no takeover that is to be shown. */
-export async function grantRequest(id, request) {
-  announceRelease(id, true);
-  try {
-    return await api.post(drivePath(id, "/control-request/grant"), { request: request.id });
-  } catch (error) {
-    announceRelease(id, false);
-    throw error;
-  }
-}
+/** Hand control over to the session that asks for it. */
+export const grantRequest = (id, request) => releasing(id,
+  () => api.post(drivePath(id, "/control-request/grant"), { request: request.id }));

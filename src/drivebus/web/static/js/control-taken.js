@@ -32,7 +32,7 @@ function storeTakeovers(items) {
 
 export const dismiss = (some) => storeTakeovers(takeovers.peek().filter((one) => !some.includes(one)));
 
-/** Lists of takeovers that one sentence can tell: by the same user, for the same cause. */
+/** Lists of takeovers for one sentence each: by the same user, for the same cause. */
 export function groupTakeovers(items) {
   const groups = new Map();
   for (const one of items) {
@@ -42,11 +42,21 @@ export function groupTakeovers(items) {
   return [...groups.values()];
 }
 
-/** Note that this tab releases a drive (`isReleased`), or that the release failed. */
-export function announceRelease(id, isReleased) {
+function announceRelease(id, isReleased) {
   if (isReleased) ownReleases.add(id);
   else ownReleases.delete(id);
   tabs.postMessage({ session: ownSession(), drive: id, isReleased });
+}
+
+/** Send a request that ends control of a drive; this tab and the others know that it is no takeover. */
+export async function releasing(id, send) {
+  announceRelease(id, true);
+  try {
+    return await send();
+  } catch (error) {
+    announceRelease(id, false);
+    throw error;
+  }
 }
 
 function onOtherTab({ data: { session: of, drive: id, isReleased } }) {

@@ -24,8 +24,8 @@ export function listed(ids) {
   return ids.length > MAX_NAMES ? t("page.names_more", { names, n: ids.length - MAX_NAMES }) : names;
 }
 
-/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result [{ids, text, isNamed}], where
- * `isNamed` tells that the text has the names of the drives. */
+/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, text, isNamed}], and
+ * `isNamed` says that the text has the names of the drives. */
 export function mergeSentences(items) {
   const groups = new Map();
   for (const one of items) {

@@ -3,7 +3,7 @@
 // A status or fault word, a list of terminals and a count have no unit: they are drawn as steps, each on its own scale
 // without an axis, and have no mean.
 
-/** Axes of one chart: more can't be told apart. */
+/** Axes of one chart: more can't be distinguished. */
 const MAX_AXES = 2;
 
 /** Does a line show a word: a value without a unit? */
@@ -28,7 +28,9 @@ export function firstLines(lines) {
 }
 
 /** Are all known values of a series whole numbers, as those of a word are? */
-export const isWhole = ({ min, max }) => [...min, ...max].every((value) => value == null || Number.isInteger(value));
+export const isWhole = ({ min, max }) => min.every(isWholeOrUnknown) && max.every(isWholeOrUnknown);
+
+const isWholeOrUnknown = (value) => value == null || Number.isInteger(value);
 
 /** Values of a word within a window, in their order, a repeated one once; null for a stretch of several values. */
 export function valuesOfWord({ t, min, max }, { from, to }) {
