@@ -17,10 +17,12 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.commissioning.acceptance import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
 from drivebus.ports import locks, open_port
 from drivebus.simulator.bus import SimulatedBus
+from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
 
 ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
+C320_LINK = "sim://c320@1?name=hw&ramp=1"
 
 
 class AgreeingPerson(acceptance_command.TerminalAcceptance):
@@ -33,10 +35,25 @@ class AgreeingPerson(acceptance_command.TerminalAcceptance):
         return "n" if key == "acceptance.ask.stands" and motor.energised else "y"
 
 
+class RealPort(AgreeingPerson):
+    """The simulated line under the name of a real port, whose parity is tested."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.port = "/dev/ttyUSB0"
+
+
+class PortWithoutParity(RealPort):
+    """A port that is opened with another parity and accepts the drive's all the same."""
+
+    def drive(self, serial_format: str | None = None) -> Any:
+        return super().drive(None)
+
+
 @pytest.fixture
-def bench() -> Any:
+def bench(request: pytest.FixtureRequest) -> Any:
     clear_simulated_buses()
-    port: Any = open_port(ACCEPTANCE_LINK)
+    port: Any = open_port(getattr(request, "param", ACCEPTANCE_LINK))
     yield simulated_bus_of(port)
     clear_simulated_buses()
 
@@ -46,10 +63,11 @@ def step(
     meanwhile: Callable[[], Any] | None = None,
     *,
     motor: bool = True,
+    model: str = "vc660",
     session_class: type[acceptance_command.TerminalAcceptance] = AgreeingPerson,
 ) -> StepFinding:
     async def scenario() -> StepFinding:
-        target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
+        target = Target(port=C320_LINK if model == "c320" else ACCEPTANCE_LINK, model=model, address=1)
         other = asyncio.ensure_future(meanwhile()) if meanwhile is not None else None
         found = await run_step(name, session_class(target, ShutdownSignal(), motor=motor, frequency_hz=5.0))
         if other is not None:
@@ -64,11 +82,21 @@ def test_on_a_good_line_a_step_passes(bench: SimulatedBus, name: str) -> None:
     found = step(name)
     assert found.verdict is StepResult.PASSED, found
     assert found.figures
+    assert found.reason == ""
 
 
-@pytest.mark.parametrize("name", ["exclusive", "parity"])
-def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str) -> None:
-    assert step(name).verdict is StepResult.SKIPPED
+@pytest.mark.parametrize(
+    ("name", "reason"), [("exclusive", "acceptance.not.exclusive"), ("parity", "acceptance.not.parity")]
+)
+def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str, reason: str) -> None:
+    assert (step(name).verdict, step(name).reason) == (StepResult.SKIPPED, reason)
+
+
+def test_replies_that_are_accepted_with_the_wrong_parity_are_reported(bench: SimulatedBus) -> None:
+    found = step("parity", session_class=RealPort)
+    assert (found.verdict, found.reason, found.figures["accepted"]) == (StepResult.PASSED, "", 0)
+    found = step("parity", session_class=PortWithoutParity)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.parity")
 
 
 def owned(path: str) -> StepFinding:
@@ -93,14 +121,15 @@ def pty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_another_program_is_rejected_the_port_with_the_owners_pid(pty: str) -> None:
     found = owned(pty)
-    assert found.verdict is StepResult.PASSED
+    assert (found.verdict, found.reason) == (StepResult.PASSED, "")
     assert f"pid {os.getpid()}" in found.figures["refused"]
 
 
 def test_a_port_that_another_program_gets_is_reported(pty: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "_flock", lambda fd: None)
     monkeypatch.setattr(locks, "_take_lock_file", lambda device: -1)
-    assert owned(pty).verdict is StepResult.FAILED
+    found = owned(pty)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.exclusive")
 
 
 def test_another_master_is_detected(bench: SimulatedBus) -> None:
@@ -117,7 +146,8 @@ def test_another_master_is_detected(bench: SimulatedBus) -> None:
             await asyncio.sleep(0.5)
             bench.transmit(other, bytes.fromhex("01 03 30 00 00 01 8B 0A"))
 
-    assert step("quiet", speaks).verdict is StepResult.FAILED
+    found = step("quiet", speaks)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.quiet")
 
 
 def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
@@ -129,7 +159,8 @@ def test_a_noisy_line_fails_the_reads(bench: SimulatedBus) -> None:
 
 def test_late_replies_fail_the_sync_probes(bench: SimulatedBus) -> None:
     bench.line_quality = "late=0.1:0.3"
-    assert step("stray_replies").verdict is StepResult.FAILED
+    found = step("stray_replies")
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.stray_replies")
 
 
 def test_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
@@ -140,9 +171,19 @@ def test_the_adapter_pulled_and_put_back(bench: SimulatedBus) -> None:
         bench.replug()
 
     found = step("unplug", replug)
-    assert found.verdict is StepResult.PASSED
+    assert (found.verdict, found.reason) == (StepResult.PASSED, "")
     assert 2.9 < found.figures["away_s"] < 4.0
-    assert step("unplug").figures == {"noticed": False}
+    found = step("unplug")
+    assert (found.reason, found.figures) == ("acceptance.bad.unplug", {"noticed": False})
+
+
+def test_an_adapter_that_is_not_found_again_fails(bench: SimulatedBus) -> None:
+    async def unplug() -> None:
+        await asyncio.sleep(5.0)
+        bench.unplug()
+
+    found = step("unplug", unplug)
+    assert (found.reason, found.figures) == ("acceptance.bad.unplug", {"noticed": True, "back": False})
 
 
 def test_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
@@ -150,8 +191,10 @@ def test_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
         await asyncio.sleep(5.0)
         bench.station(1).power_cycle(20.0)
 
-    assert step("power", power_cycle_drive).verdict is StepResult.PASSED
-    assert step("power").verdict is StepResult.FAILED
+    found = step("power", power_cycle_drive)
+    assert (found.verdict, found.reason) == (StepResult.PASSED, "")
+    found = step("power")
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.power")
 
 
 def test_a_motor_that_does_not_do_what_is_commanded_fails(bench: SimulatedBus) -> None:
@@ -159,7 +202,8 @@ def test_a_motor_that_does_not_do_what_is_commanded_fails(bench: SimulatedBus) -
         async def ask(self, key: str, /, **params: Any) -> str:
             return "n" if key == "acceptance.ask.turns" else "y"
 
-    assert step("run_and_stop", session_class=DisagreeingPerson).verdict is StepResult.FAILED
+    found = step("run_and_stop", session_class=DisagreeingPerson)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.run_and_stop")
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
 
 
@@ -167,6 +211,25 @@ def test_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None
     found = step("comm_loss")
     assert found.figures["stop"] == "confirmed"
     assert found.figures["alone_s"] > 3.0
+    assert (found.verdict, found.reason) == (StepResult.SKIPPED, "acceptance.not.comm_loss")  # VC660 reports no action
+
+
+@pytest.mark.parametrize("bench", [C320_LINK], indirect=True)
+def test_a_drive_whose_motor_stops_although_its_parameters_let_it_run_on_fails(bench: SimulatedBus) -> None:
+    async def trip_in_the_silence() -> None:
+        while not bench.station(1).motor.energised:  # noqa: ASYNC110  the motor reports no start
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(2.0)
+        bench.station(1).trip(Trip.OVERHEAT)
+
+    found = step("comm_loss", model="c320")
+    assert (found.verdict, found.reason, found.figures["announces_trip"]) == (StepResult.PASSED, "", False)
+    found = step("comm_loss", trip_in_the_silence, model="c320")
+    assert (found.verdict, found.reason, found.figures["still_turned"]) == (
+        StepResult.FAILED,
+        "acceptance.bad.comm_loss",
+        False,
+    )
 
 
 def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(bench: SimulatedBus) -> None:
