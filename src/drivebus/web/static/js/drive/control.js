@@ -1,4 +1,4 @@
-// Control panel of one drive: control lease, start in two steps, setpoint, stops, jog, reset, release.
+// Control panel of one drive: control lease, start in two steps, setpoint, stops, jog, release.
 import { html, useEffect, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
@@ -19,7 +19,7 @@ const START_OPTIONS = { timeout_ms: 60_000 };
 const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Reason why only stops are possible now; null where commands are. */
-function controlBlocker(view) {
+export function controlBlocker(view) {
   if (!isLive.value) return t("page.not_live");
   if (idle.value) return t("page.idle");
   if (!may("operate")) return t("page.view_only");
@@ -33,12 +33,13 @@ function Motion({ view, disabled }) {
   const [selectedDirection, setSelectedDirection] = useState("forward");
   const [run, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
+  const [isOver, setOver] = useState(false);
   const isWrong = frequencyError(hertz, view) !== null;
   const turning = MOVING_STATES.has(view.state);
   const reversible = view.capabilities.includes("reverse");
   const chosen = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
-  // The outcome of a start stays until the motor is at rest.
-  useEffect(() => { if (!turning) setStarted(null); }, [turning]);
+  // The outcome of a start stays until the motor is at rest, its place until the next start: no button moves meanwhile.
+  useEffect(() => { setOver(!turning); }, [turning]);
 
   const frequency_hz = numberOf(hertz);
   const directions = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
@@ -52,12 +53,12 @@ function Motion({ view, disabled }) {
         options=${directions} disabled=${disabled} />`}
       <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
         data-do="set">${t("page.set_frequency")}<//></div>
-    <${ArmStart} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${setStarted}
+    <${ArmStart} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${(found) => { setStarted(found); setOver(false); }}
       kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.start_blockers.length > 0}
       first=${t("page.run")} second=${t("page.run_now")}>
       <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
-    ${started?.outcome && html`<${OutcomeNote} outcome=${started.outcome} />`}</div>`;
+    ${started?.outcome && html`<div class=${isOver ? "past" : ""}><${OutcomeNote} outcome=${started.outcome} /></div>`}</div>`;
 }
 
 /** Stops of this drive; never disabled. They stand first in their panel: what comes or goes below moves none. */
@@ -74,14 +75,6 @@ function SingleAction({ path, text, note, disabled, name }) {
     onClick=${() => run(() => api.post(path))}
     data-do=${name}>${text}<//></div>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
-}
-
-/** Reset of a trip, with the reason where it is not possible now. */
-export function Reset({ view }) {
-  const why = controlBlocker(view);
-  if (!may("operate")) return null;
-  return html`<${SingleAction} path=${drivePath(view.id, "/reset")} name="reset" note=${why ?? t("page.reset_note")}
-    text=${t("page.reset")} disabled=${why !== null} />`;
 }
 
 function StartBlockers({ view }) {
@@ -107,7 +100,6 @@ export function ControlPanel({ view }) {
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
     <${LastStop} view=${view} />
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
-    ${view.state === "fault" && !view.fault && html`<${Reset} view=${view} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")}
       text=${t("page.release")} disabled=${disabled} />`}

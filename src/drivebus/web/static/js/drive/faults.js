@@ -1,11 +1,8 @@
-// Faults: the present one, past ones, and every fault code of the model with cause and remedy.
+// Faults: past ones, and every fault code of the model with cause and remedy.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { openAlarms } from "../alarm-list.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment } from "../format.js";
-import { Icon } from "../icons.js";
-import { href } from "../router.js";
 import { ErrorNote, Field, Table, useLoaded } from "../ui.js";
 
 const PAST_FAULT_COUNT = 50;
@@ -14,20 +11,6 @@ const PAST_FAULT_COUNT = 50;
 export function faultText({ label, text }) {
   const words = localized(text);
   return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
-}
-
-/** The present fault with what to do about it: `children` are the actions. */
-export function CurrentFault({ view, children }) {
-  const { fault } = view;
-  const incident = openAlarms().find((alarm) => alarm.drive === view.id && alarm.incident)?.incident;
-  return html`<section class="active-fault" aria-labelledby="fault-title"><${Icon} name="fault" size=${40} /><div
-    class="stack">
-    <h2 id="fault-title">${!localized(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultText(fault)}</h2>
-    <dl class="facts">${fault.cause && html`<dt>${t("page.cause")}</dt><dd>${localized(fault.cause)}</dd>`}
-    ${fault.remedy && html`<dt>${t("page.remedy")}</dt><dd>${localized(fault.remedy)}</dd>`}
-    <dt>${t("page.code")}</dt><dd>${fault.code < 0 ? NO_VALUE : fault.code}</dd></dl>
-    <div class="row">${children}${incident && html`<a class="button" data-do="incident"
-      href=${href("incidents", incident)}>${t("page.open_incident")}</a>`}</div></div></section>`;
 }
 
 function PastFaults({ id }) {

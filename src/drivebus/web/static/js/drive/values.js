@@ -12,15 +12,15 @@ const DEFAULT_ROW_COUNT = 5;
 
 const signalsOf = (view) => Object.keys(view.signals).sort((a, b) => signalRank(a) - signalRank(b));
 
-/** Reason why a value is uncertain or absent, shown without a pointer. */
+/** Reason why a value is uncertain or absent, shown without a pointer. The row has its place also without one. */
 function QualityReason({ found }) {
   if (!found?.reason || (found.quality === "bad" && found.age_s !== null)) return null;
-  return html`<small class="reason" aria-hidden="true">${t(found.reason)}</small>`;
+  return html`<small class="reason" aria-hidden="true"><span>${t(found.reason)}</span></small>`;
 }
 
 function Row({ view, name }) {
   const found = reading(view, name);
-  return html`<tr><th scope="row">${signalName(name)}<${QualityReason} found=${found} /></th><td class="right"><${Value} found=${found} /></td>
+  return html`<tr><th scope="row"><div class="signal">${signalName(name)}<${QualityReason} found=${found} /></div></th><td class="right"><${Value} found=${found} /></td>
     <td class="right soft">${duration(found.age_s)}</td></tr>`;
 }
 
@@ -46,7 +46,7 @@ export function Values({ view }) {
   return html`<section class="panel stack values" aria-labelledby="values-title"><h2 id="values-title">
     ${t("page.values")}</h2>
     <div class="bigvalues">${LARGE_SIGNALS.filter((name) => names.includes(name)).map((name) => html`<figure key=${name}>
-      <figcaption>${signalName(name)}</figcaption><${Value} found=${reading(view, name)} big /></figure>`)}
+      <figcaption>${signalName(name)}</figcaption><${Value} found=${reading(view, name)} big brief /></figure>`)}
       <figure><figcaption>${t("page.commanded")}</figcaption><span
         class=${`value big ${isLive.value ? "" : "bad"}`}><span class="number">${
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>

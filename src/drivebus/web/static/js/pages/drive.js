@@ -9,8 +9,9 @@ import { addSignalNames, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
 import { CommLoss, Limits } from "../drive/waiver-limits.js";
-import { ControlPanel, Reset } from "../drive/control.js";
-import { FaultsTab, CurrentFault } from "../drive/faults.js";
+import { ControlPanel } from "../drive/control.js";
+import { CurrentFault } from "../drive/current-fault.js";
+import { FaultsTab } from "../drive/faults.js";
 import { ParametersTab } from "../drive/parameters.js";
 import { ProfileTab } from "../drive/profile.js";
 import { StatisticsTab } from "../drive/statistics.js";
@@ -67,7 +68,7 @@ export function Page({ id, query }) {
   if (!view && connection.value === "starting") return html`<${Loading} />`;
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
-  return html`<${Head} view=${view} />${view.fault && html`<${CurrentFault} view=${view}><${Reset} view=${view} /><//>`}
+  return html`<${Head} view=${view} /><${CurrentFault} view=${view} />
     <div class="drivegrid"><${Values} view=${view} /><div class="stack drivecontrol"><${ControlPanel} view=${view} />
       <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
       </section></div><${Details} view=${view} query=${query} /></div>`;

@@ -1,0 +1,60 @@
+// Present fault of a drive with its cause, its remedy and its reset. Its place is reserved: a trip moves no button.
+import { html, useState } from "../lib.js";
+import { localized, t } from "../i18n.js";
+import { openAlarms } from "../alarm-list.js";
+import { api, drivePath } from "../api.js";
+import { NO_VALUE } from "../format.js";
+import { Icon } from "../icons.js";
+import { isLive } from "../live.js";
+import { href } from "../router.js";
+import { may } from "../session.js";
+import { Button, Dialog, ErrorNote, OutcomeNote, useRequest } from "../ui.js";
+import { controlBlocker } from "./control.js";
+import { faultText } from "./faults.js";
+
+/** Title of the present fault; of a drive that reports a fault without a code, the word alone. */
+function FaultTitle({ fault }) {
+  if (!fault) return t("drives.state_fault");
+  return html`${!localized(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultText(fault)}`;
+}
+
+/** What to do about the fault: `[name, text]` of its cause and its remedy, where the model's manual has them. */
+const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.remedy"), fault?.remedy]]
+  .filter(([, text]) => text).map(([name, text]) => [name, localized(text)]);
+
+function FaultDialog({ fault, note, incident, onClose }) {
+  return html`<${Dialog} title=${html`<${FaultTitle} fault=${fault} />`} onClose=${onClose}><dl class="facts">
+    ${adviceOf(fault).map(([name, text]) => html`<dt>${name}</dt><dd>${text}</dd>`)}
+    ${fault && html`<dt>${t("page.code")}</dt><dd>${fault.code < 0 ? NO_VALUE : fault.code}</dd>`}</dl>
+    ${note && html`<p>${note}</p>`}
+    ${incident && html`<div class="row end"><a class="button" href=${href("incidents", incident)}>${t("page.open_incident")}</a></div>`}<//>`;
+}
+
+function Fault({ view }) {
+  const [isOpen, setOpen] = useState(false);
+  const [run, busy, error, result, clear] = useRequest();
+  const { fault } = view;
+  const incident = openAlarms().find((alarm) => alarm.drive === view.id && alarm.incident)?.incident;
+  const why = controlBlocker(view);
+  const note = may("operate") ? why ?? t("page.reset_note") : null;
+  return html`<div class="active-fault"><${Icon} name="fault" size=${40} /><div class="what"><h2 id="fault-title">
+      <${FaultTitle} fault=${fault} /></h2>
+      ${adviceOf(fault).map(([name, text]) => html`<p key=${name}>${name}${t("page.colon")}<b>${text}</b></p>`)}</div>
+    <div class="do"><div class="row">
+      ${may("operate") && html`<${Button} disabled=${why !== null} busy=${busy} data-do="reset"
+        onClick=${() => run(() => api.post(drivePath(view.id, "/reset")))}>${t("page.reset")}<//>`}
+      <${Button} onClick=${() => setOpen(true)} data-do="remedy">${t("page.fault_details")}…<//>
+      ${incident && html`<a class="button" data-do="incident" href=${href("incidents", incident)}>${t("page.open_incident")}</a>`}
+      </div>${note && html`<p class="small">${note}</p>`}</div>
+    ${(error || result?.outcome) && html`<div class="fault-outcome"><${ErrorNote} error=${error} />
+      ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
+      <${Button} kind="quiet" icon="close" onClick=${clear} aria-label=${t("page.close")} /></div>`}
+    ${isOpen && html`<${FaultDialog} fault=${fault} note=${note} incident=${incident} onClose=${() => setOpen(false)} />`}</div>`;
+}
+
+export function CurrentFault({ view }) {
+  const isFaulty = view.fault || view.state === "fault";
+  const isCalm = isLive.value && view.presence === "online" && view.state !== "unknown";
+  return html`<section class="fault-place" aria-label=${t("page.fault")}>${isFaulty ? html`<${Fault} view=${view} />`
+    : isCalm && html`<p class="soft"><${Icon} name="check" />${t("page.no_present_fault")}</p>`}</section>`;
+}

@@ -1,0 +1,50 @@
+"""Positions of the buttons of a drive's page while a trip comes and goes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from fixtures.browser import Stage
+from fixtures.browser_actions import trip
+
+BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
+    "main :is(button, summary, [role=tab]):not(.active-fault *, .confirm *)")].filter((one) => one.offsetParent)
+  .map((one) => {
+    const { x, y } = one.getBoundingClientRect();
+    return [one.textContent.trim() + (one.dataset.do ?? ""), [x + scrollX, y + scrollY].map(Math.round)];
+  }))"""
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (360, 740)])
+def test_no_button_of_the_drive_page_moves_when_a_trip_comes_or_goes(
+    stage: Stage, visit: Any, size: tuple[int, int]
+) -> None:
+    """A hand that is on its way to Stop or Set frequency must not press something else."""
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1", size=size)
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.locator(".trend-plot canvas").wait_for()
+    page.fill(".control .frequency input[inputmode=decimal]", "20")
+    page.click("[data-step=first]")
+    page.click("[data-step=second]")
+    page.locator(".control .notice.good").wait_for()
+    page.locator("[data-stop-by]").wait_for(state="detached")
+    before = page.evaluate(BUTTONS)
+    trip(stage, "fan-1")
+    page.locator(".active-fault [data-do=reset]").wait_for()
+    page.wait_for_timeout(100)
+    tripped = page.evaluate(BUTTONS)
+    assert moved(before, tripped) == {}
+    page.click(".active-fault [data-do=reset]")
+    page.locator(".active-fault").wait_for(state="detached")
+    assert moved(before, page.evaluate(BUTTONS)) == {}
+
+
+def moved(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """Return the buttons of both measurements that have moved, each with its two places."""
+    both = before.keys() & after.keys()
+    assert len(both) > 12, "hardly a button was compared"
+    return {name: (before[name], after[name]) for name in both if before[name] != after[name]}
