@@ -7,15 +7,43 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from drivebus import profiles
 from drivebus.cli import output
+from drivebus.cli.commands import run
 from drivebus.cli.commands.run import _progress_printer, _watch
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.values import Text
+
+ATTACHED = "Attached: Ctrl-C stops the drive"
+DETACHED = "Detached: the drive keeps running without supervision."
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "shown"),
+    [
+        (("--frequency", "5"), 130, [ATTACHED]),
+        (("--frequency", "5", "--detach"), 0, [DETACHED]),
+        (("--frequency", "500"), 1, []),
+        (("--frequency", "500", "--detach"), 1, []),
+    ],
+)
+def test_only_a_drive_that_was_started_is_called_attached_or_detached(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], code: int, shown: list[str]
+) -> None:
+    async def interrupted(*_: object) -> ExitCode:
+        return ExitCode.INTERRUPTED
+
+    monkeypatch.setattr(run, "_watch", interrupted)
+    drive = ("sim://c320@1?ramp=1", "--model", "c320", "--address", "1", "--lang", "en")
+    found = CliRunner().invoke(cli, ["run", *drive, *words], env={"COLUMNS": "200"})
+    assert found.exit_code == code, found.output
+    assert [text for text in (ATTACHED, DETACHED) if text in found.stdout] == shown
 
 
 class FakeBus:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import socketserver
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from drivebus import errors, profiles
+from drivebus import errors, i18n, profiles
 from drivebus.cli import errors as cli_errors
 from drivebus.cli.main import cli
+from drivebus.drives import Drive
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.ports import discovery
 from drivebus.simulator.port import clear_simulated_buses
 from fixtures.usb_serial import install_latency_timers
@@ -172,6 +177,23 @@ def test_loopback_counts_what_the_drive_returns() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("repetitions", "error"), [(0, None), (2, None), (1, errors.NoReply("bus.no_reply", station=3, milliseconds=56))]
+)
+def test_loopback_names_its_repetitions_and_its_last_error_only_where_there_were_some(
+    monkeypatch: pytest.MonkeyPatch, repetitions: int, error: errors.DrivebusError | None
+) -> None:
+    async def loopback_test(drive: Drive, count: int) -> LoopbackReport:
+        return LoopbackReport(count, (0.02,) * (count - (error is not None)), repetitions, error)
+
+    monkeypatch.setattr(Drive, "loopback_test", loopback_test)
+    words = ("sim://vc660@3", "--model", "vc660", "--address", "3", "--count", "4", "--lang", "en")
+    text = run_text("loopback", *words, code=int(error is not None))
+    repeated = f"Repeated because a reply was missing or damaged: {repetitions}."
+    assert (repeated in text, "Repeated" in text) == (repetitions > 0, repetitions > 0)
+    assert ("Last error: station 3: no reply within 56 ms" in text, "rror" in text) == (error is not None,) * 2
+
+
 def test_status_shows_what_a_c320_reports_about_itself() -> None:
     drive = ("sim://c320@1", "--model", "c320", "--address", "1")
     identity = run_json("status", *drive)["identity"]
@@ -216,6 +238,36 @@ def test_scan_prints_the_drives_and_that_it_only_reads() -> None:
     assert "vc660" in result.stdout
     assert "Only reads are sent" in result.stderr
     assert "communication-loss timer" in result.stderr
+
+
+@pytest.fixture
+def polled_line() -> Iterator[str]:
+    """A TCP port on which requests of another master are received as soon as it is opened."""
+
+    class Line(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(bytes.fromhex("05 03 30 00 00 01 8A 8E"))
+            while self.request.recv(64):
+                pass
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Line) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}).start()
+        yield f"tcp://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+
+
+def test_scan_names_another_master_and_sends_nothing_without_force(polled_line: str) -> None:
+    words = ("--models", "vc660", "--addresses", "3", "--bauds", "9600", "--formats", "8N1", "--lang", "en")
+    listens = ("--listen-seconds", "0.2")
+    foreign = i18n.text("scan.foreign", "en", count=8, seconds="0.2")
+    end = "Nothing was sent: requests would collide"
+    text = run_text("scan", polled_line, *words, *listens, code=1)
+    assert foreign in text and end in text and "Only reads are sent" not in text
+    text = run_text("scan", polled_line, *words, *listens, "--force", code=1)
+    assert foreign in text and end not in text and "Only reads are sent" in text
+    text = run_text("scan", "sim://vc660@3", *words, *listens)
+    assert "Another master" not in text and end not in text
 
 
 def test_a_scan_of_an_empty_bus_exits_with_1_and_names_what_to_check() -> None:

@@ -14,9 +14,10 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
 from drivebus.cli.scanning import print_scan
-from drivebus.commissioning.scan import ScanProgress, SniffResult
+from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
+from drivebus.serial_settings import SerialSettings
 from drivebus.values import Quality, Reading, Text, missing_reading
 
 VC660 = profiles.load("vc660")
@@ -97,6 +98,31 @@ def test_a_table_fits_the_terminal_without_losing_a_word(cells: int) -> None:
 @pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
 def test_a_duration_is_at_least_one_second(seconds: float, shown: str) -> None:
     assert format_duration(seconds) == shown
+
+
+@pytest.mark.parametrize(
+    ("steps_hz", "doubtful", "note"),
+    [
+        ({"c320": 0.01}, False, ""),
+        ({"c320": 0.01, "c300": 0.01}, True, "alike on the bus: see the name plate"),
+        (
+            {"c320": 0.01, "ms300": None},
+            True,
+            "alike on the bus, but c320 count 0.01 Hz; ms300 take a share of the maximum frequency",
+        ),
+    ],
+)
+def test_a_scan_notes_how_models_that_look_alike_count_their_frequency(
+    capsys: pytest.CaptureFixture[str], steps_hz: dict[str, float | None], doubtful: bool, note: str
+) -> None:
+    drive = DetectedDrive(
+        models=tuple(steps_hz), setpoint_steps_hz=steps_hz, family="modbus", encoding="rtu", address=3,
+        settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
+    assert drive.doubtful is doubtful
+    print_scan("x", ScanProgress(total_s=1.0, found=[drive]), None, ExitCode.DONE)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert ("alike" in shown) is doubtful and "".join(note.split()) in "".join(shown.split())
 
 
 def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,9 @@ import httpx
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
+from drivebus.cli import output
+from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.remote.drive import RemoteDrive
@@ -371,10 +374,32 @@ def test_comm_loss_test_records_a_trip_and_tells_success_by_its_exit_code(
     arguments = ("--drive", "fan-2", "--frequency", "5", "--silence", "2")
     assert "--yes" in run_command(plant.url, "comm-loss-test", *arguments, code=2)["error"]["text"]
     plant.run_in_loop(lambda: _set_keypad(plant, {0x9_03: 2, 0x9_04: 10}))
-    tested = run_command(plant.url, "comm-loss-test", *arguments, "--yes")["tested"]
+    words = ["comm-loss-test", "--service", plant.url, *arguments, "--yes", "--lang", "en"]
+    result = CliRunner().invoke(cli, words, env={"COLUMNS": "200"})
+    tested = rest(plant, "/drives/fan-2")["comm_loss"]["tested"]
+    shown = {"drive": "fan-2", "fault": tested["fault"], "seconds": f"{tested['silence_s']:g}"}
+    assert result.exit_code == 0 and i18n.text("comm_loss_test.trips", "en", **shown) in result.stdout
     assert tested["result"] == "trips" and tested["parameters"] == {"F9.3": 2, "F9.4": 10}
     assert plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-2"))["lease"] is None
     plant.run_in_loop(lambda: plant.kit.call("drive.reset", drive="fan-2"))
+
+
+@pytest.mark.parametrize(
+    ("result", "key", "code"),
+    [
+        (None, "comm_loss_test.nothing", 1),
+        ("stops", "comm_loss_test.stops", 0),
+        ("runs_on", "comm_loss_test.runs_on", 1),
+    ],
+)
+def test_comm_loss_test_names_the_result_that_was_recorded(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], result: str | None, key: str, code: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    output.parse_global_options(["--lang", "en"])
+    found = None if result is None else {"tested": {"result": result, "silence_s": 6.0, "fault": None}}
+    assert comm_loss_test_command._print_result("fan-2", found) == code
+    assert capsys.readouterr().out.strip() == i18n.text(key, "en", drive="fan-2", seconds="6", fault="-")
 
 
 async def _set_keypad(plant: RunningService, values: dict[int, int]) -> None:

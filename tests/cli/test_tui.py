@@ -20,6 +20,7 @@ from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
+from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_columns
@@ -28,7 +29,7 @@ from drivebus.commissioning import scan
 from drivebus.drives import Drive
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.port import clear_simulated_buses
+from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.values import Quality, Reading, missing_reading
 
 
@@ -263,6 +264,23 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.02)
 
 
+async def test_a_monitor_names_the_loss_of_the_adapter_and_its_return() -> None:
+    """Nothing is reported of an adapter that is there all the time."""
+    source = BusRowSource(ports.open_port("sim://vc660@1?name=m"), [(profiles.load("vc660"), "rtu", 1)], "m")
+    await source.start()
+    [announced] = source.messages()
+    assert source.buses()[0].up and source.messages() == [announced]
+    for change, message in (
+        (find_simulated_bus("m").unplug, "The adapter was lost; it is opened again as soon as it is back."),
+        (find_simulated_bus("m").replug, "The adapter is back."),
+    ):
+        before = len(source.messages())
+        change()
+        await until(lambda before=before: bool(source.buses()) and len(source.messages()) > before)  # type: ignore[misc]
+        assert source.messages()[-1].startswith(message) and len(source.messages()) == before + 1
+    await source.close()
+
+
 async def test_a_bus_of_the_plant_on_ptys_is_unplugged_and_plugged_and_its_folder_is_deleted() -> None:
     pytest.importorskip("pty")
     plant = PtyDemoPlant()
@@ -389,6 +407,10 @@ def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
     documents = [json.loads(line) for line in result.stdout.splitlines()]
     assert documents[-1]["drives"][0]["readings"]["output_frequency"]["value"] == 50.0
     assert any("End of the capture" in document.get("event", "") for document in documents)
+    cut_off = "The capture was cut off: its last line is missing."
+    assert cut_off not in result.stdout
+    path.write_bytes(path.read_bytes()[:-3])
+    assert cut_off in CliRunner().invoke(cli, ["monitor", str(path), "--speed", "20", "--json"]).stdout
 
 
 def test_a_long_bus_name_keeps_its_end_and_a_gap_before_the_settings() -> None:

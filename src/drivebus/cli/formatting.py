@@ -203,7 +203,7 @@ def exchange_json(exchange: FrameExchange) -> Json:
 
 
 def outcome_text(outcome: Outcome) -> str:
-    """Format the outcome and its notes."""
+    """Format the outcome of a command that succeeded, and its notes; any other outcome is raised as an error."""
     text = outcome.text(output.language())
     notes = [note for key, params in outcome.notes if (note := output.text(key, **params)) != text]
     result = output.wrap_for(output.text(f"outcome.{outcome.status}", text=text), sys.stdout)
