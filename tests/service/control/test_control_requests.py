@@ -63,8 +63,9 @@ def test_a_user_has_at_most_twenty_open_requests() -> None:
     with pytest.raises(ServiceError) as refused:
         requests.make("r", "d", BOB, None, 0.0)
     assert refused.value.key == "plant.control_requests_too_many"
+    assert requests.make("r1", "d", BOB, None, 0.0).is_open, "requests of one selection of drives are one"
     requests.end(made[0], "declined", 1.0, "ann")
-    assert requests.make("r", "d", BOB, None, 1.0).is_open
+    assert requests.make("r", "e", BOB, None, 1.0).is_open
 
 
 def test_a_request_expires_and_its_end_is_kept_for_a_minute() -> None:
@@ -175,6 +176,28 @@ def test_each_step_is_in_the_audit_trail_with_its_user() -> None:
             (user, f"control_request.{what}", "fan-1")
             for user, what in (("bob", "make"), ("ann", "decline"), ("cyd", "make"), ("cyd", "withdraw"))
         ]
+
+    played(scenario)
+
+
+def test_a_request_for_a_selection_has_one_id_an_outcome_for_each_drive_and_is_withdrawn_at_once() -> None:
+    async def scenario(kit: ServiceKit) -> None:
+        await kit.call("lease.take", CYD, drive="pump-1")
+        found = await kit.call("control_requests.make", CYD, drives=["fan-1", "fan-2", "pump-1"], reason="belt check")
+        outcomes = {id: one.get("status", one.get("code")) for id, one in found["outcomes"].items()}
+        assert outcomes == {"fan-1": "done", "fan-2": "plant.control_is_free", "pump-1": "unchanged"}
+        await kit.call("lease.renew", ANN, **FAN)
+        asked = await kit.call("control_requests.make", BOB, drives=["fan-1", "pump-1"])
+        assert asked["outcomes"]["fan-1"]["code"] == "plant.control_requested_already"
+        await kit.call("control_requests.withdraw", BOB, all=True)
+        assert (await shown(kit))["state"] == "open", "the request of another session was withdrawn"
+        found = (await kit.call("control_requests.withdraw", CYD, all=True))["outcomes"]
+        assert [id for id, one in found.items() if one["status"] == "done"] == ["fan-1"]
+        assert (await shown(kit))["state"] == "withdrawn"
+        await kit.call("lease.take", ANN, drive="fan-2")
+        await kit.call("control_requests.make", EVE, drives=["fan-1", "fan-2"])
+        ids = {(await kit.call("drives.get", drive=drive))["control_request"]["id"] for drive in ("fan-1", "fan-2")}
+        assert len(ids) == 1, "the requests of one selection have no common id"
 
     played(scenario)
 

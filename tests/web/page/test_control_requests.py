@@ -70,3 +70,33 @@ def test_a_takeover_names_the_open_request_and_the_asker_can_withdraw_it(
     expect(engineer.locator("dialog")).to_contain_text(asked)
     asker.click("[data-do=withdraw]")
     expect(engineer.locator("dialog")).not_to_contain_text(asked)
+
+
+def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, visit: Any, expect: Any) -> None:
+    """The holder gets one notice with both drives, the asker one dialog and one button that withdraws both requests."""
+    engineer = visit("#/fleet?group=water")
+    operator = visit("#/fleet?group=water", role="operator", size=(360, 740))
+    for page in (engineer, operator):
+        page.click(".grouppanel summary")
+    engineer.click(".grouppanel .button.main")
+    ask, held = operator.locator("[data-select='/control-requests']"), engineer.locator("[data-request]")
+    for end in ("withdraw", "hand-over"):
+        ask.click()
+        operator.fill("dialog input:not([type=checkbox])", "pump exchange")
+        operator.click("[data-do=selection]")
+        names = "Circulation pump, Feed pump"
+        expect(operator.locator("dialog .notice")).to_have_text(word("selection_done", names=names))
+        asked = word("control_incoming_for", user="operator", name=names, reason="pump exchange")
+        expect(held).to_contain_text(asked)
+        assert held.count() == 1
+        operator.keyboard.press("Escape")
+        if end == "withdraw":
+            operator.click(".grouppanel [data-do=withdraw]")
+            expect(held).to_have_count(0)
+            stage.service.plant.control_requests._requested_at.clear()
+        else:
+            held.locator("[data-do=hand-over]").click()
+            granted = operator.locator("[data-answer=granted]")
+            expect(granted).to_contain_text(word("control_answer_granted", by="engineer", name=names))
+            assert granted.count() == 1
+    assert [stage.view(drive)["lease"]["owner"] for drive in ("pump-1", "pump-2")] == ["operator"] * 2

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from drivebus.errors import ServiceError
+from drivebus.errors import DrivebusError, NotFound, ServiceError
+from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.control import (
     CONTROL_REQUEST_DECLINE,
     CONTROL_REQUEST_GRANT,
     CONTROL_REQUEST_MAKE,
     CONTROL_REQUEST_WITHDRAW,
+    CONTROL_REQUESTS_MAKE,
+    CONTROL_REQUESTS_WITHDRAW,
     LEASE_RELEASE,
     LEASE_RENEW,
     LEASE_TAKE,
     ControlAnswerParams,
     ControlRequestParams,
+    ControlRequestsParams,
 )
 from drivebus.service.api.operations.drives import DriveParams
+from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.control_requests import ControlRequest
 from drivebus.service.control.leases import LEASE_TTL_S
+from drivebus.service.control.selections import DONE, UNCHANGED
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
 
 class ControlCommands:
-    """Handlers of ``lease.*`` and ``control_request.*``."""
+    """Handlers of ``lease.*``, ``control_request.*`` and ``control_requests.*``."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -77,19 +83,22 @@ class ControlCommands:
 
     @handles(CONTROL_REQUEST_MAKE)
     async def make_request(self, params: ControlRequestParams, actor: Actor) -> Json:
+        runtime = self.plant.drive_runtime(params.drive)
+        self._make_request(runtime, params.reason, self.plant.command_id("request"), actor)
+        return self._lease_json(runtime)
+
+    def _make_request(self, runtime: DriveRuntime, reason: str | None, id: str, actor: Actor) -> None:
         """Ask the session that has control. Raises ServiceError where there is none, or it is the actor's own."""
-        runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
+        now = self.plant.now()
         lease = self.plant.leases.get(runtime.id, now)
         if lease is None:
             raise ServiceError("plant.control_is_free", drive=runtime.id)
         if lease.actor.session == actor.session:
             raise ServiceError("plant.control_is_own", drive=runtime.id)
-        id = self.plant.command_id("request")
-        self.plant.control_requests.make(id, runtime.id, actor, params.reason, now)
-        key = "plant.control_requested" if params.reason is None else "plant.control_requested_for"
-        reason = {} if params.reason is None else {"reason": params.reason}
-        self.plant.publish_event("lease", runtime.id, key, actor=actor.name, owner=lease.actor.name, **reason)
-        return self._lease_json(runtime)
+        self.plant.control_requests.make(id, runtime.id, actor, reason, now)
+        key = "plant.control_requested" if reason is None else "plant.control_requested_for"
+        why = {} if reason is None else {"reason": reason}
+        self.plant.publish_event("lease", runtime.id, key, actor=actor.name, owner=lease.actor.name, **why)
 
     @handles(CONTROL_REQUEST_GRANT)
     async def grant_request(self, params: ControlAnswerParams, actor: Actor) -> Json:
@@ -114,6 +123,35 @@ class ControlCommands:
         runtime = self.plant.drive_runtime(params.drive)
         self.plant.control_requests.withdraw(runtime.id, actor, self.plant.now())
         return {}
+
+    @handles(CONTROL_REQUESTS_MAKE)
+    async def make_requests(self, params: ControlRequestsParams, actor: Actor) -> Json:
+        """Ask for each drive that another session controls, with one id for all requests."""
+        id, outcomes = self.plant.command_id("request"), {}
+        for runtime in self.plant.selected(params.drives, params.group, everything=params.all):
+            lease = self.plant.leases.get(runtime.id, self.plant.now())
+            if lease is not None and lease.actor.session == actor.session:
+                outcomes[runtime.id] = UNCHANGED
+                continue
+            try:
+                self._make_request(runtime, params.reason, id, actor)
+            except DrivebusError as error:
+                outcomes[runtime.id] = error_to_json(error)
+            else:
+                outcomes[runtime.id] = DONE
+        return {"outcomes": outcomes}
+
+    @handles(CONTROL_REQUESTS_WITHDRAW)
+    async def withdraw_requests(self, params: SelectionParams, actor: Actor) -> Json:
+        outcomes = {}
+        for runtime in self.plant.selected(params.drives, params.group, everything=params.all):
+            try:
+                self.plant.control_requests.withdraw(runtime.id, actor, self.plant.now())
+            except NotFound:
+                outcomes[runtime.id] = UNCHANGED
+            else:
+                outcomes[runtime.id] = DONE
+        return {"outcomes": outcomes}
 
     def _find_answerable(self, params: ControlAnswerParams, actor: Actor) -> ControlRequest:
         """Return the request that the actor, who has control, may answer. Raises NotFound, ControlNotHeld."""

@@ -13,7 +13,7 @@ from drivebus.service.runtime.utc_clock import UtcClock
 
 CONTROL_REQUEST_TTL_S = 60.0  # a request without an answer expires after this time
 CONTROL_REQUEST_INTERVAL_S = 30.0  # between two requests of one user for one drive
-MAX_OPEN_REQUESTS = 20  # of one user
+MAX_OPEN_REQUESTS = 20  # of one user; those of a selection of drives are one
 ANSWER_KEPT_S = 60.0  # an ended request stays readable for the session that made it
 
 
@@ -22,6 +22,7 @@ class ControlRequest:
     """Request of a session for control of one drive; ``answered_by`` is the user who granted or declined it."""
 
     id: str
+    """The same for the requests of one selection of drives."""
     drive: str
     actor: Actor
     reason: str | None
@@ -78,7 +79,8 @@ class ControlRequests:
         if last is not None and now - last < CONTROL_REQUEST_INTERVAL_S:
             wait_s = _rounded_up(last + CONTROL_REQUEST_INTERVAL_S - now)
             raise ServiceError("plant.control_request_too_soon", drive=drive, wait_s=wait_s)
-        if sum(one.is_open and one.actor.name == actor.name for one in self._requests.values()) >= MAX_OPEN_REQUESTS:
+        open_ids = {one.id for one in self._requests.values() if one.is_open and one.actor.name == actor.name}
+        if len(open_ids - {id}) >= MAX_OPEN_REQUESTS:
             raise ServiceError("plant.control_requests_too_many", limit=MAX_OPEN_REQUESTS)
         request = ControlRequest(id=id, drive=drive, actor=actor, reason=reason, requested_at=now)
         self._requests[drive] = request

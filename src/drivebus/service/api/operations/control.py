@@ -7,13 +7,21 @@ from typing import Annotated
 from pydantic import Field
 
 from drivebus.service.api.operations.drives import ControlRequestObject, DriveParams, LeaseObject
+from drivebus.service.api.operations.groups import OutcomesResponse
 from drivebus.service.api.operations.operation import ApiObject, Audit, Name, Operation, Reason
+from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
 
 class ControlRequestParams(DriveParams):
     """A request for control, to the session that has it."""
+
+    reason: Reason | None = None
+
+
+class ControlRequestsParams(SelectionParams):
+    """A request for control of several drives, to each session that has it."""
 
     reason: Reason | None = None
 
@@ -113,4 +121,34 @@ CONTROL_REQUEST_WITHDRAW = Operation(
     params=DriveParams,
     audit=Audit.BEST_EFFORT,
     summary=Text("Withdraw this session's request for control", "撤回本会话的移交请求"),
+)
+
+CONTROL_REQUESTS_MAKE = Operation(
+    name="control_requests.make",
+    right=Right.OPERATE,
+    method="POST",
+    path="/control-requests",
+    params=ControlRequestsParams,
+    response=OutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Ask each session that controls one of these drives for its control, as one request: its `id` is the same for "
+        "all; `done`, `unchanged` where it is the session's own, or an error for each",
+        "向控制这些变频器的各会话请求移交控制权，作为同一请求（`id` 相同）；"
+        "每台的结果为 `done`、`unchanged`（已由本会话控制）或错误",
+    ),
+)
+
+CONTROL_REQUESTS_WITHDRAW = Operation(
+    name="control_requests.withdraw",
+    right=Right.OPERATE,
+    method="POST",
+    path="/control-requests/withdraw",
+    params=SelectionParams,
+    response=OutcomesResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Withdraw this session's requests for control of these drives; `done` or `unchanged` for each",
+        "撤回本会话对这些变频器的移交请求；每台的结果为 `done` 或 `unchanged`",
+    ),
 )

@@ -19,16 +19,28 @@ const newest = computed(() => idsOf("drives").value
 /** Ids of requests whose answer this user has read. */
 const readAnswers = signal(new Set());
 
-/** Drives of this session that another session asks for: `[{id, request}]`. */
-export const incomingRequests = () => newest.value.filter(({ id, request }) => request.state === "open"
-  && isMine(drive(id).value?.lease));
+/** Requests that were made together, have one state and were answered by the same user: `[{ids, request}]` of their drives. */
+function grouped(items) {
+  const groups = new Map();
+  for (const { id, request } of items) {
+    const key = answerKey(request);
+    groups.set(key, { request, ids: [...(groups.get(key)?.ids ?? []), id] });
+  }
+  return [...groups.values()];
+}
+
+const answerKey = ({ id, state, answered_by }) => JSON.stringify([id, state, answered_by]);
+
+/** Requests of other sessions for drives of this one. */
+export const incomingRequests = () => grouped(newest.value.filter(({ id, request }) => request.state === "open"
+  && isMine(drive(id).value?.lease)));
 
 /** Answers to requests of this session that the user has not read. A request that was withdrawn needs none. */
-export const unreadAnswers = () => newest.value.filter(({ request }) => isMine(request)
-  && !["open", "withdrawn"].includes(request.state) && !readAnswers.value.has(request.id));
+export const unreadAnswers = () => grouped(newest.value.filter(({ request }) => isMine(request)
+  && !["open", "withdrawn"].includes(request.state) && !readAnswers.value.has(answerKey(request))));
 
 export function markRead(request) {
-  readAnswers.value = new Set(readAnswers.peek()).add(request.id);
+  readAnswers.value = new Set(readAnswers.peek()).add(answerKey(request));
 }
 
 /** Seconds until an open request ends. */
@@ -38,8 +50,13 @@ export const askForControl = (id, reason) => api.post(drivePath(id, "/control-re
 
 export const withdrawRequest = (id) => api.remove(drivePath(id, "/control-request"));
 
-export const declineRequest = (id, request) => api.post(drivePath(id, "/control-request/decline"), { request: request.id });
+/** Withdraw the requests of this session for these drives. */
+export const withdrawRequests = (drives) => api.post("/control-requests/withdraw", { drives });
 
-/** Hand control over to the session that asks for it. */
-export const grantRequest = (id, request) => releasing(id,
-  () => api.post(drivePath(id, "/control-request/grant"), { request: request.id }));
+const answer = (id, how, request) => api.post(drivePath(id, `/control-request/${how}`), { request: request.id });
+
+export const declineRequests = (ids, request) => Promise.all(ids.map((id) => answer(id, "decline", request)));
+
+/** Hand control of these drives over to the session that asks for it. */
+export const grantRequests = (ids, request) => Promise.all(ids.map((id) => releasing(id,
+  () => answer(id, "grant", request))));

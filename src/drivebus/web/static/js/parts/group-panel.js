@@ -3,14 +3,15 @@ import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { number, numberOf } from "../format.js";
-import { isLive } from "../live.js";
+import { isLive, now } from "../live.js";
 import { hasControl, takeControl } from "../control-leases.js";
-import { may } from "../session.js";
+import { secondsLeft, withdrawRequests } from "../control-requests.js";
+import { isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError } from "./frequency.js";
 import { ArmStart } from "./arm-start.js";
-import { ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "./selection.js";
+import { AskForControlButton, ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "./selection.js";
 
 const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
 const GROUP_TIMEOUT_MS = 300_000;
@@ -53,6 +54,18 @@ function Blocked({ views }) {
     <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
 }
 
+/** Open requests of this session for drives of the group, which one press withdraws. */
+function OwnRequests({ views }) {
+  const [run, busy, error] = useRequest();
+  now.value; // counts down
+  const open = views.filter(({ control_request }) => control_request?.state === "open" && isMine(control_request));
+  if (open.length === 0) return html`<${ErrorNote} error=${error} />`;
+  const s = Math.max(...open.map((view) => secondsLeft(view.control_request)));
+  return html`<div class="row"><span role="timer">${t("page.control_asked_all", { n: open.length, s })}</span>
+    <${Button} busy=${busy} onClick=${() => run(() => withdrawRequests(open.map(({ id }) => id)))} data-do="withdraw">
+      ${t("page.control_withdraw")}<//><${ErrorNote} error=${error} /></div>`;
+}
+
 function Controls({ id, views }) {
   const [hertz, setHertz] = useState("");
   const [run, busy, error, result] = useRequest();
@@ -66,7 +79,7 @@ function Controls({ id, views }) {
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_controlled", { n: others })}</span>
       <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
-        </div>`}
+      <${AskForControlButton} views=${views} /></div>`}<${OwnRequests} views=${views} />
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
     <${Blocked} views=${views} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}

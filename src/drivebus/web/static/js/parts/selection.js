@@ -3,6 +3,7 @@ import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
+import { isMine } from "../session.js";
 import { drive } from "../store.js";
 import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 
@@ -56,17 +57,19 @@ function SelectionResults({ outcomes }) {
     ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
 }
 
-/** Dialog with the drives to choose from, all chosen at first; `withReason` asks for a reason as well. */
-function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) {
+/** Dialog with the drives to choose from, all chosen at first; `reasonLabel` asks for a reason as well, which can stay empty
+ * where it is `optional`. */
+function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional = false, onClose }) {
   const [offered] = useState(views); // a released drive stays in the list, beside its result
   const [left, setLeft] = useState([]);
   const [reason, setReason] = useState("");
   const [run, busy, error, result] = useRequest();
   const drives = offered.map((view) => view.id).filter((id) => !left.includes(id));
   const toggle = (id) => setLeft(left.includes(id) ? left.filter((one) => one !== id) : [...left, id]);
+  const given = reason.trim();
   const send = (event) => {
     event.preventDefault();
-    run(() => api.post(path, { drives, ...(withReason ? { reason: reason.trim() } : {}) }));
+    run(() => api.post(path, { drives, ...(given ? { reason: given } : {}) }));
   };
   const off = busy || !isLive.value || drives.length === 0;
   return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>
@@ -75,7 +78,7 @@ function SelectionDialog({ views, title, ask, path, act, withReason, onClose }) 
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
     <div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
       checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>
-    ${withReason && html`<${Field} label=${t("page.waiver_reason")}><input value=${reason} maxlength="500" required
+    ${reasonLabel && html`<${Field} label=${reasonLabel}><input value=${reason} maxlength="500" required=${!optional}
       minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${SelectionResults} outcomes=${result.outcomes} />`}
     <div class="row end"><${Button} onClick=${onClose}>${t(result ? "page.close" : "page.cancel")}<//>
@@ -101,6 +104,15 @@ export function ReleaseButton({ views }) {
 /** Waivers of those of these drives that need one and have none. */
 export function WaiverButton({ views }) {
   const needing = views.filter(({ comm_loss }) => comm_loss.kind !== "trips" && !comm_loss.waiver);
-  return html`<${SelectionButton} views=${needing} text="page.waiver_record_all" title=${t("page.waiver")} withReason
+  return html`<${SelectionButton} views=${needing} text="page.waiver_record_all" title=${t("page.waiver")}
+    reasonLabel=${t("page.waiver_reason")}
     ask=${t("page.waiver_ask_all")} path="/waivers" act=${t("page.waiver_record")} />`;
+}
+
+/** Request for control of those of these drives that another session controls and for which no request is open. */
+export function AskForControlButton({ views }) {
+  const others = views.filter(({ lease, control_request }) => lease && !isMine(lease) && control_request?.state !== "open");
+  return html`<${SelectionButton} views=${others} text="page.control_ask_all" title=${t("page.control_ask")}
+    ask=${t("page.control_ask_all_how")} path="/control-requests" act=${t("page.control_ask_send")}
+    reasonLabel=${t("page.control_ask_reason")} optional />`;
 }
