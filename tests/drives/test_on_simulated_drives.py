@@ -24,6 +24,7 @@ from drivebus.errors import (
     Superseded,
     TargetNotReached,
 )
+from drivebus.protocols import dzb100
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.values import Quality
@@ -178,6 +179,24 @@ def test_a_set_frequency_changes_the_run(model: str) -> None:
             assert outcome.status == ("confirmed" if model == "vc660" else "acknowledged")
             await asyncio.sleep(10)
             assert bench.station().motor.output_hz == pytest.approx(10.0, abs=0.05)
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_confirmed_start_has_a_note_where_its_frequency_was_not_read_back(shown: bool) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("dzb100") as bench:
+            station, answer = bench.station(), bench.station().handle_request
+
+            def handle_request(message: Any, codec: Any) -> Any:
+                is_hidden = isinstance(message, dzb100.Dzb100Query) and message.item == 0 and not shown
+                return None if is_hidden and station.running else answer(message, codec)
+
+            station.handle_request = handle_request
+            outcome = await bench.drive().run(SAFE_HZ["dzb100"])
+            assert outcome.status == "confirmed" and station.running
+            assert ("drives.setpoint_not_shown" in dict(outcome.notes)) is not shown
 
     run_virtual(scenario())
 
@@ -722,6 +741,24 @@ async def check_undetermined(drive: Drive) -> None:
     assert drive.dialect.options["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
+
+
+def test_a_calibration_run_at_a_frequency_that_no_coding_gives_determines_nothing() -> None:
+    """Half a turn of the keypad's frequency knob during the run is no coding of the bus."""
+
+    async def scenario() -> None:
+        coding = {"query_coding": "hex-0.01"}
+        async with SimulatedDrives("dzb100", options=coding, query="query_coding=hex-0.01") as bench:
+            station, drive = bench.station(), bench.drive()
+            station._take_setpoint = lambda word: setattr(station, "setpoint_hz", 3.3)
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.calibrate("setpoint_coding")
+            assert caught.value.key == "drives.setpoint_coding_no_match"
+            assert drive.dialect.options["setpoint_coding"] == "unknown" and not station.running
+            del station._take_setpoint
+            assert (await drive.calibrate("setpoint_coding")).options == {"setpoint_coding": "hex-0.1"}
+
+    run_virtual(scenario())
 
 
 def test_a_calibration_never_runs_faster_than_the_user_allows() -> None:

@@ -56,8 +56,9 @@ async def test_bytes_of_an_earlier_opening_never_arrive() -> None:
 
 async def test_a_closed_port_rejects_a_write() -> None:
     left, _ = create_pair()
-    with pytest.raises(PortLost):
+    with pytest.raises(PortLost) as caught:
         left.write(b"x")
+    assert caught.value.key == "ports.not-open"
     await left.open(FakeReceiver())
     with pytest.raises(PortUnavailable):
         await left.open(FakeReceiver())
@@ -85,7 +86,7 @@ async def test_unplug_is_reported_once_and_the_port_opens_again_after_plug() -> 
 async def test_a_name_joins_two_ports_and_no_third() -> None:
     left = open_port("memory://yard?baud=19200")
     right = open_port("memory://yard")
-    with pytest.raises(PortUrlError):
+    with pytest.raises(PortUrlError, match="both ends of yard are in use; use another name"):
         open_port("memory://yard")
     sink = FakeReceiver()
     await left.open(FakeReceiver())

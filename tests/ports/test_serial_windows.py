@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
 from drivebus.errors import PortLost, PortUnavailable
-from drivebus.ports import serialx_adapter
+from drivebus.ports import open_errors, serialx_adapter
 from drivebus.ports.serial_windows import MAX_UNSENT_BYTES, WindowsPort
 from drivebus.ports.url import parse_port_url
 from drivebus.serial_settings import SerialSettings
@@ -45,12 +46,31 @@ def transport(monkeypatch: pytest.MonkeyPatch) -> Transport:
     return transport
 
 
+@pytest.mark.parametrize(
+    ("error", "is_busy"), [(PermissionError(13, "Access is denied"), True), (FileNotFoundError(2, "no COM3"), False)]
+)
+async def test_only_a_port_that_windows_denies_is_called_in_use(
+    monkeypatch: pytest.MonkeyPatch, error: OSError, is_busy: bool
+) -> None:
+    """Windows opens a COM port for one program, and denies it to any other without naming the first."""
+
+    async def connect(*_: object) -> Transport:
+        raise error
+
+    monkeypatch.setattr(serialx_adapter, "connect_windows", connect)
+    monkeypatch.setattr(open_errors, "sys", SimpleNamespace(platform="win32"))
+    with pytest.raises(PortUnavailable) as caught:
+        await WindowsPort(parse_port_url("com3")).open(FakeReceiver())
+    assert (caught.value.key == "ports.busy-windows") is is_busy
+
+
 async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) -> None:
     port, sink = WindowsPort(parse_port_url("com3?baud=19200&format=8E1")), FakeReceiver()
     assert port.identity == "device:COM3"
     assert WindowsPort(parse_port_url(r"\\.\COM12")).identity == "device:COM12"
-    with pytest.raises(PortLost):
+    with pytest.raises(PortLost) as caught:
         port.write(b"x")
+    assert caught.value.key == "ports.not-open"
     await port.open(sink)
     assert (port.capabilities.has_line_timing, port.capabilities.parity) == (True, False)
     with pytest.raises(PortUnavailable):

@@ -11,14 +11,16 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.drives import MemoryStore
 from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, Superseded, WaiverRequired
 from drivebus.service.auth.rights import Role
-from drivebus.service.config.model import PlantConfig
+from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
+from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, remote_actor, running_service
 
 ENGINEER = remote_actor("eve", Role.ENGINEER)
@@ -205,6 +207,70 @@ def test_a_test_that_was_disturbed_records_nothing_and_stops_the_drive(what: str
             assert any(text.startswith("no result of the communication-loss test") for text in events(kit))
             assert not kit.station("fan-1").motor.energised
             assert (await kit.call("drives.get", drive="fan-1"))["state"] == "stopped", "it is polled again"
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("gone_s", [None, 100.0, 150.0])
+def test_a_drive_is_called_unanswering_after_the_silence_only_at_the_end_of_the_time_to_plug_in_again(
+    gone_s: float | None,
+) -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            set_keypad(kit, TRIP, 3.0)
+            await asyncio.sleep(8)
+            await begin(kit, silence_s=6.0)
+            while ((await comm_loss(kit))["test"] or {}).get("phase") != "silent":
+                await asyncio.sleep(0.5)
+                await kit.call("lease.renew", ENGINEER, drive="fan-1")
+            adapter = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            if gone_s is not None:
+                adapter.unplug()
+                for _ in range(round(gone_s)):
+                    await asyncio.sleep(1)
+                    with suppress(ControlNotHeld):
+                        await kit.call("lease.renew", ENGINEER, drive="fan-1")
+                adapter.replug()
+            await wait_for_end(kit)
+            why = i18n.text("plant.comm_loss_no_reply", "en", drive="fan-1", seconds=120.0)
+            assert [why in text for text in events(kit)] == [gone_s == 150.0]
+            assert ((await comm_loss(kit))["tested"] is None) is (gone_s == 150.0)
+
+    run(scenario())
+
+
+def test_a_drive_that_only_accelerates_is_not_tested() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            set_keypad(kit, TRIP, 5.0)
+            kit.station("fan-1").set_ramps(600.0, 1.0)
+            await asyncio.sleep(8)
+            await test_drive(kit)
+            why = i18n.text("plant.comm_loss_not_turning", "en", drive="fan-1")
+            assert [why in text for text in events(kit)] == [True] and (await comm_loss(kit))["tested"] is None
+            kit.station("fan-1").set_ramps(1.0, 1.0)
+            await test_drive(kit)
+            assert [why in text for text in events(kit)] == [True, False]
+
+    run(scenario())
+
+
+def test_a_test_needs_parameters_that_can_be_read_and_a_model_that_reports_whether_it_runs() -> None:
+    async def scenario() -> None:
+        saw = DriveConfig(id="saw", bus="c", address=1, model="df800", title=Text("Saw", "锯"))
+        config = plant_config(buses=(*BUSES, BusConfig("c", "sim://df800@1")), drives=(*DRIVES, saw))
+        async with running_service(config) as kit:
+            cells = kit.station("fan-1").memory.specs
+            hidden = cells.pop(TIME)
+            await asyncio.sleep(8)
+            with pytest.raises(ServiceError) as unread:
+                await begin(kit)
+            assert unread.value.key == "plant.comm_loss_parameters_not_read"
+            cells[TIME] = hidden
+            await begin(kit)
+            with pytest.raises(ServiceError) as stateless:
+                await kit.call("comm_loss.test", drive="saw", frequency_hz=10.0)
+            assert stateless.value.key == "plant.comm_loss_no_state"
 
     run(scenario())
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus import i18n
 from drivebus.drives.state import DriveState
 from drivebus.errors import (
     ArmRequired,
@@ -21,7 +22,7 @@ from drivebus.errors import (
 )
 from drivebus.ports import open_port
 from drivebus.service.auth.rights import Role
-from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop
+from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop, PlantConfig
 from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
@@ -249,6 +250,18 @@ def test_a_bus_stop_lists_a_drive_that_cannot_report_as_acknowledged() -> None:
     run(scenario())
 
 
+def test_a_bus_stop_of_a_plant_without_drives_is_not_called_a_stop_of_drives() -> None:
+    async def scenario(config: PlantConfig) -> str:
+        async with running_service(config) as kit:
+            await asyncio.sleep(5)
+            await kit.call("plant.stop")
+            return str([event["text"]["en"] for _, event in kit.service.plant.hub.items("events")][-1])
+
+    empty, whole = run(scenario(plant_config(drives=(), groups=()))), run(scenario(plant_config()))
+    assert empty == i18n.text("plant.did_stop_all_no_drives", "en")
+    assert whole == i18n.text("plant.did_stop_all", "en")
+
+
 def test_a_lost_bus_is_reported_as_unconfirmed_and_the_others_are_stopped() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
@@ -367,6 +380,22 @@ def test_a_group_starts_its_drives_in_sequence_and_a_stop_of_one_ends_it() -> No
             assert [found[drive].get("status") for drive in GROUP.drives] == ["confirmed", "confirmed", None]
             assert found["pump-1"]["kind"] == "Superseded"
             assert kit.station("pump-1").motor.starts == 0
+
+    run(scenario())
+
+
+def test_a_group_that_is_starting_is_not_started_again_until_that_has_ended() -> None:
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(GROUP,))) as kit:
+            await ready(kit)
+            start = asyncio.create_task(kit.call("group.start", group="fans", frequency_hz=20.0))
+            await asyncio.sleep(1)
+            with pytest.raises(Superseded) as caught:
+                await kit.call("group.start", group="fans", frequency_hz=10.0)
+            assert caught.value.key == "plant.group_starting"
+            await start
+            assert await commanded_hz(kit, *GROUP.drives) == [20.0] * 3
+            assert "fan-1" in (await kit.call("group.start", group="fans", frequency_hz=10.0))["outcomes"]
 
     run(scenario())
 

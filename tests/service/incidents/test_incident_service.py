@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.capture.dbcap import CaptureHeader, read_capture
 from drivebus.drives import MemoryStore
 from drivebus.errors import NotFound
@@ -22,7 +23,18 @@ from drivebus.service.incidents.store import MAX_NOTES
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.testing.virtual_time import run
-from fixtures.service import FakeAuditTrail, FakeHistory, ServiceKit, fake_storage, plant_config, remote_actor
+from drivebus.values import Text
+from fixtures.service import (
+    BUSES,
+    DRIVES,
+    FakeAuditTrail,
+    FakeHistory,
+    ServiceKit,
+    fake_storage,
+    plant_config,
+    remote_actor,
+    running_service,
+)
 
 
 @asynccontextmanager
@@ -51,6 +63,35 @@ async def trip(kit: ServiceKit) -> dict[str, Any]:
 
 async def faults(kit: ServiceKit) -> list[dict[str, Any]]:
     return [item for item in (await kit.call("alarms.list"))["active"] if item["kind"] == "fault"]
+
+
+def test_the_event_of_a_fault_has_its_label_once() -> None:
+    """The text of a C320's fault has its label, that of a DZB100 has not."""
+
+    async def scenario() -> None:
+        saw = DriveConfig(id="saw", bus="c", address=1, model="dzb100", title=Text("Saw", "锯"))
+        config = plant_config(buses=(*BUSES, BusConfig("c", "sim://dzb100@1")), drives=(*DRIVES, saw))
+        async with running_service(config) as kit:
+            await asyncio.sleep(5)
+            assert fault_events(kit) == []
+            for drive in ("fan-1", "saw"):
+                kit.station(drive).trip(Trip.OVERHEAT)
+            await asyncio.sleep(4)
+            found = {drive: (await kit.call("drives.get", drive=drive))["fault"] for drive in ("fan-1", "saw")}
+            [with_label, other] = found.values()
+            assert with_label["label"] in with_label["text"]["en"] and other["label"] not in other["text"]["en"]
+            assert sorted(fault_events(kit)) == sorted(
+                [
+                    i18n.text("plant.drive_fault_says", "en", fault=with_label["text"]["en"]),
+                    i18n.text("plant.drive_fault", "en", label=other["label"], fault=other["text"]["en"]),
+                ]
+            )
+
+    run(scenario())
+
+
+def fault_events(kit: ServiceKit) -> list[str]:
+    return [event["text"]["en"] for _, event in kit.service.plant.hub.items("events") if event["kind"] == "fault"]
 
 
 def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import WaiverRequired
+from drivebus.service.api.errors import localized
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import COMM_LOSS_NOT_READ
@@ -36,6 +37,17 @@ async def configure_trip(kit: ServiceKit) -> None:
 async def write(kit: ServiceKit, **values: float) -> None:
     await kit.call("lease.renew", ENGINEER, drive="fan-1")
     await kit.call("parameters.write", ENGINEER, drive="fan-1", values=values)
+
+
+def test_the_reaction_to_a_communication_loss_is_called_not_read_only_until_it_was_read() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            not_read = localized("plant.comm_loss_not_read")
+            assert (await kit.call("drives.get", drive="fan-1"))["comm_loss"]["text"] == not_read
+            await asyncio.sleep(8)
+            assert (await kit.call("drives.get", drive="fan-1"))["comm_loss"]["text"] != not_read
+
+    run(scenario())
 
 
 async def comm_loss_kind(kit: ServiceKit) -> str:
