@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import json
 import signal
 import subprocess
@@ -60,9 +61,9 @@ def asked(plant: RunningService, state: str = "open") -> bool:
     return request is not None and request["state"] == state
 
 
-def answer(word: str, plant: RunningService, code: int = 0) -> Any:
-    """Answer with the engineer's token."""
-    words = ["control", word, "--service", plant.url, *FAN, "--json"]
+def answer(word: str, plant: RunningService, code: int = 0, service: str | None = None) -> Any:
+    """Answer with the engineer's token; on the socket as the user of this machine."""
+    words = ["control", word, "--service", service or plant.url, *FAN, "--json"]
     result = CliRunner().invoke(cli, words, env={"DRIVEBUS_TOKEN": token(Role.ENGINEER)})
     assert result.exit_code == code, result.output
     return json.loads(result.stdout)
@@ -78,11 +79,14 @@ def result_of(process: subprocess.Popen[str]) -> Any:
     return json.loads(lines_until(process, lambda line: '"control"' in line)[-1])
 
 
-def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_control_is_handed_over(
-    plant: RunningService,
+@pytest.mark.parametrize("transport", ["http", "socket"])
+def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_a_second_terminal_hands_control_over(
+    plant: RunningService, transport: str
 ) -> None:
+    """On the socket each terminal has a session of its own, and the answer is that of the same user."""
     ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
-    with running_command("run", "--service", plant.url, *FAN, "--frequency", "20", "--json") as holder:
+    service, owner = (plant.url, "engineer/test") if transport == "http" else (str(plant.socket), getpass.getuser())
+    with running_command("run", "--service", service, *FAN, "--frequency", "20", "--json") as holder:
         lines_until(holder, lambda line: '"event": "status"' in line)
         stops = plant.kit.service.plant.stop_counters.requested
         with asking(plant.url, "--reason", "belt is slipping") as asker:
@@ -90,8 +94,8 @@ def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_control_is_
             assert holder.stderr is not None
             note = next(line for line in holder.stderr if "asks you for control" in line)
             assert note.startswith("operator/test asks you for control of fan-1: belt is slipping")
-            assert answer("grant", plant) == {"drive": "fan-1", "user": "operator/test"}
-            assert result_of(asker) == {"control": "granted", "drive": "fan-1", "by": "engineer/test"}
+            assert answer("grant", plant, service=service) == {"drive": "fan-1", "user": "operator/test"}
+            assert result_of(asker) == {"control": "granted", "drive": "fan-1", "by": owner}
             assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.DONE
         assert holder.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
     found = view(plant)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import ControlNotHeld, NotFound, PermissionDenied, ServiceError
+from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
 from drivebus.service.control.control_requests import (
@@ -103,6 +104,23 @@ def test_only_the_session_that_has_control_hands_it_over() -> None:
     assert lease is not None and (lease.actor, lease.expires_at, lease.claimed) == (BOB, 1.0 + LEASE_TTL_S, False)
     with pytest.raises(ControlNotHeld):
         leases.hand_over("a", ANN, CYD, 1.0 + LEASE_TTL_S)
+
+
+def test_the_same_user_answers_from_a_second_terminal_on_the_local_socket_and_nothing_else() -> None:
+    """Each local command has a session of its own; a remote session of the same name is another holder."""
+    leases = ControlLeases()
+    first, second = local_actor("ann", "cli-1"), local_actor("ann", "cli-2")
+    leases.take("a", first, 0.0)
+    for other in (local_actor("root", "cli-3"), ANN):
+        with pytest.raises(ControlNotHeld):
+            leases.require_answerable("a", other, 1.0)
+    with pytest.raises(ControlNotHeld):
+        leases.require("a", second, 1.0)  # it answers, but commands nothing
+    leases.hand_over("a", second, BOB, 1.0)
+    with pytest.raises(ControlNotHeld):
+        leases.require_answerable("a", second, 1.0)
+    with pytest.raises(ControlNotHeld):
+        held_by_ann().hand_over("a", second, BOB, 1.0)
 
 
 @pytest.mark.parametrize("use", ["require", "renew", "take"])

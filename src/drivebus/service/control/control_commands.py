@@ -154,9 +154,9 @@ class ControlCommands:
         return {"outcomes": outcomes}
 
     def _find_answerable(self, params: ControlAnswerParams, actor: Actor) -> ControlRequest:
-        """Return the request that the actor, who has control, may answer. Raises NotFound, ControlNotHeld."""
+        """Return the request that the actor, who has control, answers. Raises NotFound, ControlNotHeld."""
         runtime = self.plant.drive_runtime(params.drive)
-        self.plant.leases.require_held(runtime.id, actor, self.plant.now())
+        self.plant.leases.require_answerable(runtime.id, actor, self.plant.now())
         return self.plant.control_requests.find_answerable(runtime.id, params.request)
 
     def _publish_answer(self, request: ControlRequest, key: str, actor: Actor) -> None:

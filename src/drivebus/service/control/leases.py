@@ -87,9 +87,20 @@ class ControlLeases:
             raise _not_owner_error(held)
         return held
 
+    def require_answerable(self, drive: str, actor: Actor, now: float) -> ControlLease:
+        """Return the lease whose holder ``actor`` answers for: its own, or on the local socket that of the same user.
+
+        Each command on that socket has a session of its own, so the answer comes from another terminal. Only the user
+        of the service opens the socket (mode 0600). Raises ControlNotHeld.
+        """
+        held = self.get(drive, now)
+        if held is not None and held.actor.is_same_local_user(actor):
+            return held
+        return self.require_held(drive, actor, now)
+
     def hand_over(self, drive: str, actor: Actor, to: Actor, now: float) -> None:
         """Release the lease of ``actor`` to ``to``, which has to use it before it ends. Raises ControlNotHeld."""
-        self.require_held(drive, actor, now)
+        self.require_answerable(drive, actor, now)
         self._leases[drive] = ControlLease(drive, to, now + LEASE_TTL_S, claimed=False)
 
     def release(self, drive: str, actor: Actor, now: float) -> None:
