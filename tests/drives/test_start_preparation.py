@@ -265,6 +265,38 @@ def test_only_the_words_that_the_status_asks_for_are_sent(profile: profiles.Driv
     run(scenario())
 
 
+SAME_WORD = """
+[[commands.preparation]]
+when = { mask = 0x000F, value = 0x0000 }
+word = 6
+until = { mask = 0x006F, value = 0x0021 }
+
+[[commands.preparation]]
+when = { mask = 0x006F, value = 0x0021 }
+word = 7
+"""
+
+
+def test_a_word_that_answers_two_states_is_sent_once(tmp_path: Path) -> None:
+    """Two states may inhibit a start, each with a step of its own; the stop word, 6 here, leads behind both."""
+    second_step = DRIVECOM[DRIVECOM.rindex("[[commands.preparation]]") : DRIVECOM.rindex("until")]
+    text = DRIVECOM.replace(second_step, SAME_WORD).replace("stop = 0x0007", "stop = 0x0006")
+    profile = load(tmp_path, text)
+    assert profile.commands is not None
+    assert [step.word for step in profile.commands.preparation] == [6, 6, 7]
+
+    async def scenario() -> None:
+        async with bench(profile) as (drive, station, words):
+            assert (await drive.run(10.0)).status is OutcomeStatus.CONFIRMED
+            assert words == [*PREPARED, 0x000F] and station.motor.energised
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+            words.clear()
+            assert (await drive.run(10.0)).status is OutcomeStatus.CONFIRMED
+            assert words == [7, 0x000F]
+
+    run(scenario())
+
+
 def test_a_reset_on_an_edge_is_sent_after_the_stop_word(profile: profiles.DriveProfile) -> None:
     """Two resets in a row would else leave the bit set: the second would do nothing."""
 

@@ -322,9 +322,10 @@ class ProfileStation(SimulatedStation):
             self.steps_taken = 0
         elif self.motor.energised and "stop" in names:
             led_to = [place for place, step in enumerate(steps, 1) if step.word == word]
-            self.steps_taken = led_to[0] if led_to else len(steps)
-        elif self.steps_taken < len(steps) and steps[self.steps_taken].word == word:
-            self.steps_taken += 1
+            self.steps_taken = led_to[-1] if led_to else len(steps)
+        else:  # one word may be the answer to several states that stand in a row, such as two that inhibit a start
+            while self.steps_taken < len(steps) and steps[self.steps_taken].word == word:
+                self.steps_taken += 1
 
     def _command_names(self, word: int) -> set[str]:
         if self.commands.values:
