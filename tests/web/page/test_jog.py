@@ -90,7 +90,7 @@ def test_a_jog_whose_renewal_fails_ends_with_an_error(stage: Stage, page: Any) -
     page.focus(HOLD)
     with page.expect_request("**/drives/pump-1/stop"):
         page.keyboard.down("Space")
-    page.locator(".jog .notice.bad").wait_for()
+    page.locator(".jog .notice.bad", has_text=i18n.text("page.jog_lost", "en")).wait_for()
     page.locator(".stop-status.good").wait_for()
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 

@@ -82,6 +82,17 @@ def test_only_a_confirmed_stop_is_shown_as_confirmed(page: Any) -> None:
     shown = "((r) => r.good ? (r.acknowledged ? 'acknowledged' : 'confirmed') : 'unconfirmed')"
     message = {answer: evaluate(page, "stops", f"{shown}(m.evaluateStop({answer}))") for answer, _ in STOPS}
     assert message == dict(STOPS)
+    cases = (
+        ("{outcomes: {a: {status: 'confirmed'}, b: {code: 'bus.no_reply'}}}", "page.stop_unconfirmed", "b"),
+        ("{outcomes: {a: {status: 'acknowledged'}}, buses: {l: {unconfirmed: ['b']}}}", "page.stop_unconfirmed", "b"),
+        ("{outcomes: {a: {status: 'confirmed'}, b: {status: 'acknowledged'}}}", "page.stop_acknowledged", "b"),
+        ("{outcomes: {a: {status: 'confirmed'}}, buses: {l: {confirmed: true}}}", "page.stop_all_confirmed", ""),
+        ("{outcomes: {}, buses: {l: {confirmed: false}}}", "page.stop_unconfirmed", "l"),
+        ("{outcomes: {}, buses: {}}", "page.stop_no_drives", ""),
+    )
+    for answer, key, names in cases:
+        text = evaluate(page, "stops", f"m.evaluateStop({answer}).text()")
+        assert text == i18n.text(key, "en", names=names), answer
 
 
 def test_a_frequency_beyond_the_limits_is_not_sent(page: Any) -> None:

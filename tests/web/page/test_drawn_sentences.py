@@ -1,0 +1,231 @@
+"""Sentences of the page about a drive or a bus: each part is drawn alone, in the case of the sentence and beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage
+
+Draw = Callable[..., str]
+DRAW = """async ([module, part, props, { connection, closed, topics, stops, takeovers }]) => {
+  const load = (name) => import(`/static/js/${name}.js`);
+  const names = ["lib", "i18n", "live", "session", "stops", "store", "control-taken"];
+  const [lib, i18n, live, session, stopList, store, taken] = await Promise.all(names.map(load));
+  if (!i18n.hasKey("page.blocked")) await i18n.loadLanguage("en");
+  const rights = ["view", "stop", "operate", "limit"];
+  session.session.value = { user: "me", session: "mine", idle: false, rights };
+  live.connection.value = connection ?? "live";
+  live.closedText.value = closed ?? null;
+  taken.takeovers.value = takeovers ?? [];
+  stopList.stops.value = (stops ?? []).map((one) => ({ ...one, text: () => one.why }));
+  store.applySnapshot({ time_ms: 0, topics: topics ?? {} });
+  await new Promise((resolve) => { requestAnimationFrame(() => setTimeout(resolve)); });
+  const root = document.body.appendChild(document.createElement("div"));
+  lib.render(lib.h((await load(module))[part], props), root);
+  const text = root.textContent;
+  lib.render(null, root);
+  root.remove();
+  return text.replace(/\\s+/g, " ").trim();
+}"""
+
+
+@pytest.fixture(scope="module")
+def blank(browser: Any, plant: Stage) -> Iterator[Any]:
+    """Open a document of the page's origin on which no script runs: nothing but the test changes its state."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{plant.at}/static/js/lib.js")
+    yield page
+    context.close()
+
+
+@pytest.fixture
+def draw(blank: Any) -> Draw:
+    """Return a function that draws one part of the page and returns its text."""
+
+    def text_of(module: str, part: str, props: Any, **state: Any) -> str:
+        return str(blank.evaluate(DRAW, [module, part, props, state]))
+
+    return text_of
+
+
+@pytest.fixture(scope="module")
+def fan(plant: Stage) -> Any:
+    """Return the view of a stopped drive without a control lease."""
+    return plant.view("fan-1") | {"lease": None, "last_stop": None, "start_blockers": [], "control_request": None}
+
+
+def shown(text: str, keys: Iterable[str], **params: Any) -> list[str]:
+    """Return those of the keys whose sentence is in a text."""
+    return [key for key in keys if i18n.text(key, "en", **params).rstrip(" ,") in text]
+
+
+CONTROL = ("page.lease_free", "page.lease_mine", "page.lease_other_window", "page.not_live", "page.not_online")
+MINE, OTHER_WINDOW = {"owner": "me", "session": "mine"}, {"owner": "me", "session": "another"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "connection", "expected"),
+    [
+        ({}, "live", ["page.lease_free"]),
+        ({"lease": MINE}, "live", ["page.lease_mine"]),
+        ({"lease": OTHER_WINDOW}, "live", ["page.lease_other_window"]),
+        ({"lease": MINE}, "lost", ["page.lease_mine", "page.not_live"]),
+        ({"lease": MINE, "presence": "offline"}, "live", ["page.lease_mine", "page.not_online"]),
+    ],
+)
+def test_who_controls_a_drive_and_why_only_stops_are_possible(
+    draw: Draw, fan: Any, changed: Any, connection: str, expected: list[str]
+) -> None:
+    text = draw("drive/control", "ControlPanel", {"view": fan | changed}, connection=connection)
+    assert shown(text, CONTROL) == expected
+
+
+def test_a_drive_is_called_blocked_only_where_the_service_gives_a_reason(draw: Draw, fan: Any) -> None:
+    reason = {"code": "x", "text": {"en": "the interlock is open", "zh": "联锁断开"}, "params": {}}
+    for blockers in ([], [reason]):
+        text = draw("drive/control", "ControlPanel", {"view": fan | {"start_blockers": blockers}})
+        assert shown(text, ["page.blocked"]) == ["page.blocked"] * len(blockers)
+        assert ("the interlock is open" in text) is bool(blockers)
+
+
+def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
+    keys = {
+        "drive": "page.last_stop_drive",
+        "group": "page.last_stop_group",
+        "all": "page.last_stop_all",
+        "jog": "page.last_stop_jog",
+        "service": "page.last_stop_service",
+        "test": "page.last_stop_test",
+    }
+    for kind in (None, *keys):
+        last = kind and {"kind": kind, "actor": "ann", "time_ms": 1}
+        text = draw("drive/control", "ControlPanel", {"view": fan | {"last_stop": last}})
+        found = shown(re.sub(r" ended, ", " ended,", text), keys.values(), actor="ann", time="")
+        assert found == ([keys[kind]] if kind else [])
+
+
+def comm_loss(kind: str = "unknown", result: str = "", *, holds: bool = True, phase: str = "") -> Any:
+    tested = {"result": result, "holds": holds, "silence_s": 6.0} if result else None
+    test = {"phase": phase, "until_ms": 6000 if phase == "silent" else None} if phase else None
+    return {"kind": kind, "after_s": 6, "waiver": None, "tested": tested, "test": test}
+
+
+@pytest.mark.parametrize(
+    ("badge", "expected"),
+    [
+        (comm_loss("trips"), "page.comm_loss_trips"),
+        (comm_loss("runs_on"), "page.comm_loss_runs_on"),
+        (comm_loss("unknown"), "page.comm_loss_unknown"),
+        (comm_loss("trips", "trips"), "page.comm_loss_tested_trips"),
+        (comm_loss("trips", "stops"), "page.comm_loss_tested_stops"),
+        (comm_loss("runs_on", "runs_on"), "page.comm_loss_tested_runs_on"),
+        (comm_loss("trips", "runs_on", holds=False), "page.comm_loss_trips"),
+        (comm_loss("unknown", "trips", holds=False), "page.comm_loss_unknown"),
+    ],
+)
+def test_a_reaction_to_a_communication_loss_is_called_tested_only_while_its_test_counts(
+    draw: Draw, badge: Any, expected: str
+) -> None:
+    assert draw("parts/state", "CommLossBadge", {"badge": badge}) == i18n.text(expected, "en", after=6)
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (comm_loss(), []),
+        (comm_loss("trips", "trips"), []),
+        (comm_loss("unknown", "trips", holds=False), ["page.comm_loss_outdated"]),
+        (comm_loss(phase="starting"), ["page.comm_loss_phase_starting"]),
+        (comm_loss(phase="turning"), ["page.comm_loss_phase_turning"]),
+        (comm_loss(phase="silent"), ["page.comm_loss_phase_silent"]),
+        (comm_loss("unknown", "trips", holds=False, phase="reading"), ["page.comm_loss_phase_reading"]),
+    ],
+)
+def test_a_communication_loss_test_shows_its_phase_and_a_record_that_no_longer_counts(
+    draw: Draw, fan: Any, found: Any, expected: list[str]
+) -> None:
+    text = draw("drive/comm-loss-test", "CommLossTest", {"view": fan | {"comm_loss": found}})
+    phases = [f"page.comm_loss_phase_{phase}" for phase in ("starting", "turning", "silent", "reading")]
+    text = re.sub(r"for \d+ s more", "for N s more", text)
+    assert shown(text, [*phases, "page.comm_loss_outdated"], seconds="N") == expected
+
+
+STOP_STATES = (
+    "page.stop_sending",
+    "page.stop_waiting",
+    "page.stop_trying",
+    "page.stop_done",
+    "page.stop_failed",
+    "page.stop_not_sure",
+)
+
+
+@pytest.mark.parametrize(
+    ("entry", "connection", "expected"),
+    [
+        ({"phase": "sending"}, "live", "page.stop_sending"),
+        ({"phase": "sending"}, "lost", "page.stop_waiting"),
+        ({"phase": "trying"}, "lost", "page.stop_trying"),
+        ({"phase": "done", "good": True}, "live", "page.stop_done"),
+        ({"phase": "done", "good": False}, "live", "page.stop_not_sure"),
+        ({"phase": "failed", "good": False}, "live", "page.stop_failed"),
+    ],
+)
+def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, connection: str, expected: str) -> None:
+    stops = [{"id": 1, "what": {"kind": "drive", "id": "fan-1"}, "how": "stop", "time_ms": 1, "why": "because"} | entry]
+    text = draw("stopbar", "StopBar", {}, connection=connection, stops=stops)
+    assert shown(text, STOP_STATES, what="fan-1", why="because") == [expected]
+
+
+def test_only_a_stop_that_is_being_repeated_is_called_not_confirmed_yet(draw: Draw, fan: Any) -> None:
+    for pending in (False, True):
+        text = draw("parts/tile", "Tile", {"id": "fan-1"}, topics={"drives/fan-1": fan | {"stop_pending": pending}})
+        assert shown(text, ["page.stop_pending"]) == ["page.stop_pending"] * pending
+
+
+def test_another_master_is_named_on_its_bus_alone(draw: Draw, plant: Stage) -> None:
+    keys = ["page.foreign_master", "page.foreign_master_why"]
+    for foreign in (False, True):
+        view = plant.call("buses.get", bus="fans") | {"foreign_master": foreign}
+        text = draw("pages/buses", "Page", {"id": "fans"}, topics={"buses/fans": view})
+        assert shown(text, keys) == (keys if foreign else [])
+
+
+def test_only_a_request_that_may_have_an_effect_has_an_unknown_outcome_without_an_answer(blank: Any) -> None:
+    blank.route("**/api/v1/lost", lambda route: route.abort())
+    call = (
+        "(method) => import('/static/js/api.js').then((m) => m.api[method]('/lost')).catch((error) => error.sentence)"
+    )
+    assert blank.evaluate(call, "post") == i18n.text("page.unreachable", "en")
+    assert blank.evaluate(call, "get") == i18n.text("page.no_answer", "en")
+
+
+def test_a_takeover_is_named_by_its_user_and_by_whether_this_page_saw_it(draw: Draw) -> None:
+    keys = {
+        ("bob", 1): "page.taken",
+        ("bob", None): "page.taken_unseen",
+        ("me", 1): "page.taken_window",
+        ("me", None): "page.taken_window_unseen",
+    }
+    for (owner, time_ms), key in keys.items():
+        takeover = {"drive": "fan-1", "owner": owner, "cause": "taken", "time_ms": time_ms}
+        text = re.sub(r"\d\d:\d\d:\d\d", "TIME", draw("shell", "Shell", {}, takeovers=[takeover]))
+        assert shown(text, keys.values(), owner=owner, name="fan-1", time="TIME") == [key]
+        assert shown(draw("shell", "Shell", {}), keys.values(), owner=owner, name="fan-1", time="TIME") == []
+
+
+@pytest.mark.parametrize(
+    ("connection", "closed", "is_explained"),
+    [("live", None, False), ("starting", None, False), ("lost", None, True), ("lost", {"en": "A", "zh": "B"}, False)],
+)
+def test_a_lost_connection_is_explained_by_the_page_only_where_the_server_gave_no_reason(
+    draw: Draw, connection: str, closed: Any, is_explained: bool
+) -> None:
+    text = draw("shell", "Shell", {}, connection=connection, closed=closed)
+    assert shown(text, ["page.offline_how"]) == ["page.offline_how"] * is_explained
