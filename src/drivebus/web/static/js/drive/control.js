@@ -58,7 +58,7 @@ function Motion({ view, disabled }) {
       first=${t("page.run")} second=${t("page.run_now")}>
       <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
-    ${started?.outcome && html`<div class=${isOver ? "past" : ""}><${OutcomeNote} outcome=${started.outcome} /></div>`}</div>`;
+    ${started?.outcome && html`<div class=${isOver ? "past-outcome" : ""}><${OutcomeNote} outcome=${started.outcome} /></div>`}</div>`;
 }
 
 /** Stops of this drive; never disabled. They stand first in their panel: what comes or goes below moves none. */
