@@ -167,6 +167,16 @@ def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(page: 
     assert page.evaluate(script) == [[1, 3, 4], [2]]
 
 
+def test_the_drives_of_a_group_of_alarms_are_named_in_their_order_and_counted_beyond_six(page: Any) -> None:
+    script = """async () => {
+      await (await import('/static/js/i18n.js')).loadLanguage('en');
+      const { groupSubject } = await import('/static/js/parts/alarm-groups.js');
+      return groupSubject([10, 9, 2, 1, 11, 3, 4, 5].map((n) => ({ drive: `motor ${n}`, subject: '' })));
+    }"""
+    names = "motor 1, motor 2, motor 3, motor 4, motor 5, motor 9"
+    assert page.evaluate(script) == i18n.text("page.names_more", "en", names=names, n=2)
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)

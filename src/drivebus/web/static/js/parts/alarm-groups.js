@@ -4,7 +4,7 @@ import { t, titleOf } from "../i18n.js";
 import { unacknowledged } from "../alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
-import { driveTitle } from "./titles.js";
+import { collator, driveTitle } from "./titles.js";
 
 /** Fewer equal alarms are rows of their own: a group would need as much room. */
 const MIN_EQUAL = 3;
@@ -29,12 +29,13 @@ const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.setting, alarm.
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
   alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
 
-/** Bus and first names of a group's drives, each once. */
+/** Bus and names of a group's drives in their order, each once; of many the first ones and the number of the others. */
 export function groupSubject(alarms) {
-  const names = [...new Set(alarms.map((alarm) => (alarm.drive ? driveTitle(alarm.drive) : alarm.subject)))];
+  const names = [...new Set(alarms.map((alarm) => (alarm.drive ? driveTitle(alarm.drive) : alarm.subject)))]
+    .sort(collator.compare);
   const rest = names.length - NAMES_SHOWN;
-  const shown = names.slice(0, NAMES_SHOWN).join(t("page.comma")) + (rest > 0
-    ? ` ${t("page.more_alarms", { n: rest })}` : "");
+  const first = names.slice(0, NAMES_SHOWN).join(t("page.comma"));
+  const shown = rest > 0 ? t("page.names_more", { names: first, n: rest }) : first;
   const title = busTitle(alarms[0].drive);
   return title ? title + t("page.colon") + shown : shown;
 }

@@ -1,13 +1,13 @@
 // Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
 import { html, useState } from "../lib.js";
-import { localized, t } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { isShelved } from "../alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
 import { now, isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
-import { serviceNow } from "../store.js";
+import { bus, serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
 import { unacknowledged } from "../alarm-list.js";
 import { acknowledgeAll, groupAlarms, groupSubject, unshelveAll } from "./alarm-groups.js";
@@ -101,8 +101,13 @@ export function AlarmRemedy({ alarm }) {
   return remedy && html`<details class="remedy"><summary>${t("page.alarm_remedy")}</summary><p>${remedy}</p></details>`;
 }
 
-/** Subject of an alarm: its drive with a link, or the bus, interlock or store. */
+/** Kinds of alarms whose subject is a bus. */
+const BUS_ALARMS = ["port_lost", "foreign_master"];
+
+/** Subject of an alarm: its drive or its bus with a link, or the interlock or store. */
 export function AlarmDetails({ alarm }) {
+  const line = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
+  if (!alarm.drive && line) return html`<a href=${href("buses", alarm.subject)}>${titleOf(line)}</a>`;
   if (!alarm.drive) return alarm.subject ?? "";
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
     ? ` · ${alarm.subject}` : ""}`;

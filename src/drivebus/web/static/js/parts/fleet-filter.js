@@ -5,6 +5,7 @@ import { loadPreference, savePreference } from "../preferences.js";
 import { now, isLive } from "../live.js";
 import { route } from "../router.js";
 import { drive, group, idsOf, bus } from "../store.js";
+import { collator } from "./titles.js";
 
 const preferences = loadPreference("fleet", {});
 export const search = signal("");
@@ -58,7 +59,6 @@ const urgency = (view) => {
   return kinds.has("running") ? 3 : 4;
 };
 const valueOf = (view, name) => Number(view.signals?.[name]?.value ?? -1);
-const collator = new Intl.Collator(undefined, { numeric: true });
 const ORDERS = {
   urgency: (a, b) => urgency(a) - urgency(b),
   name: (a, b) => collator.compare(titleOf(a), titleOf(b)),

@@ -42,7 +42,7 @@ function ActionForAll({ views, act, text, ...rest }) {
   const [run, busy, error] = useRequest();
   if (views.length === 0) return null;
   const all = () => run(async () => { for (const view of views) await act(view.id); });
-  return html`<div><${Button} busy=${busy} onClick=${all} ...${rest}>${t(text, { n: views.length })}<//>
+  return html`<div class="stack"><${Button} busy=${busy} onClick=${all} ...${rest}>${t(text, { n: views.length })}<//>
     <${ErrorNote} error=${error} /></div>`;
 }
 

@@ -3,6 +3,9 @@ import { computed } from "../lib.js";
 import { titleOf } from "../i18n.js";
 import { drive } from "../store.js";
 
+/** Order of names: motor 9 before motor 10. */
+export const collator = new Intl.Collator(undefined, { numeric: true });
+
 const titles = new Map();
 
 /** Title of a drive in the reader's language; its id where the plant has no such drive. */
