@@ -479,6 +479,14 @@ def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
     assert "c320, c300 count 0.01 Hz; e300, e500, e550 count 0.1 Hz" in " ".join(text.split())
 
 
+@pytest.mark.parametrize("model", ["fr_a700", "dzb100"])
+def test_a_scan_of_all_models_takes_no_drive_for_the_first_of_those_that_answer_alike(model: str) -> None:
+    """Regression: a FR-A700 was found as a FR-E500, without a note."""
+    settings = ("--addresses", "3", "--bauds", "9600", "--formats", "8N2,8E1", "--listen-seconds", "0")
+    text = run_text("scan", f"sim://{model}@3?baud=9600", *settings, "--encoding", "ascii", "--lang", "en")
+    assert model in text and ("alike on the bus: see the name plate" in " ".join(text.split())) is (model == "fr_a700")
+
+
 def test_scan_fails_where_only_bytes_without_a_valid_reply_were_received() -> None:
     words = ("scan", "sim://c320@3?drives=9600-8E1&line_quality=junk=1", *ONE_PROBE, "--encoding", "ascii")
     found = run_json(*words, code=1)["found"]

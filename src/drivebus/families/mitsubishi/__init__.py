@@ -48,7 +48,7 @@ FAMILY: Final = ProtocolFamily(
     describe="drivebus.families.mitsubishi.describe:describe",
     dialect="drivebus.families.mitsubishi.dialect:MitsubishiDialect",
     simulated_models=("drivebus.families.mitsubishi.station:MODELS",),
-    scan_models=("fr_e500",),
+    scan_models=("fr_e500", "fr_a500", "fr_a700", "fr_e700", "fr_f700", "fr_d700"),
     profiles=_FOLDER / "profiles",
     catalogues=_FOLDER / "texts",
 )
