@@ -744,7 +744,7 @@ async def check_undetermined(drive: Drive) -> None:
 
 
 def test_a_calibration_run_at_a_frequency_that_no_coding_gives_determines_nothing() -> None:
-    """Half a turn of the keypad's frequency knob during the run is no coding of the bus."""
+    """The drive runs at a frequency that the bus did not set."""
 
     async def scenario() -> None:
         coding = {"query_coding": "hex-0.01"}
