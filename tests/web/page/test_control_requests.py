@@ -75,9 +75,13 @@ def test_a_takeover_names_the_open_request_and_the_asker_can_withdraw_it(
 def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, visit: Any, expect: Any) -> None:
     """The holder gets one notice with both drives, the asker one dialog and one button that withdraws both requests."""
     engineer = visit("#/fleet?group=water")
-    operator = visit("#/fleet?group=water", role="operator", size=(360, 740))
+    operator = visit("#/fleet?group=water", role="operator", size=(360, 560))
     for page in (engineer, operator):
         page.click(".grouppanel summary")
+    text, take = (
+        engineer.locator(f".grouppanel details .row {one}").first.bounding_box() for one in ("> span", ".button")
+    )
+    assert abs(text["y"] + text["height"] / 2 - take["y"] - take["height"] / 2) < 3, "the text is not beside its button"
     engineer.click(".grouppanel .button.main")
     ask, held = operator.locator("[data-select='/control-requests']"), engineer.locator("[data-request]")
     for end in ("withdraw", "hand-over"):
@@ -86,6 +90,8 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
         operator.click("[data-do=selection]")
         names = "Circulation pump, Feed pump"
         expect(operator.locator("dialog .notice")).to_have_text(word("selection_done", names=names))
+        done, close = (operator.locator(f"dialog {one}").bounding_box() for one in (".notice", ".row.end"))
+        assert done["y"] + done["height"] <= close["y"], "the result is hidden behind the button"
         asked = word("control_incoming_for", user="operator", name=names, reason="pump exchange")
         expect(held).to_contain_text(asked)
         assert held.count() == 1

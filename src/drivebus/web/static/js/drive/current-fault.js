@@ -48,8 +48,8 @@ function Fault({ view }) {
       </div>${note && html`<p class="small">${note}</p>`}</div>
     ${(error || result?.outcome) && html`<div class="fault-outcome"><${ErrorNote} error=${error} />
       ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
-      <${Button} kind="quiet" icon="close" onClick=${clear} aria-label=${t("page.close")} /></div>`}
-    ${isOpen && html`<${FaultDialog} fault=${fault} note=${note} incident=${incident} onClose=${() => setOpen(false)} />`}</div>`;
+      <${Button} kind="quiet" icon="close" onClick=${clear} aria-label=${t("page.close")} /></div>`}</div>
+    ${isOpen && html`<${FaultDialog} fault=${fault} note=${note} incident=${incident} onClose=${() => setOpen(false)} />`}`;
 }
 
 export function CurrentFault({ view }) {

@@ -60,7 +60,7 @@ function SelectionResults({ outcomes }) {
 /** Dialog with the drives to choose from, all chosen at first; `reasonLabel` asks for a reason as well, which can stay empty
  * where it is `optional`. */
 function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional = false, onClose }) {
-  const [offered] = useState(views); // a released drive stays in the list, beside its result
+  const [offered] = useState(views); // a drive stays in the list where the request failed
   const [left, setLeft] = useState([]);
   const [reason, setReason] = useState("");
   const [run, busy, error, result] = useRequest();
@@ -73,12 +73,12 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
   };
   const off = busy || !isLive.value || drives.length === 0;
   return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>
-    ${offered.length > FEW && html`<div class="row"><${Button} kind="quiet" onClick=${() => setLeft([])}
+    ${!result && offered.length > FEW && html`<div class="row"><${Button} kind="quiet" onClick=${() => setLeft([])}
       data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
-    <div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
-      checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>
-    ${reasonLabel && html`<${Field} label=${reasonLabel}><input value=${reason} maxlength="500" required=${!optional}
+    ${!result && html`<div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
+      checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>`}
+    ${!result && reasonLabel && html`<${Field} label=${reasonLabel}><input value=${reason} maxlength="500" required=${!optional}
       minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${SelectionResults} outcomes=${result.outcomes} />`}
     <div class="row end"><${Button} onClick=${onClose}>${t(result ? "page.close" : "page.cancel")}<//>
