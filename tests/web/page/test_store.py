@@ -177,6 +177,23 @@ def test_the_drives_of_a_group_of_alarms_are_named_in_their_order_and_counted_be
     assert page.evaluate(script) == i18n.text("page.names_more", "en", names=names, n=2)
 
 
+def closed_up(sentence: str) -> str:
+    """Return a sentence without the spaces between two Chinese letters, as the page shows it."""
+    return re.sub(r"(?<=[\u4e00-\u9fff]) (?=[\u4e00-\u9fff])", "", sentence)
+
+
+def test_a_chinese_name_in_a_chinese_sentence_has_no_spaces_and_a_latin_one_has(page: Any) -> None:
+    script = """async () => {
+      const { loadLanguage, t } = await import('/static/js/i18n.js');
+      await loadLanguage('zh');
+      const texts = ['循环泵', 'fan-1', '排风 5 号'].map((name) => t('page.control_ask_title', { name }));
+      await loadLanguage('en');
+      return [...texts, t('page.control_ask_title', { name: 'fan-1' })];
+    }"""
+    titles = ["请求循环泵的控制权", "请求 fan-1 的控制权", "请求排风 5 号的控制权", "Ask for control of fan-1"]
+    assert page.evaluate(script) == titles
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)
@@ -193,7 +210,7 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
         if not taken:
             stage.call("lease.release", drive="fan-1")
     name = {"en": "Supply fan", "zh": "送风机"}[language]
-    reply_text = i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d")
+    reply_text = closed_up(i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d"))
     page.evaluate("location.hash = '#/alarms'")
     page.reload()
     page.locator(".line.live").wait_for()
@@ -236,11 +253,12 @@ def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, l
     name = {"en": "Supply fan", "zh": "送风机"}[language]
     page.locator(".takeovers .banner", has_text=name).wait_for()
     shown = page.locator(".takeovers .banner a").inner_text()
-    assert re.fullmatch(i18n.text("page.control_ended_ended", language, name=name, time=r"\d\d:\d\d:\d\d"), shown)
+    ended = i18n.text("page.control_ended_ended", language, name=name, time=r"\d\d:\d\d:\d\d")
+    assert re.fullmatch(closed_up(ended), shown)
     page.evaluate("""() => import('/static/js/control-taken.js').then((m) => {
       m.takeovers.value = [{ drive: 'fan-1', owner: null, cause: 'ended', time_ms: null }];
     })""")
-    unseen = i18n.text("page.control_ended_unseen", language, name=name)
+    unseen = closed_up(i18n.text("page.control_ended_unseen", language, name=name))
     page.locator(".takeovers .banner a", has_text=unseen).wait_for()
 
 

@@ -36,8 +36,17 @@ export const hasKey = (key) => key in sentences.value;
 export function t(key, params = {}) {
   const sentence = sentences.value[key];
   if (sentence === undefined) return key;
-  return sentence.replace(/\{(\w+)(?::[^}]*)?\}/g, (place, name) => (name in params ? paramText(params[name]) : place));
+  return sentence.replace(/( ?)\{(\w+)(?::[^}]*)?\}( ?)/g, (place, before, name, after, at) => {
+    if (!(name in params)) return place;
+    const value = paramText(params[name]);
+    return gap(before, sentence[at - 1], value[0]) + value + gap(after, value.at(-1), sentence[at + place.length]);
+  });
 }
+
+const CHINESE = /[\u3000-\u303F\u4E00-\u9FFF\uFF00-\uFFEF]/;
+
+/** The space between two letters: Chinese has one beside Latin letters and digits only. */
+const gap = (space, left = "", right = "") => (CHINESE.test(left) && CHINESE.test(right) ? "" : space);
 
 const paramText = (value) => (value !== null && typeof value === "object" && "en" in value ? localized(value) : String(value));
 
