@@ -50,7 +50,7 @@ def moved(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     return {name: (before[name], after[name]) for name in both if before[name] != after[name]}
 
 
-def test_a_long_fault_text_is_whole_on_a_desktop_and_in_the_dialog_of_a_phone(stage: Stage, visit: Any) -> None:
+def test_a_long_fault_text_is_whole_on_a_desktop_and_with_its_failed_reset_on_a_phone(stage: Stage, visit: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/drive/pump-2", size=(360, 740))
     page.click(".active-fault [data-do=remedy]")
@@ -58,5 +58,20 @@ def test_a_long_fault_text_is_whole_on_a_desktop_and_in_the_dialog_of_a_phone(st
     title = page.locator("dialog h2", has_text="see the fault list of the VC660 manual")
     assert title.evaluate(hidden) <= 1
     page.keyboard.press("Escape")
+    page.click("[data-do=take]")
+    page.route("**/reset", not_reset)
+    page.click(".active-fault [data-do=reset]")
+    why = page.locator(".fault-outcome p", has_text="The cause is still there")
+    assert why.evaluate(hidden) <= 1, "the reason of a failed reset is cut off"
+    page.click(".fault-outcome .button")
+    why.wait_for(state="detached")
     page.set_viewport_size({"width": 1440, "height": 900})
     assert page.locator(".active-fault h2").evaluate(hidden) <= 1
+
+
+def not_reset(route: Any) -> None:
+    """Answer as a service whose drive has rejected the reset."""
+    text = {"en": "The cause is still there: " + "the heat sink is too hot for a reset, " * 4, "zh": "x"}
+    outcome = {"status": "refused", "key": "drives.rejected", "text": text, "notes": [], "frames": []}
+    error = {"code": "drives.rejected", "kind": "DriveRejected", "params": {}, "text": text}
+    route.fulfill(status=500, json={"error": {**error, "outcome": outcome}})

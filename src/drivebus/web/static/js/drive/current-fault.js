@@ -37,7 +37,7 @@ function Fault({ view }) {
   const incident = openAlarms().find((alarm) => alarm.drive === view.id && alarm.incident)?.incident;
   const why = controlBlocker(view);
   const note = may("operate") ? why ?? t("page.reset_note") : null;
-  return html`<div class="active-fault"><${Icon} name="fault" size=${40} /><div class="what"><h2 id="fault-title">
+  return html`<div class="active-fault"><${Icon} name="fault" size=${40} /><div class="what"><h2>
       <${FaultTitle} fault=${fault} /></h2>
       ${adviceOf(fault).map(([name, text]) => html`<p key=${name}>${name}${t("page.colon")}<b>${text}</b></p>`)}</div>
     <div class="do"><div class="row">
