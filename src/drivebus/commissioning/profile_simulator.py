@@ -219,16 +219,16 @@ class ProfileStation(SimulatedStation):
 
     def _status_word(self, status: StatusMap) -> int:
         motor = self.displayed_motor
-        if self.commands.preparation and not motor.energised and motor.trip is None:
+        if self.commands.preparation and not self._shows_motion(status) and motor.trip is None:
             return self._prepared_status()
         if status.values:
             by_name = {name: value for value, name in reversed(list(status.values.items()))}
-            return int(next(by_name[name] for name in self._state_names() if name in by_name))
+            return int(next(by_name[name] for name in self._state_names(status) if name in by_name))
         on = {
             "ready": motor.ready and motor.trip is None,
             "fault": motor.trip is not None,
             "under_voltage": not motor.ready,
-            "running": motor.energised,
+            "running": self._shows_motion(status),
             "jogging": self.jogging and motor.energised,
             "dc_braking": motor.phase is OutputPhase.DC_BRAKING,
             "set_reverse": self.reverse,
@@ -236,17 +236,22 @@ class ProfileStation(SimulatedStation):
         }
         return sum(mask for name, mask in status.bits.items() if on.get(name))
 
+    def _shows_motion(self, status: StatusMap) -> bool:
+        """Return whether the word shows motion; where it does not show standstill, a ramp down is without."""
+        motor = self.displayed_motor
+        return motor.energised and not (motor.stopping and status.standstill == "output_frequency")
+
     def _prepared_status(self) -> int:
         """Return the status of a drive that stands, after the words before a start that it has taken."""
         steps = self.commands.preparation
         return steps[self.steps_taken - 1].until.value if self.steps_taken else steps[0].when.value
 
-    def _state_names(self) -> Iterable[str]:
+    def _state_names(self, status: StatusMap) -> Iterable[str]:
         """Return the names of the state from the most exact to the one that every status word has."""
         motor = self.displayed_motor
         if motor.trip is not None:
             yield "fault"
-        if motor.energised:
+        if self._shows_motion(status):
             direction = "reverse" if motor.output_hz < 0.0 or (motor.output_hz == 0.0 and self.reverse) else "forward"
             if self.jogging:
                 yield from (f"jogging_{direction}", "jogging")

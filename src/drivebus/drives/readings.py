@@ -50,6 +50,11 @@ class ReadingPairs:
         known = [time for time in times if time is not None]
         return min(known) if known and len(known) == len(times) else None
 
+    def is_since(self, name: str, other: str) -> bool:
+        """Return whether the newest reading of a value is no older than the last but one of another."""
+        newest, first = self.latest[name].source_time, self.previous[other].source_time
+        return newest is not None and first is not None and newest >= first
+
     def bad_reason(self, *names: str) -> str | None:
         """Return why the first of these newest readings that is bad can't be used, None where none is bad."""
         bad = [self.latest[name] for name in names if name in self.latest and self.latest[name].quality is Quality.BAD]

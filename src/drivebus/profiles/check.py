@@ -132,6 +132,8 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         for state in ("running", "fault", *(("stopped",) if profile.status and profile.status.values else ())):
             if state not in states:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
+    if profile.status and profile.status.standstill not in {"status", *profile.signals}:
+        yield issue("needs", ("status", "standstill"), profile.status.standstill, what="[signals.output_frequency]")
     if profile.commands is None:
         return
     table, offered = offered_commands(profile.commands)

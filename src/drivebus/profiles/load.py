@@ -511,6 +511,7 @@ def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
         mask=parsed.mask,
         numbers_fault=parsed.fault_coding == "number",
         fault_mask=parsed.fault_mask,
+        standstill=parsed.standstill,
         space=parsed.space,
     )
 

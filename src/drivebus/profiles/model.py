@@ -237,6 +237,8 @@ class StatusMap:
     """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
     fault_mask: int = 0xFFFF
     """Field of the number; its lowest bit counts 1."""
+    standstill: Literal["status", "output_frequency"] = "status"
+    """output_frequency: a word without motion means decelerating until the signal output_frequency reads 0."""
     space: Literal["holding", "input", "coil", "discrete"] = "holding"
     """Space of the status word; the bits of one of coils are those from ``register`` on."""
 

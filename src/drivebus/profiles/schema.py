@@ -329,6 +329,9 @@ class StatusIn(StrictTable):
     """A fault register has a bit for each fault, or the number of one fault and 0 for none."""
     fault_mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
     """Field of the fault register that is the number; its lowest bit counts 1."""
+    standstill: Literal["status", "output_frequency"] = "status"
+    """What shows that the drive stands: the word, or the signal output_frequency as well, where the word drops its run
+    bit while the drive still ramps down."""
     evidence: EvidenceLine
 
 

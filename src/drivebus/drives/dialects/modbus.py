@@ -12,7 +12,6 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     DEFAULT_NONCE_START,
-    UNNAMED_FAULT_CODE,
     CommandFrame,
     Identity,
     Rejection,
@@ -38,9 +37,9 @@ from drivebus.drives.dialects.modbus_reads import (
 )
 from drivebus.drives.dialects.modbus_writes import CommandWrite, ModbusWrites, ParameterWrite, RecognisedWrite
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
-from drivebus.drives.dialects.status_word import is_valid_status, status_direction, status_state
+from drivebus.drives.dialects.status_word import derive_state, is_valid_status, state_names
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import DerivedState, Direction, DriveState
+from drivebus.drives.state import DerivedState, Direction
 from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
 from drivebus.protocols.codec import Codec, Effect
@@ -100,7 +99,7 @@ class ModbusDialect:
         self._is_status_shown = False
         status = profile.status
         self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
-        self.state_names = ("state",) if status is None or status.shows_fault else ("state", *self._fault_names)
+        self.state_names = state_names(status, self._fault_names) if status else ("state",)
         self.station_config = StationConfig(
             address=address,
             codec=self.codec,
@@ -204,7 +203,9 @@ class ModbusDialect:
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
             return ()
-        return tuple(request for request, _ in self.polls(("set_frequency", "output_frequency")))
+        requests = [request for request, _ in self.polls(("set_frequency", "output_frequency"))]
+        status = self._status_span  # first: a frequency from before the word does not show that the drive stands
+        return tuple(sorted(requests, key=lambda one: status is None or not request_span(one).covers(status)))
 
     def echo_test_read(self) -> Any:
         if self._status_span is not None:
@@ -291,44 +292,7 @@ class ModbusDialect:
         return found
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Two status words of the same state; of two different turning states the newer one counts."""
-        pair = readings.raw_pair("state")
-        status = self.status_map
-        if status is None or pair is None:
-            return None
-        older, newer = (status_state(status, raw) for raw in pair)
-        if older is not newer and not (older.turning and newer.turning):
-            return None
-        direction = status_direction(status, pair[1]) if newer.turning else None
-        if not status.shows_fault:
-            return self._with_polled_fault(readings, newer, direction)
-        in_fault = newer is DriveState.FAULT or pair[1] & status.bits.get("fault", 0)
-        if not in_fault:
-            return DerivedState(newer, direction)
-        first, *further = self._fault_codes(readings) or [UNNAMED_FAULT_CODE]
-        return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
-
-    def _with_polled_fault(
-        self, readings: ReadingPairs, state: DriveState, direction: Direction | None
-    ) -> DerivedState | None:
-        """Add the fault of a model whose status word shows none: unknown until its fault register was read."""
-        assert self.status_map is not None
-        if any(readings.agreed_raw(name) is None for name in self._fault_names):
-            return None
-        codes = self._fault_codes(readings)
-        if not codes:
-            return DerivedState(state, direction)
-        return DerivedState(
-            state if state.turning else DriveState.FAULT, direction, codes[0], further_fault_codes=tuple(codes[1:])
-        )
-
-    def _fault_codes(self, readings: ReadingPairs) -> list[int]:
-        """Return the numbers in the fault registers, or the bits that are set, lowest first."""
-        assert self.status_map is not None
-        words = [readings.agreed_raw(name) or 0 for name in self._fault_names]
-        if self.status_map.numbers_fault:
-            return [number for word in words if (number := self.status_map.fault_number(word))]
-        return [16 * place + bit for place, word in enumerate(words) for bit in range(16) if word >> bit & 1]
+        return None if self.status_map is None else derive_state(self.status_map, readings, self._fault_names)
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         return True

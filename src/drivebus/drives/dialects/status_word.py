@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from drivebus.drives.state import Direction, DriveState
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
+from drivebus.drives.readings import ReadingPairs
+from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.profiles.model import StatusMap
 
 STATE_BITS = (
@@ -54,3 +56,67 @@ def _split_value(status: StatusMap, raw: int) -> tuple[DriveState, Direction | N
         if name.endswith(suffix):
             return DriveState(name.removesuffix(suffix)), direction
     return DriveState(name), None
+
+
+def state_names(status: StatusMap, fault_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the readings that the state follows from; a word without faults needs the fault registers."""
+    output = ("output_frequency",) if status.standstill == "output_frequency" else ()
+    return ("state", *output, *(() if status.shows_fault else fault_names))
+
+
+def derive_state(status: StatusMap, readings: ReadingPairs, fault_names: tuple[str, ...]) -> DerivedState | None:
+    """Return the state of two status words that agree; of two different turning states the newer one counts."""
+    words, states = readings.raw_pair("state"), _state_pair(status, readings)
+    if words is None or states is None:
+        return None
+    older, newer = states
+    if older is not newer and not (older.turning and newer.turning):
+        return None
+    direction = status_direction(status, words[1]) if newer.turning else None
+    codes = _fault_codes(status, readings, fault_names)
+    if not status.shows_fault:
+        return _with_polled_fault(newer, direction, codes)
+    if status_state(status, words[1]) is not DriveState.FAULT and not words[1] & status.bits.get("fault", 0):
+        return DerivedState(newer, direction)
+    first, *further = codes or [UNNAMED_FAULT_CODE]
+    return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
+
+
+def _state_pair(status: StatusMap, readings: ReadingPairs) -> tuple[DriveState, DriveState] | None:
+    """Return the last two states, older first; without motion only where the output is at 0 Hz, if that counts too."""
+    words = readings.raw_pair("state")
+    if words is None:
+        return None
+    older, newer = (status_state(status, word) for word in words)
+    if status.standstill == "status" or (older.turning and newer.turning):
+        return older, newer
+    output = readings.raw_pair("output_frequency")
+    if output is None or not readings.is_since("output_frequency", "state"):
+        return None
+    return _ramping_down(older, output[0]), _ramping_down(newer, output[1])
+
+
+def _ramping_down(state: DriveState, output: int) -> DriveState:
+    return DriveState.DECELERATING if output and not state.turning else state
+
+
+def _with_polled_fault(state: DriveState, direction: Direction | None, codes: list[int] | None) -> DerivedState | None:
+    """Add the fault of a model whose status word shows none: unknown until its fault register was read."""
+    if codes is None:
+        return None
+    if not codes:
+        return DerivedState(state, direction)
+    return DerivedState(
+        state if state.turning else DriveState.FAULT, direction, codes[0], further_fault_codes=tuple(codes[1:])
+    )
+
+
+def _fault_codes(status: StatusMap, readings: ReadingPairs, names: tuple[str, ...]) -> list[int] | None:
+    """Return the numbers in the fault registers, or the bits that are set, lowest first; None where not yet read."""
+    words = [readings.agreed_raw(name) for name in names]
+    known = [word for word in words if word is not None]
+    if status.numbers_fault:
+        codes = [number for word in known if (number := status.fault_number(word))]
+    else:
+        codes = [16 * place + bit for place, word in enumerate(words) for bit in range(16) if (word or 0) >> bit & 1]
+    return codes if len(known) == len(words) or status.shows_fault else None
