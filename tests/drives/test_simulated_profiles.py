@@ -70,9 +70,11 @@ def test_of_all_words_only_the_listed_commands_are_sent_and_only_stops_need_no_p
         by_word.setdefault(value, set()).add(name)
     for word in range(0x10000):
         names = by_word.get(word, set())
-        assert dialect.command_word.is_mapped(word) is bool(names)
+        prepares = not names and profile.commands.prepares(word)
+        assert dialect.command_word.is_mapped(word) is (bool(names) or prepares)
         moves = not names or any(name.startswith(("start", "jog_forward", "jog_reverse")) for name in names)
-        expected = Effect.MOTION if moves else Effect.SETTING if names == {"reset"} else Effect.STOP
+        sets = prepares or names == {"reset"}
+        expected = Effect.SETTING if sets else Effect.MOTION if moves else Effect.STOP
         assert dialect.command_word.effect(word) is expected, (word, names)
 
 

@@ -16,6 +16,7 @@ from drivebus.testing.virtual_time import run as run_virtual
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_story import LINES, StoryError, play
 from verification.source_stations.drives import SOURCE_DRIVES
+from verification.source_stations.state_charts import CHART_DRIVES, ChartStation
 from verification.source_stations.station import SourceStation
 
 ADDRESS = 3
@@ -39,6 +40,8 @@ MAPS = tuple({map_of(profiles.load(model)): model for model in reversed(MODELS)}
 
 def story_station(model: str) -> tuple[str, SimulatedStation]:
     """Return the most independent station of a model, and what it was written from: source, manual or profile."""
+    if model in CHART_DRIVES:
+        return "source", ChartStation(ADDRESS, CHART_DRIVES[model], shows_ramp=False)
     if model in SOURCE_DRIVES:
         return "source", SourceStation(ADDRESS, SOURCE_DRIVES[model])
     return "manual" if model in simulated_models() else "profile", make_station(model, ADDRESS)

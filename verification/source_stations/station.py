@@ -6,7 +6,7 @@ Ramps, the frequency of a jog, the reply delay and the exceptions are the simula
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from drivebus.errors import ProtocolError
@@ -43,6 +43,8 @@ class SourceDrive:
     """Hz of one step; 0 for a share of the maximum frequency."""
     maximum: tuple[int, int, float] | None = None
     """Register of the maximum frequency, its word, and Hz of one step; 10000 in the setpoint is that maximum."""
+    settings: Mapping[int, int] = field(default_factory=dict)
+    """Register of each further parameter to the word that the keypad has set."""
     readings: Mapping[int, Callable[[SourceStation], float]]
     """Register to its word."""
     faults: Mapping[Trip, int]
@@ -61,6 +63,7 @@ class SourceStation(SimulatedStation):
         specs = {ACCEL_TIME: ParameterSpec(100, 1, 36000), DECEL_TIME: ParameterSpec(100, 1, 36000)}
         if drive.maximum is not None:
             specs[drive.maximum[0]] = ParameterSpec(drive.maximum[1])
+        specs |= {register: ParameterSpec(word) for register, word in drive.settings.items()}
         super().__init__(address, specs, motor)
         self.rule = (
             FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
@@ -150,7 +153,7 @@ class SourceStation(SimulatedStation):
         for register in range(request.register, request.register + request.count):
             if register in self.drive.readings:
                 values.append(round(self.drive.readings[register](self)) & 0xFFFF)
-            elif self.drive.maximum is not None and register == self.drive.maximum[0]:
+            elif register in self.memory.specs:
                 values.append(self.memory[register])
             else:
                 return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
