@@ -63,6 +63,24 @@ def test_a_fact_that_the_manual_lacks_is_an_open_question_and_no_capability(tmp_
     assert profile.status is None
 
 
+@pytest.mark.parametrize(
+    ("changed", "standstill"),
+    [
+        ({}, "output_frequency"),
+        ({"runs_to_standstill": "no"}, "output_frequency"),
+        ({"runs_to_standstill": "yes"}, "status"),
+        ({"frequency_register": UNKNOWN}, "status"),
+    ],
+)
+def test_a_stop_is_confirmed_at_0_hz_unless_the_manual_says_that_the_state_shows_it(
+    tmp_path: Path, changed: dict[str, str], standstill: str
+) -> None:
+    profile = written(tmp_path, changed)
+    assert profile.status is not None and profile.status.standstill == standstill
+    steps = virtual_time.run(try_profile(profile))
+    assert [step.error for step in steps] == [None] * len(steps)
+
+
 @pytest.mark.parametrize("word", ["10", "2000", "1x", "12345H", "-1", "0x", "70000d", ""])
 def test_a_word_of_several_digits_without_its_base_is_rejected(word: str) -> None:
     """10 may be 10 or 16; as a command word the two may be a stop and a start."""

@@ -121,6 +121,8 @@ def _status(answers: Answers, language: str) -> Iterator[str]:
     if is_known(answers, "fault_register"):
         yield f"fault_registers = [0x{fact(answers, 'fault_register'):04X}]"
         yield f"fault_coding = {toml_string(answers['fault_coding'])}"
+    if is_known(answers, "frequency_register") and answers["runs_to_standstill"] != "yes":
+        yield 'standstill = "output_frequency"'
     yield _evidence(answers, "status_page")
     if answers["status_kind"] == "numbers":
         yield from ("", "[status.values]")

@@ -107,6 +107,10 @@ def _with(name: str, value: str | None = None) -> Callable[[Answers], bool]:
     return lambda answers: is_known(answers, name) if value is None else answers.get(name) == value
 
 
+def _has_state_and_frequency(answers: Answers) -> bool:
+    return is_known(answers, "status_register") and is_known(answers, "frequency_register")
+
+
 def _status_is(kind: str) -> Callable[[Answers], bool]:
     return lambda answers: is_known(answers, "status_register") and answers.get("status_kind") == kind
 
@@ -159,6 +163,13 @@ QUESTIONS = (
     Question(name="frequency_register", kind="register", default=UNKNOWN),
     Question(
         name="frequency_step", kind="number", span=(0.001, 10), default="0.01", is_asked=_with("frequency_register")
+    ),
+    Question(
+        name="runs_to_standstill",
+        kind="choice",
+        choices=("yes", "no"),
+        default=UNKNOWN,
+        is_asked=_has_state_and_frequency,
     ),
     Question(name="current_register", kind="register", default=UNKNOWN),
     Question(name="current_step", kind="number", span=(0.0001, 10), default="0.1", is_asked=_with("current_register")),
