@@ -85,7 +85,8 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
     engineer.click(".grouppanel .button.main")
     ask, held = operator.locator("[data-select='/control-requests']"), engineer.locator("[data-request]")
     for end in ("withdraw", "hand-over"):
-        expect(ask).to_contain_text(word("control_ask_all", n=2))  # control of the two drives is taken one after the other
+        # Control of the two drives is taken one after the other.
+        expect(ask).to_contain_text(word("control_ask_all", n=2))
         ask.click()
         operator.fill("dialog input:not([type=checkbox])", "pump exchange")
         operator.click("[data-do=selection]")
