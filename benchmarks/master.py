@@ -1,4 +1,4 @@
-"""CPU time of a transaction and use of one bus and of sixty-four buses, each beside its peers in one run."""
+"""CPU time of a transaction, and use of one bus and of many in one process, each beside its peers in one run."""
 
 from __future__ import annotations
 
@@ -44,15 +44,18 @@ def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[i
     return found
 
 
-def many_lines(seconds: float, lines: int = 64, baud: int = 19_200) -> Figures:
-    """Measure many buses in one process: use of the wire, short gaps, share of a core, memory."""
-    with CStations(lines, baud=baud, delay_us=2000) as stations:
-        client = run_client("drivebus_lines", stations, seconds, baud)
-    keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
-    return {key: stations.figures[key] for key in keep} | {
-        "cores": round(client["cpu_s"] / client["wall_s"], 3),
-        "cpu_us": round(client["cpu_s"] / client["done"] * 1e6, 1),
-        "peak_mib": round(client["peak_kib"] / 1024, 1),
-        "wrong": client["wrong"],
-        "failed": client["failed"],
-    }
+def many_lines(seconds: float, lines: int, baud: int = 19_200) -> Figures:
+    """Measure many buses in one process, beside a bare asyncio loop: use of the wire, share of a core, memory."""
+    found: Figures = {}
+    for name in ("drivebus_lines", "bare_asyncio"):
+        with CStations(lines, baud=baud, delay_us=2000) as stations:
+            client = run_client(name, stations, seconds, baud)
+        keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
+        found[name] = {key: stations.figures[key] for key in keep} | {
+            "cores": round(client["cpu_s"] / client["wall_s"], 3),
+            "cpu_us": round(client["cpu_s"] / client["done"] * 1e6, 1),
+            "peak_mib": round(client["peak_kib"] / 1024, 1),
+            "wrong": client["wrong"],
+            "failed": client["failed"],
+        }
+    return found

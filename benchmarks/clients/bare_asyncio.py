@@ -1,4 +1,7 @@
-"""Bare asyncio client: encode, write, await with a timeout, check the CRC; no gap, no priorities, no other checks."""
+"""Bare asyncio client: encode, write, await with a timeout, check the CRC; no priorities, no other checks.
+
+PATH is a comma-separated list. One bus is used without a gap; many buses, a task each, sleep the gap of 3.5 characters.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,12 @@ import asyncio
 import os
 import struct
 
-from common import PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
+from common import BAUD, PATH, REGISTERS, STATIONS, ClientMeter, is_wrong_reply
+
+from drivebus.serial_settings import SerialSettings
+
+PATHS = PATH.split(",")
+SILENCE_S = SerialSettings(BAUD).seconds(3.5) if len(PATHS) > 1 else 0.0
 
 
 def table() -> list[int]:
@@ -28,12 +36,13 @@ def crc(data: bytes) -> int:
     return value
 
 
-async def main() -> None:
+async def use_bus(path: str, meter: ClientMeter) -> None:
     loop = asyncio.get_running_loop()
-    fd = os.open(PATH, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     buffer = bytearray()
     waiting: asyncio.Future[None] | None = None
     want = 5 + 2 * REGISTERS
+    done = 0
 
     def readable() -> None:
         buffer.extend(os.read(fd, 256))
@@ -41,9 +50,10 @@ async def main() -> None:
             waiting.set_result(None)
 
     loop.add_reader(fd, readable)
-    meter = ClientMeter()
     while not meter.is_over():
-        station, register = 1 + meter.done % STATIONS, meter.done % 50
+        if SILENCE_S:
+            await asyncio.sleep(SILENCE_S)
+        station, register = 1 + done % STATIONS, done % 50
         head = struct.pack(">BBHH", station, 3, register, REGISTERS)
         buffer.clear()
         waiting = loop.create_future()
@@ -57,7 +67,13 @@ async def main() -> None:
                 meter.wrong += is_wrong_reply(station, register, struct.unpack(f">{REGISTERS}H", body[3:]))
         except TimeoutError:
             meter.failed += 1
+        done += 1
         meter.done += 1
+
+
+async def main() -> None:
+    meter = ClientMeter()
+    await asyncio.gather(*(use_bus(path, meter) for path in PATHS))
     meter.report()
 
 
