@@ -26,6 +26,7 @@ from drivebus.commissioning.acceptance import (
     StepResult,
     run_step,
 )
+from drivebus.service.process.module_command import module_command
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -55,12 +56,7 @@ class TerminalAcceptance(AcceptanceSession):
         arguments += [] if target.baud is None else ["--baud", str(target.baud)]
         arguments += [] if target.format is None else ["--format", target.format]
         program = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "drivebus",
-            "status",
-            target.port,
-            *arguments,
+            *module_command("drivebus", "status", target.port, *arguments),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
         )

@@ -6,11 +6,11 @@ import asyncio
 import contextlib
 import json
 import signal
-import sys
 import tempfile
 from typing import Any, Protocol
 
 from drivebus.cli.demo.layout import BUSES
+from drivebus.service.process.module_command import module_command
 
 
 class DemoPlant(Protocol):
@@ -52,10 +52,7 @@ class PtyDemoPlant:
     async def start(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="drivebus-demo-")
         self._child = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "drivebus.cli.demo.stations",
-            self._folder.name,
+            *module_command("drivebus.cli.demo.stations", self._folder.name),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             start_new_session=True,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import sys
 import tempfile
 from collections.abc import Coroutine, Sequence
 from dataclasses import replace
@@ -29,6 +28,7 @@ from drivebus.service.api.operations.drives import (
     START_INHIBIT_RELEASE,
 )
 from drivebus.service.api.operations.plant import PLANT_STOP
+from drivebus.service.process.module_command import module_command
 from drivebus.types import Json
 
 DEFAULT_RUN_HZ = 25.0  # frequency of "run" for a drive that had none
@@ -57,10 +57,7 @@ class DemoClient:
         """Start the service and connect to it. Raises ServiceUnavailable if it ends first."""
         options = ["--lang", output.language(), *(["--memory"] if self._memory else [])]
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "drivebus.cli.demo.host",
-            *options,
+            *module_command("drivebus.cli.demo.host", *options),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=self._log,

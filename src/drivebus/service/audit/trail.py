@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import sys
 from asyncio.subprocess import PIPE
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -22,6 +21,7 @@ from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, REC
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_json
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.process.module_command import module_command
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
 
@@ -112,7 +112,7 @@ class AuditTrail:
         A separate process reads them, so that a long trail delays no bus.
         """
         paths = (self.paths.folder, self.paths.checkpoints, self.paths.key, self.paths.head)
-        command = (sys.executable, "-m", "drivebus.service.audit", *map(str, paths))
+        command = module_command("drivebus.service.audit", *map(str, paths))
         child = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
         try:
             output, errors = await child.communicate()

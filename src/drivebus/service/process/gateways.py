@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import sys
 from collections.abc import Callable, Collection, Sequence
 
 from drivebus.service.config.model import GatewayConfig
 from drivebus.service.process.gateway_arguments import AddressOutput, encode_arguments, gateway_arguments
 from drivebus.service.process.logging_setup import LogFormat
+from drivebus.service.process.module_command import module_command
 from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
 
 FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
@@ -151,7 +151,7 @@ class GatewaySupervisor(PlantListener):
 
         replaced = self._end(config.id) if config.id in self._children else None
         child = ChildProcess(
-            (sys.executable, "-m", config.module),
+            module_command(config.module),
             encode_arguments(gateway_arguments(self._plant.config, config, self._address_output, self._log_format)),
             self._plant.now,
             on_start=on_start,

@@ -22,6 +22,7 @@ from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.config.diff import ConfigDiff, config_diff
 from drivebus.service.config.load import loads
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.process.module_command import module_command
 from drivebus.service.process.tuning import NICE_BATCH, limit_memory, set_nice
 from drivebus.types import Json
 
@@ -57,7 +58,7 @@ class ConfigurationCheck:
             self._busy = False
 
     async def _run(self, content: bytes) -> Json:
-        command = (sys.executable, "-m", __name__)
+        command = module_command(__name__)
         process = self._process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=PIPE)
         try:
             async with asyncio.timeout(CHECK_TIMEOUT_S):
