@@ -27,7 +27,7 @@ def modules_of(package: str, *names: str) -> list[str]:
 
 
 COMMAND_MODULES = [
-    *modules_of("service/api", "dispatcher"),
+    *modules_of("service/api", "denial_log", "dispatcher"),
     *modules_of("service/auth", "actor"),
     *modules_of("service/control", "leases", "start_blockers", "tickets", "waivers"),
     *modules_of("service/process", "tuning"),
@@ -35,13 +35,12 @@ COMMAND_MODULES = [
 COMMAND_TESTS = ("api", "control", "runtime", "test_service.py")
 AUTHORIZATION_MODULES = [
     *modules_of("web", "context", "route"),
-    *modules_of("web/middleware", "auth", "denial_log", "host_check", "request_body", "session_expiry"),
+    *modules_of("web/middleware", "auth", "host_check", "request_body", "session_expiry"),
     *modules_of("web/routes", "description", "session", "users"),
 ]
 AUTHORIZATION_TESTS = (
     "auth_middleware",
     "commands_on_a_service",
-    "denial_log",
     "host_check",
     "limits",
     "login",

@@ -131,6 +131,18 @@ def test_the_service_itself_rejects_an_operation_without_its_right(
     run(scenario())
 
 
+def test_the_end_of_the_service_loses_no_count_of_denied_operations() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            for _ in range(3):
+                with pytest.raises(PermissionDenied):
+                    await kit.call("drive.stop", remote_actor(role=Role.VIEWER), drive="fan-1")
+            await kit.service.stop()
+            assert kit.trail.entries[-1].params["times"] == 2
+
+    run(scenario())
+
+
 def _frame_count(kit: ServiceKit) -> int:
     return sum(bus.frame_count for bus in kit.service.plant.buses.values())
 

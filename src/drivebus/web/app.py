@@ -9,6 +9,7 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
+from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.auth.service import AuthService
@@ -21,7 +22,6 @@ from drivebus.web.gateway import WebConfig
 from drivebus.web.live import endpoint as live
 from drivebus.web.live.endpoint import LiveEndpoint
 from drivebus.web.middleware.auth import AuthMiddleware
-from drivebus.web.middleware.denial_log import DenialLog
 from drivebus.web.middleware.head import HeadMiddleware
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.security_headers import SecurityHeadersMiddleware

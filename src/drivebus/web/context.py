@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 from starlette.requests import HTTPConnection
 
 from drivebus.errors import DrivebusError
+from drivebus.service.api.denial_log import DenialLog, try_record
 from drivebus.service.api.operations import Operation
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential
@@ -17,7 +18,6 @@ from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.values import Text
-from drivebus.web.middleware.denial_log import DenialLog, try_record
 from drivebus.web.service_health import ServiceHealth
 
 T = TypeVar("T")

@@ -20,6 +20,7 @@ from drivebus.errors import (
     StartInhibited,
     StopUnconfirmed,
 )
+from drivebus.service.api.denial_log import SUMMARY_PERIOD_S
 from drivebus.service.api.dispatcher import MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
 from drivebus.service.api.errors import param_fault
 from drivebus.service.api.operations import OPERATIONS, Audit
@@ -97,6 +98,21 @@ def test_a_denied_operation_is_recorded_with_its_target(name: str, params: Json,
                 outcome="plant.forbidden",
             ),
         ]
+
+    with_dispatcher(scenario)
+
+
+def test_a_flood_of_denied_operations_leaves_one_record_and_a_count() -> None:
+    """A viewer with one WebSocket could write 1,600 records a second: renewals of control that it may not have."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        for number in range(500):
+            with pytest.raises(PermissionDenied):
+                await dispatcher.call("lease.renew", {"drive": f"fan-{number}"}, NO_RIGHTS)
+        assert [(one.what, one.target) for one in kit.trail.entries] == [("lease.renew", "fan-0")]
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        assert [one.what for one in kit.trail.entries] == ["lease.renew", "refused"]
+        assert kit.trail.entries[-1].params == {"who": "eve@10.0.0.9", "times": 499}
 
     with_dispatcher(scenario)
 

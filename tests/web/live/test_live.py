@@ -413,6 +413,25 @@ def test_a_malformed_message_ends_the_connection(text: str) -> None:
     run_endpoint(scenario)
 
 
+def test_renewals_of_300_drives_are_permitted_and_a_flood_of_them_ends_the_connection() -> None:
+    """Each renewal is a request to the service: 2,000 a second of one connection kept its process busy."""
+
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
+        page, flood = FakeWebSocket(), FakeWebSocket()
+        tasks = [begin(live, page), begin(live, flood)]
+        for _ in range(40):
+            for count in (200, 100):
+                page.incoming.put_nowait(json.dumps({"renew": ["fan-1"] * count}))
+            for _ in range(6):
+                flood.incoming.put_nowait(json.dumps({"renew": ["fan-1"] * 200}))
+            await asyncio.sleep(3.0)
+        assert (page.closed, flood.closed) == (None, (4029, "rate_limited"))
+        page.incoming.put_nowait(None)
+        await asyncio.gather(*tasks)
+
+    run_endpoint(scenario)
+
+
 def test_too_many_messages_end_the_connection() -> None:
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         socket, patient = FakeWebSocket(), FakeWebSocket()

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from starlette.datastructures import Headers
 
+from drivebus.service.api.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.testing.virtual_time import run
 from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.auth import AuthMiddleware, client_address, session_cookie
-from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import RouteTable

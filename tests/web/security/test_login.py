@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from starlette.datastructures import Headers
 
+from drivebus.service.api.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 from drivebus.service.auth.rights import AccessLevel
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
@@ -16,7 +17,6 @@ from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from drivebus.web.app import declared_routes
 from drivebus.web.gateway import WebConfig
-from drivebus.web.middleware.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import WEBSOCKET
 from fixtures.web_app import BASE, PASSWORD, WebAppHarness

@@ -21,6 +21,7 @@ from drivebus.errors import (
     ServiceUnavailable,
 )
 from drivebus.service.alarms import Alarm, SystemAlarm
+from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.api.errors import error_to_json, os_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
@@ -52,6 +53,7 @@ class Dispatcher:
 
     def __init__(self, plant: Plant, handlers: Mapping[str, Callable[..., Awaitable[Json]]]) -> None:
         self.plant, self._handlers = plant, handlers
+        self.denials = DenialLog(self, plant.now)
 
     async def call(self, name: str, params: Json, actor: Actor) -> Json:
         """Run an operation and return its result. Raises the reason why it was not done, or how it failed."""
@@ -100,7 +102,8 @@ class Dispatcher:
         if actor.may(right):
             return
         error = PermissionDenied("plant.forbidden", name=actor.name, operation=operation.name, right=right)
-        self._record_nowait(_audit_entry(operation, params, actor, error.key))
+        if await self.denials.is_new(operation.method, operation.path, error.key, actor):
+            self._record_nowait(_audit_entry(operation, params, actor, error.key))
         raise error
 
     async def _stop_then_record(

@@ -11,6 +11,7 @@ from drivebus.service.api.strict_json import parse_json
 MAX_MESSAGE_CHARS = 16_384
 MAX_PATTERNS = 100
 MAX_RENEWALS = 200  # drives of one message; with the longest ids it is shorter than MAX_MESSAGE_CHARS
+RENEWALS_PER_MESSAGE = 20  # of the rate limit: 200 drives count as ten messages; the page renews 300 every 3 s
 DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", "events")
 DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
 
@@ -25,6 +26,11 @@ class ClientMessage:
 
     subscribe: tuple[str, ...] | None = None
     renew: tuple[str, ...] = ()
+
+    @property
+    def cost(self) -> float:
+        """Messages that it counts as: each renewal is a request to the service."""
+        return max(1.0, len(self.renew) / RENEWALS_PER_MESSAGE)
 
 
 def parse_message(text: str) -> ClientMessage:
@@ -74,12 +80,12 @@ class MessageRateLimit:
     _left: float = field(default=-1.0)
     _at: float = 0.0
 
-    def spend(self, now: float) -> bool:
-        """Count one message; returns False beyond the limit."""
+    def spend(self, now: float, cost: float = 1.0) -> bool:
+        """Count a message as ``cost`` of them; returns False beyond the limit."""
         full = self._left < 0.0
         self._left = self.burst if full else min(self.burst, self._left + (now - self._at) * self.per_s)
         self._at = now
-        if self._left < 1.0:
+        if self._left < cost:
             return False
-        self._left -= 1.0
+        self._left -= cost
         return True

@@ -68,7 +68,7 @@ class WebSocketSession:
                 return None
             except (KeyError, ValueError):  # bytes instead of text, or not a message of the protocol
                 return self._subscriber.close("bad_message")
-            if not self._rate_limit.spend(clock()):
+            if not self._rate_limit.spend(clock(), message.cost):
                 return self._subscriber.close("rate_limited")
             await self._handle(message)
 

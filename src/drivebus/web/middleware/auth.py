@@ -10,6 +10,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drivebus.errors import DrivebusError
+from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound
@@ -17,7 +18,6 @@ from drivebus.service.auth.rights import AccessLevel, Right
 from drivebus.service.auth.service import AuthService
 from drivebus.service.runtime.fairness import yield_to_loop
 from drivebus.web.errors import MethodNotAllowed, http_status, send_error
-from drivebus.web.middleware.denial_log import DenialLog
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.request_body import MAX_BODY_BYTES, MAX_PUBLIC_BODY_BYTES, read_body
 from drivebus.web.middleware.session_expiry import run_until_credential_ends

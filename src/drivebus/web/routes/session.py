@@ -9,6 +9,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
+from drivebus.service.api.denial_log import try_record
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.operation import NoParams
@@ -22,7 +23,6 @@ from drivebus.service.live.views import text_json
 from drivebus.types import Json
 from drivebus.web.context import WebContext, audit_entry, context_of, credential_of
 from drivebus.web.middleware.auth import COOKIE_NAMES, client_address, request_cookies
-from drivebus.web.middleware.denial_log import try_record
 from drivebus.web.operations.account import (
     LOGIN,
     LOGIN_CODE,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Protocol
 
 from drivebus.clock import Clock
 from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import Actor
-from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 
 SUMMARY_PERIOD_S = 30.0
@@ -16,7 +16,15 @@ _RECORD_TIMEOUT_S = 2.0  # a response never waits longer for the audit trail
 ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")
 
 
-async def try_record(client: ServiceClient, entry: Json, actor: Actor) -> bool:
+class AuditRecorder(Protocol):
+    """Writer of audit records: the client of a service, or the service itself."""
+
+    async def record(self, entry: Json, actor: Actor, /) -> None:
+        """Write an event. Raises AuditUnavailable, ServiceUnavailable."""
+        ...
+
+
+async def try_record(client: AuditRecorder, entry: Json, actor: Actor) -> bool:
     """Write ``entry`` into the audit trail; False where the service does not do so in time."""
     try:
         async with asyncio.timeout(_RECORD_TIMEOUT_S):
@@ -29,7 +37,7 @@ async def try_record(client: ServiceClient, entry: Json, actor: Actor) -> bool:
 class DenialLog:
     """Records the first denial of a kind at once, counts the others, and records their number after the period."""
 
-    def __init__(self, client: ServiceClient, clock: Clock) -> None:
+    def __init__(self, client: AuditRecorder, clock: Clock) -> None:
         self.client = client
         self.clock = clock
         self._counts: dict[tuple[str, str, str, str], int] = {}
@@ -38,19 +46,24 @@ class DenialLog:
 
     async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
         """``target`` is the path of the route table, ``reason`` the key of the error."""
+        if await self.is_new(method, target, reason, actor):
+            await try_record(self.client, _denial_entry((method, target, reason, _who(actor)), 1), actor)
+
+    async def is_new(self, method: str, target: str, reason: str, actor: Actor) -> bool:
+        """Count a denial; return whether it is the first of its kind in this period, which the caller records."""
         if self.clock() - self._period_start >= SUMMARY_PERIOD_S:
             await self.flush()
             self._period_start = self.clock()
-        kind = (method, target, reason, f"{actor.name}@{actor.address}")
+        kind = (method, target, reason, _who(actor))
         if kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD:
             kind = ("*", "*", "*", "*")
         if kind in self._counts or kind[0] == "*":
             self._counts[kind] = self._counts.get(kind, 0) + 1
             if self._flush_task is None or self._flush_task.done():
                 self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
-            return
+            return False
         self._counts[kind] = 0
-        await try_record(self.client, _denial_entry(kind, 1), actor)
+        return True
 
     async def _flush_later(self) -> None:
         await asyncio.sleep(SUMMARY_PERIOD_S)
@@ -62,6 +75,10 @@ class DenialLog:
         for kind, times in counted.items():
             if times:
                 await try_record(self.client, _denial_entry(kind, times), ANONYMOUS)
+
+
+def _who(actor: Actor) -> str:
+    return f"{actor.name}@{actor.address}"
 
 
 def _denial_entry(kind: tuple[str, str, str, str], times: int) -> Json:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
+from drivebus.service.api.denial_log import ANONYMOUS, MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S, DenialLog, try_record
 from drivebus.service.auth.actor import Actor
 from drivebus.testing.virtual_time import run
-from drivebus.web.middleware.denial_log import ANONYMOUS, MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S, DenialLog, try_record
 from fixtures.web_app import CountingService
 
 EVE = Actor("eve", frozenset(), "s-eve", address="10.0.0.9")
