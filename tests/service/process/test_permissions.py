@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from drivebus.errors import ConfigurationError
+from drivebus.profiles.load import own_files
 from drivebus.service.process import permissions
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.main import run_service
@@ -94,3 +96,57 @@ async def test_the_service_starts_with_no_plant_users_or_key_that_others_can_cha
     with pytest.raises(ConfigurationError) as refused:
         await run_service(config)
     assert refused.value.key == key
+
+
+@pytest.mark.parametrize("others_can_write", ["mine.toml", "base.toml", "."])
+async def test_a_profile_that_others_can_write_or_replace_is_refused(tmp_path: Path, others_can_write: str) -> None:
+    """A profile decides which frame starts a drive and which one stops it."""
+    folder = tmp_path / "profiles"
+    folder.mkdir()
+    (folder / "mine.toml").write_text('format = 1\nextends = "base.toml"\n')
+    (folder / "base.toml").write_text('format = 1\nextends = "c320"\n')
+    drive = replace(plant_config().drives[0], model=str(folder / "mine.toml"))
+    config = plant_config(directory=tmp_path / "state", drives=(drive,))
+    check_plant_files(config)
+    (folder / others_can_write).chmod(0o777)
+    with pytest.raises(ConfigurationError, match="chmod go-w") as refused:
+        await run_service(config)
+    assert refused.value.params["path"] == str((folder / others_can_write).resolve())
+
+
+def test_files_of_an_installed_model_are_not_checked() -> None:
+    """They have the owner and mode that the package manager gave them."""
+    assert own_files("c320") == [] == own_files("huanyang_hy")
+
+
+def test_a_folder_in_which_others_can_replace_a_file_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "shared" / "plants"
+    folder.mkdir(parents=True)
+    (folder / "plant.toml").write_text("")
+    config = plant_config(directory=tmp_path / "state", source=str(folder / "plant.toml"))
+    for writable in (folder, folder.parent):
+        writable.chmod(0o777)
+        with pytest.raises(ConfigurationError, match="chmod go-w") as refused:
+            check_plant_files(config)
+        assert refused.value.params["path"] == str(writable.resolve())
+        writable.chmod(0o1777)
+        check_plant_files(config)
+        writable.chmod(0o755)
+    link = tmp_path / "link.toml"
+    link.symlink_to(folder / "plant.toml")
+    folder.chmod(0o777)
+    with pytest.raises(ConfigurationError, match="chmod go-w"):
+        check_plant_files(plant_config(directory=tmp_path / "state", source=str(link)))
+
+
+def test_a_users_file_that_others_can_create_is_refused(tmp_path: Path) -> None:
+    """In a folder such as /tmp the first one to create it would be the administrator."""
+    folder = tmp_path / "tmp"
+    folder.mkdir()
+    folder.chmod(0o1777)
+    config = plant_config(directory=tmp_path / "state", users=folder / "users.json")
+    with pytest.raises(ConfigurationError) as refused:
+        check_plant_files(config)
+    assert refused.value.key == "plant.shared_folder"
+    (folder / "users.json").touch(0o600)
+    check_plant_files(config)

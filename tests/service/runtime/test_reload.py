@@ -292,3 +292,21 @@ def test_a_reload_clears_the_alarms_of_what_it_removes(tmp_path: Path) -> None:
             assert left == set(), "no cycle raises an alarm of something removed"
 
     run(scenario())
+
+
+def test_a_file_that_others_can_write_is_not_taken_over(tmp_path: Path) -> None:
+    """Else they could lift the limits of a drive while the service runs."""
+    file = write(tmp_path / "plant.toml", FAN_1)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            write(file, FAN_1, "[drive.fan-1.limits]\nmaximum_hz = 40.0\n")
+            file.chmod(0o666)
+            with pytest.raises(ConfigurationError, match="chmod go-w"):
+                await kit.call("configuration.reload")
+            assert kit.service.plant.config.drives[0].limits.maximum_hz is None
+            file.chmod(0o644)
+            await kit.call("configuration.reload")
+            assert kit.service.plant.config.drives[0].limits.maximum_hz == 40.0
+
+    run(scenario())

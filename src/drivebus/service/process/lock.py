@@ -29,7 +29,7 @@ def single_instance(directory: Path) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             directory.mkdir(mode=PRIVATE_DIRECTORY_MODE, parents=True, exist_ok=True)
-            check_trusted(directory)
+            check_trusted(directory, root_may_own=False)
             itself = os.open(directory, os.O_RDONLY | os.O_CLOEXEC)
             stack.callback(os.close, itself)
             file = _open_lock_file(directory / "service.lock")

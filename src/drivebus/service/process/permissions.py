@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivebus.errors import ConfigurationError
+from drivebus.profiles.load import own_files
 from drivebus.service.audit.chain import AuditPaths
 from drivebus.service.config.model import PlantConfig
 
@@ -18,22 +19,42 @@ ROOT = 0
 
 
 def check_plant_files(config: PlantConfig) -> None:
-    """Check plant file, user file and audit key where they exist. Raises ConfigurationError."""
+    """Check plant file, profile files, user file and audit key where they exist, and the folders that they are in.
+
+    A profile decides which frames a drive gets. Raises ConfigurationError.
+    """
     audit = AuditPaths.of(config.directory, config.audit.checkpoints, config.audit.key, config.audit.head)
-    for path in (Path(config.source), config.users or config.directory / "users.json"):
+    profiles = {path for model in {drive.model for drive in config.drives} for path in own_files(model)}
+    source = [Path(config.source)] if config.source else []
+    for path in (*source, config.users or config.directory / "users.json", audit.key, *sorted(profiles)):
         if path.is_file():
-            check_trusted(path)
-    if audit.key.is_file():
-        check_trusted(audit.key, secret=True)
+            check_trusted(path, secret=path == audit.key)
+        if path.parent.is_dir():
+            _check_folders(path)
 
 
-def check_trusted(path: Path, *, secret: bool = False) -> None:
-    """Check that only this user and root can write a file or directory, and read it if it is a ``secret``.
+def _check_folders(path: Path) -> None:
+    """Check that only this user and root can replace a file: nobody else may write a folder above it.
+
+    In a folder with the sticky bit, as /tmp, others can replace nothing, but create what is missing.
+    Raises ConfigurationError, OSError.
+    """
+    child = path.resolve()
+    for folder in child.parents:
+        if not folder.stat().st_mode & stat.S_ISVTX:
+            check_trusted(folder)
+        elif not child.exists():
+            raise ConfigurationError("plant.shared_folder", path=str(child), folder=str(folder))
+        child = folder
+
+
+def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True) -> None:
+    """Check that only this user and root can write a file or folder, and read it if it is a ``secret``.
 
     Raises ConfigurationError with the command that mends it, OSError.
     """
     found, user = path.stat(), os.geteuid()
-    owners = {user} if path.is_dir() else {user, ROOT}
+    owners = {user, ROOT} if root_may_own else {user}
     if found.st_uid not in owners:
         names = {"owner": _user_name(found.st_uid), "user": _user_name(user)}
         raise ConfigurationError("plant.foreign_owner", path=str(path), quoted=shlex.quote(str(path)), **names)

@@ -30,6 +30,7 @@ from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import redact_text
 from drivebus.service.control.policies import may_be_running
 from drivebus.service.live.publisher import LivePublisher
+from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.configuration_check import ConfigurationCheck, difference_json
 from drivebus.service.runtime.plant import Plant
@@ -66,11 +67,11 @@ class ConfigReload:
     async def reload(self, params: NoParams, actor: Actor) -> Json:
         """Read the file again and apply the differences.
 
-        Raises ConfigurationError with every fault, and ServiceError where a drive that may be running would be
-        removed from its bus. Then nothing has changed.
+        Raises ConfigurationError with every fault, or where others can write the file or a profile, and ServiceError
+        where a drive that may be running would be removed from its bus. Then nothing has changed.
         """
         async with self._lock:
-            new = await self._in_thread(lambda: load(self.plant.config.source))
+            new = await self._in_thread(lambda: _load_trusted(self.plant.config.source))
             change = config_diff(self.plant.config, new)
             self._refuse_if_running(change)
             await self._apply(change, new)
@@ -157,6 +158,13 @@ class ConfigReload:
         for id in change.buses.removed:
             self.plant.hub.remove(f"buses/{id}")
             self.plant.hub.remove(f"frames/{id}")
+
+
+def _load_trusted(source: str) -> PlantConfig:
+    """Read a file as at a start. Raises ConfigurationError."""
+    config = load(source)
+    check_plant_files(config)
+    return config
 
 
 def _leaving_drives(change: ConfigDiff) -> list[str]:
