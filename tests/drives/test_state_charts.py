@@ -79,6 +79,24 @@ def test_no_state_and_no_outcome_says_stopped_while_the_motor_ramps_down(model: 
     play_out(scenario)
 
 
+@pytest.mark.parametrize("how", ["stop", "quick_stop"])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_stop_word_keeps_operation_enabled_so_that_the_motor_brakes(model: str, how: str) -> None:
+    """Without bit 3, "inhibit operation", the drive removes its output and the motor coasts."""
+
+    async def scenario() -> None:
+        async with bench(model, False) as (drive, station):
+            await drive.run(40.0)
+            await asyncio.sleep(6)
+            stop = asyncio.ensure_future(getattr(drive, how)())
+            await asyncio.sleep(0.3)
+            assert station.state is (ChartState.OFF1 if how == "stop" else ChartState.OFF3)
+            assert station.motor.output_hz > 0, "the motor coasts"
+            await stop
+
+    play_out(scenario)
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_a_motor_that_runs_at_the_keypad_is_not_called_stopped(model: str) -> None:
     async def scenario() -> None:

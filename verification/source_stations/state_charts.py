@@ -111,6 +111,8 @@ class ChartStation(SourceStation):
         elif not word & NO_COAST:
             self.motor.coast()
             self.state = ChartState.OFF2
+        elif not word & OPERATION and self.motor.energised:
+            self._operate(enabled=False, follows=False)
         elif not word & NO_QUICK_STOP:
             self.motor.stop(min(1.0, self.motor.decel_s))
             self.state = ChartState.OFF3
@@ -133,7 +135,7 @@ class ChartStation(SourceStation):
         if enabled:
             self.state = ChartState.ENABLED
             self.run_towards(self.set_hz if follows else 0.0)
-        elif self.state is ChartState.ENABLED:
+        elif self.motor.energised:
             self.motor.coast()
             self.state = ChartState.READY_TO_OPERATE
 
