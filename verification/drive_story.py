@@ -28,7 +28,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "df800": {"direction_calibrated": True},
 }
 """Options that a calibration settles, as the simulated drives have them."""
-HIDES_FAULTS = frozenset({"huanyang_hy", "df800"})
+HIDES_FAULTS = frozenset({"huanyang_hy", "huanyang_h2a", "huanyang_p2a", "df800"})
 """Models that report no fault: a tripped drive reads as stopped, or no state is read at all."""
 TRIES = 20
 RAMP_S = 2.0
@@ -56,9 +56,9 @@ async def play(profile: DriveProfile, station: SimulatedStation, line: str, seed
     simulated = SimulatedBus([station], station.factory_settings, line_quality=line, seed=seed)
     port: Any = SimPort(simulated, station.factory_settings, f"sim://{profile.model}", "off")
     share = profile.setpoint_share
-    stated = share is not None and share.maximum is None
+    stated = share.maximum_hz if share is not None and share.maximum is None else None
     async with Bus(port) as bus:
-        options = OPTIONS.get(profile.model, {}) | ({"maximum_frequency": 50} if stated else {})
+        options = OPTIONS.get(profile.model, {}) | ({"maximum_frequency": int(stated)} if stated else {})
         drive = Drive(bus, profile, station.address, options=options)
         return await _Story(drive, station).steps()
 

@@ -15,7 +15,7 @@ SUFFIXES = {".py", ".md", ".json", ".jsonl", ".js", ".mjs", ".css", ".html", ".c
 TRAP = re.compile(r"\bT\d\d\b")
 INVARIANT = re.compile(r"\bI(?:[1-9]|1\d)\b(?![.²·])")
 UNDEFINED = re.compile(
-    r"(?<!Mollom )\b[GS]\d\d\b(?!\.)"  # Mollom G70 is an inverter
+    r"(?<!Mollom )(?<!VF-)\b[GS]\d\d\b(?!\.)"  # Mollom G70 and Toshiba VF-S15 are inverters
     r"|\bF\d\d\b(?![.\d])"  # F06.06 is a parameter of a drive
     r"|\b[Rr]ulings? \d+"
     r"|\bRELIABILITY\b"

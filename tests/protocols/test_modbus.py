@@ -780,3 +780,98 @@ def test_an_exception_has_a_code_that_the_standard_knows(codec: Codec) -> None:
 def test_a_read_without_a_count_reads_one_register() -> None:
     assert (ReadRegisters(5, 0).count, ReadRegisters(5, 0).function) == (1, 3)
     assert (ReadBits(5, 0).count, ReadBits(5, 0).function) == (1, 1)
+
+
+# --- replies that deviate from the standard, as the profile of a model states them ----------------------------------
+
+LONG_COUNT = ModbusRtuCodec(count_bytes=2)
+"""Byte count of two bytes in replies to reads (Huanyang H2A with F9.05 = 0)."""
+
+
+@pytest.mark.parametrize(
+    ("asked", "octets", "reply"),
+    [
+        (ReadRegisters(1, 0x3000, 1), "01 03 00 02 00 02", RegisterValues(1, 3, (2,))),
+        (ReadRegisters(1, 0xB005, 2), "01 03 00 04 5D C0 03 F6", RegisterValues(1, 3, (24000, 1014))),
+        (ReadRegisters(1, 0, 125, 4), "01 04 00 FA" + " 00 07" * 125, RegisterValues(1, 4, (7,) * 125)),
+        (ReadBits(1, 0, 9), "01 01 00 02 81 01", BitValues(1, 1, (True, *(False,) * 6, True, True))),
+        (ReadRegisters(1, 0, 1), "01 83 02", ExceptionReply(1, 3, 2)),
+        (WriteRegister(1, 0x2000, 1), "01 06 20 00 00 01", WriteAck(1, 6, 0x2000, 1)),
+    ],
+)
+def test_a_byte_count_of_two_bytes_is_read_and_written(asked: ModbusRequest, octets: str, reply: Any) -> None:
+    data = frame(LONG_COUNT, octets)
+    assert LONG_COUNT.decode_reply(asked, data) == Complete(reply, len(data))
+    assert LONG_COUNT.encode_reply(reply) == data
+    assert isinstance(reply, ExceptionReply) or LONG_COUNT.reply_size(asked) == LONG_COUNT.largest_reply(asked) == len(
+        data
+    )
+    assert isinstance(LONG_COUNT.decode_reply(asked, data[:-1]), Incomplete)
+
+
+@pytest.mark.parametrize("count", [1, 2, 12])
+def test_neither_form_of_the_byte_count_passes_for_the_other(count: int) -> None:
+    asked, reply = ReadRegisters(1, 0x3000, count), RegisterValues(1, 3, (0x0200,) * count)
+    for sender, receiver in ((ModbusRtuCodec(), LONG_COUNT), (LONG_COUNT, ModbusRtuCodec())):
+        with pytest.raises(LengthError):
+            receiver.decode_reply(asked, sender.encode_reply(reply))
+
+
+@pytest.mark.parametrize("octets", ["01 03 00 04 00 01", "01 03 01 02 00 01", "01 03 02 00 01 00", "01 03 00 00 00 01"])
+def test_a_byte_count_of_two_bytes_is_exactly_that_of_the_request(octets: str) -> None:
+    with pytest.raises(LengthError) as caught:
+        LONG_COUNT.decode_reply(ReadRegisters(1, 0, 1), frame(LONG_COUNT, octets))
+    assert caught.value.expected == 2
+
+
+def test_frames_of_other_stations_beside_a_long_byte_count_are_dropped_whole() -> None:
+    """A bus may have stations of both forms."""
+    for octets in ("02 03 00 02 00 07", "02 03 02 00 07"):
+        data = frame(LONG_COUNT, octets)
+        with pytest.raises(AddressError) as caught:
+            LONG_COUNT.decode_reply(ReadRegisters(1, 0, 1), data)
+        assert caught.value.size == len(data)
+
+
+REJECTING = ModbusRtuCodec(max_read=1, rejected_read=2)
+"""Reads one register at a time, and rejects reads of two with exception 03 (Toshiba VF-S11)."""
+PROBE = ReadRegisters(1, 0xFD00, 2)
+
+
+def test_exception_03_is_the_whole_reply_to_a_rejected_read() -> None:
+    """Toshiba E6581913 page 26 prints both frames."""
+    assert REJECTING.encode_request(PROBE) == bytes.fromhex("01 03 FD 00 00 02 F5 A7")
+    assert REJECTING.decode_reply(PROBE, bytes.fromhex("01 83 03 01 31")) == Complete(ExceptionReply(1, 3, 3), 5)
+    assert REJECTING.reply_size(PROBE) == REJECTING.largest_reply(PROBE) == 5
+    assert REJECTING.reply_size(ReadRegisters(1, 0xFD00, 1)) == 7
+
+
+@pytest.mark.parametrize("octets", ["01 83 01", "01 83 02", "01 83 04", "01 03 02 17 70", "01 03 04 17 70 00 00"])
+def test_nothing_else_is_a_reply_to_a_rejected_read(octets: str) -> None:
+    with pytest.raises((CodeError, LengthError)):
+        REJECTING.decode_reply(PROBE, frame(REJECTING, octets))
+
+
+def test_exception_03_is_no_reply_to_any_other_read() -> None:
+    """It would be the late reply to a rejected read."""
+    late, asked = frame(REJECTING, "01 83 03"), ReadRegisters(1, 0xFD00, 1)
+    with pytest.raises(CodeError):
+        REJECTING.decode_reply(asked, late)
+    for code in (1, 2, 4):
+        assert REJECTING.decode_reply(asked, frame(REJECTING, f"01 83 0{code}")) == Complete(
+            ExceptionReply(1, 3, code), 5
+        )
+    assert ModbusRtuCodec(max_read=1).decode_reply(asked, late) == Complete(ExceptionReply(1, 3, 3), 5)
+    assert REJECTING.decode_reply(WriteRegister(1, 2, 3), frame(REJECTING, "01 86 03")) == Complete(
+        ExceptionReply(1, 6, 3), 5
+    )
+
+
+def test_only_the_count_of_a_rejected_read_may_be_more_than_the_drive_reads() -> None:
+    for codec, count in (
+        (REJECTING, 3),
+        (ModbusRtuCodec(max_read=1, rejected_read=9), 2),
+        (ModbusRtuCodec(max_read=1), 2),
+    ):
+        with pytest.raises(ValueError, match="count"):
+            codec.encode_request(ReadRegisters(1, 0, count))

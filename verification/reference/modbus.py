@@ -51,6 +51,10 @@ class ModbusReference:
     resync: int = 0
     marks: int = 0
     """Bytes at a frame's end that are always the same."""
+    count_bytes: int = 1
+    """Bytes of the byte count in the reply to a read."""
+    rejected_read: int = 0
+    """Registers of a read that exception 03 answers, as it answers no other read of registers."""
 
     @property
     def address(self) -> slice:
@@ -125,7 +129,7 @@ class ModbusReference:
         """Return every length that these octets may have if their check is right."""
         if len(received) < 3:
             return iter(())
-        return _reply_extents(request, received, self.short) if request else _request_extents(received)
+        return _reply_extents(self, request, received) if request else _request_extents(received)
 
     def shapes(self, sent: bytes) -> tuple[FrameShape, ...]:
         """Return the shapes of all valid replies to ``sent``, or of all valid requests."""
@@ -143,7 +147,7 @@ class ModbusReference:
         return FrameShape(places, range(len(text) + 1, len(text) + 3))
 
     def _octet_forms(self, request: bytes) -> Iterator[tuple[Bytes, ...]]:
-        yield from _reply_forms(request, self.short) if request else _request_forms()
+        yield from _reply_forms(self, request) if request else _request_forms()
 
 
 @lru_cache(maxsize=REMEMBERED_REQUESTS)
@@ -171,37 +175,57 @@ def _number(octets: bytes) -> int:
     return octets[0] * 256 + octets[1]
 
 
-def _reply_extents(request: bytes, received: bytes, short: bool) -> Iterator[int]:
+def _exceptions(reference: ModbusReference, request: bytes) -> tuple[int, ...]:
+    """Return the exceptions that may answer a request."""
+    if not reference.rejected_read or request[1] not in (3, 4):
+        return EXCEPTIONS
+    if _number(request[4:6]) == reference.rejected_read:
+        return (3,)
+    return tuple(code for code in EXCEPTIONS if code != 3)
+
+
+def _is_rejected(reference: ModbusReference, request: bytes) -> bool:
+    return _exceptions(reference, request) == (3,)
+
+
+def _reply_extents(reference: ModbusReference, request: bytes, received: bytes) -> Iterator[int]:
     if received[0] != request[0] or not request[0]:
         return
     function = request[1]
-    if received[1] == function + 128 and received[2] in EXCEPTIONS:
+    if received[1] == function + 128 and received[2] in _exceptions(reference, request):
         yield 3
-    if received[1] != function:
+    if received[1] != function or _is_rejected(reference, request):
         return
-    if short and received[2] == 0:
+    if reference.short and received[2] == 0:
         yield 3
     if function in READ_LIMITS:
         count = _number(request[4:6])
         octets = 2 * count if function in (3, 4) else (count + 7) // 8
         padding = count % 8 if function in (1, 2) else 0
-        if received[2] == octets and not (padding and len(received) >= 3 + octets and received[2 + octets] >> padding):
-            yield 3 + octets
+        head = 2 + reference.count_bytes
+        size = head + octets
+        if received[2:head] == octets.to_bytes(head - 2, "big") and not (
+            padding and len(received) >= size and received[size - 1] >> padding
+        ):
+            yield size
     elif received[:6] == request[:6]:
         yield 6
 
 
-def _reply_forms(request: bytes, short: bool) -> Iterator[tuple[Bytes, ...]]:
+def _reply_forms(reference: ModbusReference, request: bytes) -> Iterator[tuple[Bytes, ...]]:
     address, function = literal_places(request[:1])[0], request[1]
     if not request[0]:
         return
-    yield address, frozenset((function + 128,)), frozenset(EXCEPTIONS)
-    if short:
+    yield address, frozenset((function + 128,)), frozenset(_exceptions(reference, request))
+    if _is_rejected(reference, request):
+        return
+    if reference.short:
         yield address, *literal_places(bytes((function, 0)))
     if function in READ_LIMITS:
         count = _number(request[4:6])
         octets = 2 * count if function in (3, 4) else (count + 7) // 8
-        yield (*literal_places(request[:2]), *literal_places(bytes((octets,))), *(ANY,) * octets)
+        count_octets = octets.to_bytes(reference.count_bytes, "big")
+        yield (*literal_places(request[:2]), *literal_places(count_octets), *(ANY,) * octets)
     else:
         yield literal_places(request[:6])
 

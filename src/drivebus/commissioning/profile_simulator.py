@@ -38,7 +38,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import ParameterSpec
-from drivebus.simulator.station import SimulatedModel, SimulatedStation
+from drivebus.simulator.station import SimulatedModel, SimulatedStation, StationReply
 from drivebus.values import Scale
 
 MODBUS = "modbus"
@@ -97,9 +97,10 @@ class ProfileStation(SimulatedStation):
             if self.is_ascii
             else FramingRule(gap_characters=3.5, ends_by_silence=True)
         )
-        self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else modbus.ModbusRtuCodec(),)
-        self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.features = profile.modbus or ModbusFeatures()
+        rtu_codec = modbus.ModbusRtuCodec(count_bytes=self.features.reply_count_bytes)
+        self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else rtu_codec,)
+        self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.setpoint_word = self.command = 0
         self.steps_taken = 0
         """Words before a start that were taken, in their order."""
@@ -132,6 +133,10 @@ class ProfileStation(SimulatedStation):
             parameter = self.profile.parameters[share.maximum]
             maximum_hz = parameter.scale.value(self.memory[_memory_key(parameter.locator)])
         return Scale(maximum_hz / share.full_scale)
+
+    def handle_frame(self, message: Any, codec: Codec, *frame: Any, **details: Any) -> StationReply | None:
+        """Reply in the form of this model: the codec that decoded the request may be that of another one."""
+        return super().handle_frame(message, self.codecs[0], *frame, **details)
 
     def handle_request(self, message: Any, codec: Codec) -> Any:
         function = message.function
@@ -239,7 +244,7 @@ class ProfileStation(SimulatedStation):
     def _shows_motion(self, status: StatusMap) -> bool:
         """Return whether the word shows motion; where it does not show standstill, a ramp down is without."""
         motor = self.displayed_motor
-        return motor.energised and not (motor.stopping and status.standstill == "output_frequency")
+        return motor.energised and not (motor.stopping and status.standstill != "status")
 
     def _prepared_status(self) -> int:
         """Return the status of a drive that stands, after the words before a start that it has taken."""

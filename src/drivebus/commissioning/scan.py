@@ -316,26 +316,27 @@ def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int)
 async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
     """Probe an address with the first candidate, and with the others only if bytes are received.
 
-    Models with the same request are probed once; of those that were answered, only models whose status has the value
-    that was read, and whose other registers of state and identity were answered, are named, if there are any.
+    Models with the same request, and the same size of its reply, are probed once; of those that were answered, only
+    models whose status has the value that was read, and whose other registers of state and identity were answered, are
+    named, if there are any.
     """
     fits: list[ScanCandidate] = []
     doubtful: set[str] = set()
-    answered: dict[bytes, Any] = {}  # probe to its reply, None where it was rejected or missing
+    answered: dict[tuple[bytes, int], Any] = {}  # probe, size of its reply: the reply, None if rejected or missing
     first: BusResult | None = None
     good: BusResult | None = None
 
     async def reply_to(dialect: Dialect, request: Any) -> Any | None:
         nonlocal first, good
-        frame = dialect.codec.encode_request(request)
-        if frame not in answered:
+        probe = dialect.codec.encode_request(request), dialect.codec.reply_size(request)
+        if probe not in answered:
             result, rejected = await _probe(bus, dialect, request)
-            answered[frame] = None if rejected else result.reply
+            answered[probe] = None if rejected else result.reply
             if result.received:
                 first = first or result
-            if answered[frame] is not None:
+            if answered[probe] is not None:
                 good = good or result
-        return answered[frame]
+        return answered[probe]
 
     async def answers_all(dialect: Dialect) -> bool:
         further = [*dialect.state_reads()[:1], dialect.model_check()]

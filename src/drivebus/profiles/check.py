@@ -129,11 +129,13 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_modbus(profile)
     if "status" in able:
         table, states = offered_states(profile)
-        for state in ("running", "fault", *(("stopped",) if profile.status and profile.status.values else ())):
+        fault = () if profile.status and profile.status.hides_faults else ("fault",)
+        for state in ("running", *fault, *(("stopped",) if profile.status and profile.status.values else ())):
             if state not in states:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
     if profile.status and profile.status.standstill not in {"status", *profile.signals}:
-        yield issue("needs", ("status", "standstill"), profile.status.standstill, what="[signals.output_frequency]")
+        what = f"[signals.{profile.status.standstill}]"
+        yield issue("needs", ("status", "standstill"), profile.status.standstill, what=what)
     if profile.commands is None:
         return
     table, offered = offered_commands(profile.commands)
@@ -152,7 +154,8 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
-    if profile.modbus is not None and not profile.modbus.loopback and not _has_sync_registers(profile):
+    has_probe = profile.modbus is not None and (profile.modbus.loopback or profile.modbus.rejected_read is not None)
+    if profile.modbus is not None and not has_probe and not _has_sync_registers(profile):
         yield issue("sync_registers", ("modbus", "loopback"), "false", related=(("modbus",),))
 
 

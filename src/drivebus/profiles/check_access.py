@@ -69,6 +69,30 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
     if profile.commands is not None:
         yield from _check_commands(profile, profile.commands)
     yield from _check_blocks(profile)
+    yield from _check_replies(profile)
+
+
+def _check_replies(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that replies which deviate from the standard are those of RTU, and can't be mistaken for each other."""
+    rule = profile.modbus
+    if rule is None:
+        return
+    other = next((encoding for encoding in profile.encodings if encoding != "rtu"), None)
+    for name in ("reply_count_bytes", "rejected_read"):
+        if other is not None and getattr(rule, name) not in (1, None):
+            yield issue("no_effect_beside", ("modbus", name), getattr(rule, name), other=f'encodings "{other}"')
+    if rule.reply_count_bytes > 1 and rule.error_form == "short":
+        yield issue("no_effect_beside", ("modbus", "reply_count_bytes"), 2, other='error_form = "short"')
+    if rule.rejected_read is None:
+        return
+    if rule.loopback:
+        yield issue("no_effect_beside", ("modbus", "rejected_read"), rule.rejected_read, other="loopback = true")
+    if rule.rejected_read <= rule.max_read:
+        path: KeyPath = ("modbus", "rejected_read")
+        yield issue("range", path, rule.rejected_read, related=(("modbus", "max_read"),), bound=f"> {rule.max_read}")
+    if profile.status is not None and profile.status.space in BIT_SPACES:
+        other = f'status.space = "{profile.status.space}"'
+        yield issue("no_effect_beside", ("modbus", "rejected_read"), rule.rejected_read, other=other)
 
 
 def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from drivebus.profiles.check_words import offered_states
 from drivebus.profiles.diagnostics import Issue, issue
 from drivebus.profiles.schema import ProfileIn, StrictTable
 
@@ -32,6 +33,8 @@ def check_effect(profile: ProfileIn) -> Iterator[Issue]:
         is_shared = commands is not None and commands.written_to == "register"
         if not is_shared or commands is None or status.register_ != commands.register_ or status.space != "holding":
             yield issue("no_effect_without", ("status", "shares_command_register"), "true", other="[commands] register")
+    if status is not None and status.hides_faults and "fault" in offered_states(profile)[1]:
+        yield issue("no_effect_beside", ("status", "hides_faults"), "true", other="fault")
     if status is not None and not status.fault_registers:
         yield from _ineffective("status", status, ("fault_coding", "fault_mask"), "fault_registers", beside=False)
     elif status is not None and status.fault_coding == "bits":

@@ -469,6 +469,8 @@ def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
         loopback=rule.loopback,
         word_order=rule.word_order,
         blocks=tuple((first, count) for first, count in rule.blocks),
+        reply_count_bytes=rule.reply_count_bytes,
+        rejected_read=rule.rejected_read,
     )
 
 

@@ -237,7 +237,7 @@ class StatusMap:
     """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
     fault_mask: int = 0xFFFF
     """Field of the number; its lowest bit counts 1."""
-    standstill: Literal["status", "output_frequency"] = "status"
+    standstill: Literal["status", "output_frequency", "output_speed"] = "status"
     """output_frequency: a word without motion means decelerating until the signal output_frequency reads 0."""
     space: Literal["holding", "input", "coil", "discrete"] = "holding"
     """Space of the status word; the bits of one of coils are those from ``register`` on."""
@@ -325,6 +325,10 @@ class ModbusFeatures:
     """Order of the registers of a number that has two."""
     blocks: tuple[tuple[int, int], ...] = ()
     """First register and count of each block of holding registers that is read only as a whole."""
+    reply_count_bytes: int = 1
+    """Bytes of the byte count in the reply to a read (Huanyang H2A: 2)."""
+    rejected_read: int | None = None
+    """Registers of a read that only exception 03 answers, and that no other read is answered by: the sync probe."""
 
 
 @dataclass(frozen=True, slots=True)

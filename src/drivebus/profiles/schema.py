@@ -329,9 +329,11 @@ class StatusIn(StrictTable):
     """A fault register has a bit for each fault, or the number of one fault and 0 for none."""
     fault_mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
     """Field of the fault register that is the number; its lowest bit counts 1."""
-    standstill: Literal["status", "output_frequency"] = "status"
-    """What shows that the drive stands: the word, or the signal output_frequency as well, where the word drops its run
-    bit while the drive still ramps down."""
+    standstill: Literal["status", "output_frequency", "output_speed"] = "status"
+    """What shows that the drive stands: the word, or the signal of this name as well, where the word drops its run bit
+    while the drive still ramps down."""
+    hides_faults: bool = False
+    """The source names no register of a fault: a tripped drive is shown in the state that it reports."""
     evidence: EvidenceLine
 
 
@@ -344,6 +346,10 @@ class ModbusIn(StrictTable):
     """Order of the registers of a number that has two."""
     blocks: list[Annotated[list[Word], Field(min_length=2, max_length=2)]] = []
     """First register and count of each block of holding registers that the drive gives only as a whole."""
+    reply_count_bytes: Literal[1, 2] = 1
+    """Bytes of the byte count in the reply to a read: 2 in the non-standard Modbus of some Chinese makers."""
+    rejected_read: Annotated[int, Field(ge=2, le=125)] | None = None
+    """Registers of a read that the drive answers by exception 03, as it does no other read: its sync probe."""
     evidence: EvidenceLine
 
 

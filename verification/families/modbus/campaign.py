@@ -54,6 +54,16 @@ def df800_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     return _modbus_reply(rng, codec, request, rng.choice((0, 0, 0, None, 2)))
 
 
+def rejected_read_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+    """Return an exchange with a drive that reads one register at a time and rejects reads of two (Toshiba VF-S11)."""
+    address, register, count = rng.randint(1, 247), rng.randrange(0xFE00), rng.choice((1, 1, 2))
+    code = 3 if count == 2 else rng.choice((0, 0, 0, 1, 2, 4))
+    request = rng.choice(
+        (m.ReadRegisters(address, register, count), m.WriteRegister(address, register, rng.getrandbits(16)))
+    )
+    return _modbus_reply(rng, codec, request, code)
+
+
 def _modbus_reply(rng: Random, codec: Codec, request: Any, code: int | None) -> LawfulExchange:
     address, function = request.address, request.function
     reply: m.ModbusReply
@@ -123,6 +133,22 @@ CAMPAIGN = FamilyCampaign(
             make_exchange=df800_exchange,
             alphabet=HEX_DIGITS,
             longest=LONGEST_ASCII,
+        ),
+        FuzzedCodec(
+            name="modbus-rtu-long-count",
+            codec=ModbusRtuCodec(count_bytes=2),
+            reference=ModbusReference("rtu", count_bytes=2),
+            make_exchange=modbus_exchange,
+            alphabet=ALL_BYTES,
+            longest=LONGEST_RTU + 1,
+        ),
+        FuzzedCodec(
+            name="modbus-rtu-rejected-read",
+            codec=ModbusRtuCodec(max_read=1, rejected_read=2),
+            reference=ModbusReference("rtu", rejected_read=2),
+            make_exchange=rejected_read_exchange,
+            alphabet=ALL_BYTES,
+            longest=LONGEST_RTU,
         ),
     ),
     codecs_of_vectors={

@@ -47,9 +47,9 @@ def describe(
     profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame. A misprinted reply of the manual shows the fields that were meant, and stays invalid."""
-    error_form = profile.modbus.error_form if profile.modbus else "exception"
-    description = modbus.describe(data, encoding, direction, request, error_form)
-    sent = {} if request is None else modbus.describe(request, encoding, "request", None, error_form).fields
+    rule = profile.modbus or ModbusFeatures()
+    description = modbus.describe(data, encoding, direction, request, rule.error_form, rule.reply_count_bytes)
+    sent = {} if request is None else modbus.describe(request, encoding, "request", None, rule.error_form).fields
     misprint = misprint_of(profile.model, data)
     annotated = _annotate(profile, description, sent)
     if misprint is None:
@@ -115,7 +115,7 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
         notes.append(
             note("explain.function", model=profile.model, found=function, expected=_join_numbers(rule.functions))
         )
-    if rule and function in (3, 4) and count > rule.max_read:
+    if rule and function in (3, 4) and count > rule.max_read and count != rule.rejected_read:
         notes.append(note("explain.too_many", model=profile.model, found=count, expected=rule.max_read))
     if "register" in fields:
         register, _ = _strip_eeprom_bit(profile, fields["register"])

@@ -85,11 +85,14 @@ class ModbusDialect:
         self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
         form, most = self._rule.error_form, self._rule.max_read
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
-        self.codec: Codec = ascii_codec if encoding == "ascii" else ModbusRtuCodec(form, most)
+        rtu_codec = ModbusRtuCodec(
+            form, most, count_bytes=self._rule.reply_count_bytes, rejected_read=self._rule.rejected_read or 0
+        )
+        self.codec: Codec = ascii_codec if encoding == "ascii" else rtu_codec
         self.status_map: StatusMap | None = profile.status
         self.command_word = self._make_command_word()
         self._writes = ModbusWrites(address, profile, self._commands)
-        self._sync_spans = () if self._rule.loopback else sync_spans(profile)
+        self._sync_spans = () if self._rule.loopback or self._rule.rejected_read else sync_spans(profile)
         self._sync_space = self._sync_spans[0].space if self._sync_spans else None
         self._signals = _signals_by_locator(profile)
         self._status_span = status_span(profile.status) if profile.status else None
@@ -176,10 +179,17 @@ class ModbusDialect:
     def _sync_request_at(self, n: int) -> Any:
         if self._rule.loopback:
             return Diagnostics(self.address, (self._nonce_start + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
+        if self._rule.rejected_read:
+            return replace(self.echo_test_read(), count=self._rule.rejected_read)
         return self._sync_spans[n // 2 % len(self._sync_spans)].request(self.address)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
-        """Accept a complete loop-back or a read with the count of a sync probe; an error echoes only its function."""
+        """Accept a complete loop-back or a read with the count of a sync probe; an error echoes only its function.
+
+        The codec accepts an error as the reply to a read that the drive rejects only with the code of no other read.
+        """
+        if self._rule.rejected_read:
+            return isinstance(reply, ExceptionReply)
         return isinstance(reply, (DiagnosticsReply, RegisterValues))
 
     def needs_sync(self, request: Any) -> bool:
@@ -203,7 +213,8 @@ class ModbusDialect:
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
             return ()
-        requests = [request for request, _ in self.polls(("set_frequency", "output_frequency"))]
+        names = ("set_frequency", "output_frequency", self.status_map.standstill)
+        requests = [request for request, _ in self.polls(names)]
         status = self._status_span  # first: a frequency from before the word does not show that the drive stands
         return tuple(sorted(requests, key=lambda one: status is None or not request_span(one).covers(status)))
 

@@ -60,7 +60,7 @@ def _split_value(status: StatusMap, raw: int) -> tuple[DriveState, Direction | N
 
 def state_names(status: StatusMap, fault_names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the readings that the state follows from; a word without faults needs the fault registers."""
-    output = ("output_frequency",) if status.standstill == "output_frequency" else ()
+    output = () if status.standstill == "status" else (status.standstill,)
     return ("state", *output, *(() if status.shows_fault else fault_names))
 
 
@@ -83,15 +83,15 @@ def derive_state(status: StatusMap, readings: ReadingPairs, fault_names: tuple[s
 
 
 def _state_pair(status: StatusMap, readings: ReadingPairs) -> tuple[DriveState, DriveState] | None:
-    """Return the last two states, older first; without motion only where the output is at 0 Hz, if that counts too."""
+    """Return the last two states, older first; without motion only where the output is at 0, if that counts too."""
     words = readings.raw_pair("state")
     if words is None:
         return None
     older, newer = (status_state(status, word) for word in words)
     if status.standstill == "status" or (older.turning and newer.turning):
         return older, newer
-    output = readings.raw_pair("output_frequency")
-    if output is None or not readings.is_since("output_frequency", "state"):
+    output = readings.raw_pair(status.standstill)
+    if output is None or not readings.is_since(status.standstill, "state"):
         return None
     return _ramping_down(older, output[0]), _ramping_down(newer, output[1])
 

@@ -204,8 +204,11 @@ def _parse_counted_request(octets: bytes, address: int, function: int, register:
         raise IllegalRequest("modbus.padding", octets, ILLEGAL_VALUE, expected=0, found=error.found) from error
 
 
-def encode_reply(reply: ModbusReply) -> bytes:
-    """Return the octets of a reply. Raises ValueError for a field out of range."""
+def encode_reply(reply: ModbusReply, count_bytes: int = 1) -> bytes:
+    """Return the octets of a reply; a read's begins with a byte count of ``count_bytes`` octets.
+
+    Raises ValueError for a field out of range.
+    """
     check_range("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
     match reply:
         case RegisterValues(address=address, function=function, values=values):
@@ -230,42 +233,46 @@ def encode_reply(reply: ModbusReply) -> bytes:
             return bytes((address, function | 0x80, check_range("code", code, 1, 0xFF)))
         case _:
             raise ValueError(f"{reply!r} is no Modbus reply")
-    return bytes((address, function, len(content))) + content
+    return bytes((address, function)) + len(content).to_bytes(count_bytes, "big") + content
 
 
-def normal_reply_length(request: ModbusRequest) -> int:
+def normal_reply_length(request: ModbusRequest, count_bytes: int = 1) -> int:
     """Return the number of octets of the normal reply, without its check."""
     if isinstance(request, ReadRegisters):
-        return 3 + 2 * request.count
+        return 2 + count_bytes + 2 * request.count
     if isinstance(request, ReadBits):
-        return 3 + (request.count + 7) // 8
+        return 2 + count_bytes + (request.count + 7) // 8
     return 6
 
 
-def reply_length(request: ModbusRequest, head: bytes, short: bool) -> int:
-    """Return the octets of a reply that begins with ``head`` (three or more); ``short`` allows DF800's error form.
+def reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: int = 1) -> int:
+    """Return the octets of a reply that begins with ``head`` (three or more, four where ``count_bytes`` is 2).
+
+    ``short`` allows DF800's error form.
 
     The short error of a write begins like its acknowledgement; the encodings tell them apart. Raises ProtocolError
     for a head that no station's reply can have.
     """
     function, found = request.function, head[1]
     if head[0] != request.address or head[0] == BROADCAST:
-        return _foreign_reply_length(request, head, short)
+        return _foreign_reply_length(request, head, short, count_bytes)
     if found == function:
         if function not in READ_FUNCTIONS:
             return 6
-        expected = normal_reply_length(request)
-        if head[2] + 3 == expected:
+        expected, count = normal_reply_length(request, count_bytes), head[2]
+        if count_bytes == 2:
+            count = count << 8 | head[3]
+        if count + 2 + count_bytes == expected:
             return expected
-        if short and head[2] == 0:
+        if short and count == 0:
             return 3
-        raise LengthError("modbus.byte_count", expected=expected - 3, found=head[2])
+        raise LengthError("modbus.byte_count", expected=expected - 2 - count_bytes, found=count)
     if found == function | 0x80:
         return 3
     raise EchoError("modbus.function", expected=function, found=found)
 
 
-def _foreign_reply_length(request: ModbusRequest, head: bytes, short: bool) -> int:
+def _foreign_reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: int) -> int:
     """Return the length of another station's frame where its function decides it; else raise AddressError."""
     address, function, count = head[0], head[1], head[2]
     if request.address == BROADCAST:
@@ -274,18 +281,21 @@ def _foreign_reply_length(request: ModbusRequest, head: bytes, short: bool) -> i
         return 3
     if function in ECHO_FUNCTIONS:
         return 6
+    if function in READ_FUNCTIONS and count_bytes == 2 and count == 0:
+        return 4 + head[3]
     if function in READ_FUNCTIONS and (count or short) and (function < 3 or count % 2 == 0):
         return 3 + count
     raise AddressError("modbus.address", expected=request.address, found=address)
 
 
-def parse_reply(request: ModbusRequest, octets: bytes) -> ModbusReply:
+def parse_reply(request: ModbusRequest, octets: bytes, count_bytes: int = 1) -> ModbusReply:
     """Parse the octets of a reply (as many as ``reply_length``, check good). Raises ProtocolError."""
     address, function = octets[0], octets[1]
     if address != request.address:
         raise AddressError("modbus.address", expected=request.address, found=address)
     if function in REGISTER_FUNCTIONS and len(octets) > 3:
-        return RegisterValues(address, function, WORD_STRUCTS[octets[2] >> 1].unpack_from(octets, 3))
+        at = 2 + count_bytes
+        return RegisterValues(address, function, WORD_STRUCTS[octets[at - 1] >> 1].unpack_from(octets, at))
     if function & 0x80:
         if octets[2] not in EXCEPTION_CODES:
             raise CodeError("modbus.exception_code", expected="1-8, 10, 11", found=octets[2])
@@ -293,7 +303,7 @@ def parse_reply(request: ModbusRequest, octets: bytes) -> ModbusReply:
     if len(octets) == 3:
         return ExceptionReply(address, function, None)
     if isinstance(request, ReadBits):
-        return BitValues(address, function, unpack_bits(octets[3:], request.count))
+        return BitValues(address, function, unpack_bits(octets[2 + count_bytes :], request.count))
     return _parse_echo(request, octets)
 
 

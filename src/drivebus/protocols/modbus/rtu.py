@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from drivebus.errors import AddressError, ChecksumError, LengthError, ProtocolError
+from drivebus.errors import AddressError, ChecksumError, CodeError, LengthError, ProtocolError
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
 from drivebus.protocols.modbus import pdu as replies
@@ -15,10 +15,12 @@ from drivebus.protocols.modbus import pdu as requests
 from drivebus.protocols.modbus.messages import (
     BROADCAST,
     ECHO_FUNCTIONS,
+    ILLEGAL_VALUE,
     MAX_READ,
     ExceptionReply,
     ModbusReply,
     ModbusRequest,
+    ReadRegisters,
 )
 
 ErrorForm = Literal["exception", "short"]
@@ -53,24 +55,36 @@ class ModbusRtuCodec:
 
     ``error_form`` "short" accepts the errors of DF800 (function unchanged, one byte 00) besides standard exceptions,
     and sends them for ``ExceptionReply.code`` None. ``max_read`` is the most registers of one read (VC660: 4).
+    ``count_bytes`` 2: the byte count in the reply to a read has two bytes (Huanyang H2A). ``rejected_read``: a read of
+    so many registers is answered by exception 03 alone, and no other read is (Toshiba VF-S11: 2); 0 for none.
     """
 
     family: str = "modbus"
     encoding: str = "rtu"
     broadcast_address: int | None = BROADCAST
 
-    def __init__(self, error_form: ErrorForm = "exception", max_read: int = MAX_READ) -> None:
+    def __init__(
+        self,
+        error_form: ErrorForm = "exception",
+        max_read: int = MAX_READ,
+        *,
+        count_bytes: int = 1,
+        rejected_read: int = 0,
+    ) -> None:
         self.error_form: ErrorForm = error_form
         self.max_read = max_read
+        self.count_bytes = count_bytes
+        self.rejected_read = rejected_read
         self._short_errors = error_form == "short"
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
         """Return the frame of a request. Raises ValueError for a field out of range."""
-        return build_frame(requests.encode_request(request, self.max_read))
+        most = self.rejected_read if self._is_rejected_read(request) else self.max_read
+        return build_frame(requests.encode_request(request, most))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
         """Return the frame of a reply. Raises ValueError for a field out of range."""
-        return build_frame(replies.encode_reply(reply))
+        return build_frame(replies.encode_reply(reply, self.count_bytes))
 
     def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
         """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
@@ -80,15 +94,29 @@ class ModbusRtuCodec:
             result = self._short_error(request, data)
             if result is not None:
                 return result
-        size = replies.reply_length(request, data, self._short_errors) + CRC_SIZE
+        size = replies.reply_length(request, data, self._short_errors, self.count_bytes) + CRC_SIZE
         if len(data) < size:
             return Incomplete(size)
         octets = check_frame(data, size)
         try:
-            return Complete(replies.parse_reply(request, octets), size)
+            message = replies.parse_reply(request, octets, self.count_bytes)
         except AddressError as error:
             error.size = size
             raise
+        if self.rejected_read:
+            self._check_rejection(request, message)
+        return Complete(message, size)
+
+    def _is_rejected_read(self, request: ModbusRequest) -> bool:
+        return self.rejected_read > 0 and isinstance(request, ReadRegisters) and request.count == self.rejected_read
+
+    def _check_rejection(self, request: ModbusRequest, reply: ModbusReply) -> None:
+        """Raise CodeError where a rejected read got another reply than exception 03, or another read got this one."""
+        code = reply.code if isinstance(reply, ExceptionReply) else 0
+        if self._is_rejected_read(request) and code != ILLEGAL_VALUE:
+            raise CodeError("modbus.exception_code", expected=ILLEGAL_VALUE, found=code)
+        if isinstance(request, ReadRegisters) and request.count != self.rejected_read and code == ILLEGAL_VALUE:
+            raise CodeError("modbus.exception_code", expected="1-2, 4-8, 10, 11", found=code)
 
     def _short_error(self, request: ModbusRequest, data: bytes) -> DecodeResult | None:
         """Return the short error in five bytes; None where they begin the acknowledgement of this request.
@@ -143,7 +171,11 @@ class ModbusRtuCodec:
 
     def reply_size(self, request: ModbusRequest, /) -> int:
         """Return the bytes of the normal reply; 0 for a broadcast."""
-        return 0 if request.address == BROADCAST else replies.normal_reply_length(request) + CRC_SIZE
+        if request.address == BROADCAST:
+            return 0
+        if self._is_rejected_read(request):
+            return EXCEPTION_FRAME_SIZE
+        return replies.normal_reply_length(request, self.count_bytes) + CRC_SIZE
 
     def largest_reply(self, request: ModbusRequest, /) -> int:
         """Return the bytes of the longest valid reply: the normal one, as an error is never longer."""
