@@ -60,3 +60,35 @@ def test_an_input_register_is_not_described_as_the_holding_register_of_its_numbe
         request = modbus.ReadRegisters(1, 0, 1, function)
         (row,) = reply_fields("h100", request, modbus.RegisterValues(1, function, (123,)))["values"]
         assert row.get("name") == name
+
+
+def test_a_reply_with_a_byte_count_of_two_bytes_is_described_with_its_values() -> None:
+    """Frames of FluidNC, H2AProtocol.md."""
+    profile, sent = profiles.load("huanyang_h2a"), bytes.fromhex("01 03 70 0C 00 02 1E C8")
+    reply = bytes.fromhex("01 03 00 04 09 5D 00 00 D1 49")
+    for request in (sent, None):
+        shown = describe(profile, reply, "rtu", "response" if request else None, request)
+        assert shown.valid and shown.direction == "response" and shown.fields["registers"] == [2397, 0]
+    first, _ = describe(profile, reply, "rtu", "response", sent).fields["values"]
+    assert (first["name"], first["value"], first["unit"]) == ("output_speed", 2397, "rpm")
+
+
+@pytest.mark.parametrize(
+    ("model", "reply"),
+    [("huanyang_h2a", "01 03 04 09 5D 00 00 A8 65"), ("skf8000", "01 03 00 04 09 5D 00 00 D1 49")],
+)
+def test_a_reply_of_the_other_form_is_described_as_invalid(model: str, reply: str) -> None:
+    sent = bytes.fromhex("01 03 70 0C 00 02 1E C8")
+    for request in (sent, None):
+        assert not describe(profiles.load(model), bytes.fromhex(reply), "rtu", "response", request).valid
+
+
+def test_a_read_that_the_drive_rejects_is_no_mistake_of_its_master() -> None:
+    request, rejection = bytes.fromhex("01 03 FD 00 00 02 F5 A7"), bytes.fromhex("01 83 03 01 31")
+    shown = describe(profiles.load("vf_s11"), request, "rtu", "request", None)
+    assert shown.valid and not shown.errata
+    assert [key for key, _ in describe(profiles.load("vf_s15"), request, "rtu", "request", None).errata] == [
+        "explain.too_many"
+    ]
+    answer = describe(profiles.load("vf_s11"), rejection, "rtu", "response", request)
+    assert answer.valid and answer.fields["exception"] == 3

@@ -316,3 +316,25 @@ def test_a_code_names_the_model_among_those_with_the_same_registers(model: str, 
     link = f"sim://{model}@1?drives=9600-8N1&baud=9600&format=8N1&name=code"
     (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
     assert found.models == named and found.doubtful is (len(named) > 1)
+
+
+@pytest.mark.parametrize("model", ["huanyang_h2a", "huanyang_p2a"])
+def test_a_byte_count_of_two_bytes_names_the_models_that_reply_so(model: str) -> None:
+    """Command, state and their registers are those of the MD380 map."""
+    link = f"sim://{model}@1?drives=9600-8N1&baud=9600&format=8N1&name=long"
+    (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
+    assert found.models == ("huanyang_h2a", "huanyang_p2a") and found.valid_reply
+
+
+def test_a_drive_with_the_standard_byte_count_is_not_taken_for_one_with_two_bytes() -> None:
+    link = "sim://skf8000@1?drives=9600-8N1&baud=9600&format=8N1&name=short"
+    (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
+    assert "skf8000" in found.models and not {"huanyang_h2a", "huanyang_p2a"} & {*found.models}
+
+
+@pytest.mark.parametrize(("model", "named"), [("vf_s15", ("vf_s15",)), ("vf_s11", ("vf_s11", "vf_s15"))])
+def test_the_series_code_names_a_vf_s15(model: str, named: tuple[str, ...]) -> None:
+    """The source of the VF-S11 does not say what it has at FB07H."""
+    link = f"sim://{model}@1?drives=9600-8N1&baud=9600&format=8N1&name=series"
+    (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
+    assert found.models == named

@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import create_dialect
+from drivebus.bus import Bus
+from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import ProtocolError
+from drivebus.errors import LengthError, ProtocolError
+from drivebus.ports import open_port
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Complete, Effect
 from drivebus.protocols.modbus import ReadBits, ReadRegisters, RegisterValues
@@ -292,3 +294,55 @@ def test_a_frequency_beyond_sixteen_bits_reaches_the_drive_whole() -> None:
             assert station.setpoint_word == 70000
 
     run(tell())
+
+
+@pytest.mark.parametrize("model", ["vf_s11", "vf_s15"])
+def test_the_rejection_of_a_read_of_many_registers_proves_that_replies_are_current(model: str) -> None:
+    """Such a drive reads one register at a time; exception 03 answers no other read of it."""
+    dialect = dialect_of(model)
+    probe = dialect.station_config.sync_request(0)
+    assert probe == dialect.sync_request() == ReadRegisters(1, 0xFD01, dialect.profile.modbus.rejected_read)
+    assert dialect.effect(frame_of(dialect, probe)) is Effect.NONE
+    rejection = dialect.codec.encode_reply(modbus.ExceptionReply(1, 3, 3))
+    reply = dialect.codec.decode_reply(probe, rejection).message
+    assert dialect.is_valid_sync_reply(reply) and not dialect.is_valid_sync_reply(RegisterValues(1, 3, (0,)))
+    for read in every_read(dialect):
+        assert read.count == 1
+        with pytest.raises(ProtocolError):
+            dialect.codec.decode_reply(read, rejection)
+    for other in (1, 2, 4):
+        with pytest.raises(ProtocolError):
+            dialect.codec.decode_reply(probe, dialect.codec.encode_reply(modbus.ExceptionReply(1, 3, other)))
+
+
+def test_an_exception_is_no_sync_reply_of_a_model_that_reads_two_registers() -> None:
+    assert not dialect_of("huanyang_h2a").is_valid_sync_reply(modbus.ExceptionReply(1, 3, 3))
+
+
+def test_stations_of_both_reply_forms_are_read_on_one_bus() -> None:
+    """The simulated stations share the receiver of their requests, not the form of their replies."""
+
+    async def scenario() -> None:
+        port: Any = open_port("sim://md500_plus@1+huanyang_h2a@2+skf8000@3?drives=9600-8N1&baud=9600&format=8N1")
+        async with Bus(port) as bus:
+            for address, model in ((1, "md500_plus"), (2, "huanyang_h2a"), (3, "skf8000")):
+                status = await Drive(bus, profiles.load(model), address).status()
+                assert status.state is DriveState.STOPPED, model
+
+    run(scenario())
+
+
+def test_a_reply_with_another_byte_count_than_the_profile_states_is_no_reply() -> None:
+    """F9.05 changes it: no value is shown until the profile says so."""
+
+    async def scenario() -> None:
+        other = profiles.load("huanyang_h2a")
+        assert other.modbus is not None
+        wrong = replace(other, modbus=replace(other.modbus, reply_count_bytes=1))
+        async with Bus(open_port("sim://huanyang_h2a@1?baud=19200&format=8E1")) as bus:
+            assert (await Drive(bus, other, 1).status()).state is DriveState.STOPPED
+        async with Bus(open_port("sim://huanyang_h2a@1?baud=19200&format=8E1")) as bus:
+            with pytest.raises(LengthError):
+                await Drive(bus, wrong, 1).status()
+
+    run(scenario())

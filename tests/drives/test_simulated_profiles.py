@@ -42,8 +42,8 @@ async def simulated_drive(
     bus = Bus(port)
     await bus.open()
     share = profile.setpoint_share
-    stated = share is not None and share.maximum is None
-    drive = Drive(bus, profile, 3, options={"maximum_frequency": 50} if stated else None)
+    stated = share.maximum_hz if share is not None and share.maximum is None else None
+    drive = Drive(bus, profile, 3, options={"maximum_frequency": int(stated)} if stated else None)
     try:
         yield drive, port.simulated_bus.stations[0]
     finally:

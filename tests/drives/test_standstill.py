@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivebus import profiles
+from drivebus.drives import create_dialect
 from drivebus.drives.dialects.status_word import derive_state
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.readings import ReadingPairs
@@ -105,3 +106,17 @@ def test_the_state_follows_from_word_and_frequency(
 def test_a_profile_needs_the_signal_that_shows_standstill(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match=r"standstill.*\[signals\.output_frequency\]"):
         load(tmp_path, BY_FREQUENCY.replace("[signals.output_frequency]", "[signals.output_speed]"))
+
+
+def test_speed_0_shows_standstill_where_the_drive_reports_no_frequency() -> None:
+    """The source of the H2A does not say whether its state lasts until the motor stands."""
+    profile, running, idle = profiles.load("huanyang_h2a"), 1, 3
+    assert derived(profile, *words(idle, idle)) is None, "the speed was not read"
+    for speeds, state in (((700, 300), DriveState.DECELERATING), ((0, 0), DriveState.STOPPED)):
+        replies = [(at, "output_speed", speed) for at, _, speed in outputs(*speeds)]
+        found = derived(profile, *words(idle, idle), *replies)
+        assert found is not None and found.state is state
+    found = derived(profile, *words(running, running))
+    assert found is not None and found.state is DriveState.RUNNING
+    dialect = create_dialect(profile, 1)
+    assert ("holding", 0x700C) in [("holding", read.register) for read in dialect.state_reads()]
