@@ -14,6 +14,8 @@ BitPaths = dict[str, tuple[KeyPath, BitIn]]
 """Command name to the key path of its bits, and the bits."""
 COMMANDS_WITH_OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
 """Commands that need a bit set: whether a frame is a stop, and so needs no permit, is read from its bits."""
+STATES_WITHOUT_MOTION = ("stopped", "fault", "not_ready")
+"""Names of status values that confirm a stop."""
 
 
 def check_words(profile: ProfileIn) -> Iterator[Issue]:
@@ -188,6 +190,29 @@ def _check_status_values(profile: ProfileIn) -> Iterator[Issue]:
     for value in status.values:
         if not is_word(value) or int(value) & ~status.mask:
             yield issue("number", ("status", "values", value), value)
+            return
+    yield from _find_hidden_motion({int(value): name for value, name in status.values.items()}, status.mask)
+
+
+def _find_hidden_motion(values: dict[int, str], mask: int) -> Iterator[Issue]:
+    """Yield values without motion that have a run bit: a fault may be reported while the motor still turns.
+
+    A run bit is one that values with motion have and no other state without motion has. It is a bit, and no part of a
+    number, where the value without it has the same name, or where the mask has gaps and that value is not listed.
+    """
+    moving = [value for value, name in values.items() if name not in STATES_WITHOUT_MOTION]
+    has_gaps = "0" in f"{mask:b}".strip("0")
+    for value, name in values.items():
+        if name not in ("fault", "not_ready"):
+            continue
+        others = [one for one, other in values.items() if other in STATES_WITHOUT_MOTION and other != name]
+        for bit in (1 << place for place in range(16) if value >> place & 1):
+            is_run_bit = any(bit & one for one in moving) and not any(bit & one for one in others)
+            if is_run_bit and values.get(value ^ bit, name if has_gaps else None) == name:
+                related = [("status", "values", str(one)) for one in moving if bit & one]
+                path = ("status", "values", str(value))
+                yield issue("hidden_motion", path, name, related=related, bit=f"{bit:04X}H")
+                break
 
 
 def is_word(digits: str) -> bool:

@@ -256,6 +256,23 @@ class StatusMap:
         """Whether the status word itself says that the drive is in fault."""
         return "fault" in self.bits or "fault" in self.values.values()
 
+    def reports_fault(self, word: int) -> bool:
+        """Return whether a valid status word says that the drive is in fault, also where it still turns."""
+        if not self.values:
+            return bool(word & self.bits.get("fault", 0))
+        value, bits = word & self.mask, self._fault_bits
+        beside_motion = bool(bits) and value & bits == bits and self.values.get(value ^ bits) == self.values[value]
+        return self.values[value] == "fault" or beside_motion
+
+    @property
+    def _fault_bits(self) -> int:
+        """Bits that all values "fault" share and no other value has, except one that names a motion."""
+        shared, other = 0xFFFF, 0
+        for value, name in self.values.items():
+            shared &= value if name == "fault" else 0xFFFF
+            other |= value if name in ("stopped", "not_ready") else 0
+        return shared & ~other if self.shows_fault else 0
+
 
 POLE_PAIRS = "pole_pairs"
 """Option of a model whose setpoint is a speed: the pole pairs of the motor, 0 for unknown."""

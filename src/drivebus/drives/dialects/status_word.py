@@ -76,7 +76,7 @@ def derive_state(status: StatusMap, readings: ReadingPairs, fault_names: tuple[s
     codes = _fault_codes(status, readings, fault_names)
     if not status.shows_fault:
         return _with_polled_fault(newer, direction, codes)
-    if status_state(status, words[1]) is not DriveState.FAULT and not words[1] & status.bits.get("fault", 0):
+    if not status.reports_fault(words[1]):
         return DerivedState(newer, direction)
     first, *further = codes or [UNNAMED_FAULT_CODE]
     return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
