@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import drivebus
 from drivebus import i18n
 from drivebus.profiles import DriveProfile
+from drivebus.profiles.load import profile_files
 from drivebus.values import Text
 from generator import profile_tables
 from generator.drives import MODELS_WITH_PAGE
 from generator.terms import CAPABILITIES, GRADES, colon, localized, term
 
+PACKAGE_FOLDER = Path(drivebus.__file__).resolve().parent
 FOLDER = Path("docs/reference/models")
 HEADINGS = {
     "serial": Text("Serial settings, timing and limits", "通信参数、定时与限值"),
@@ -23,6 +26,7 @@ HEADINGS = {
     "open": Text("Open questions", "待定问题"),
 }
 CAN, LACKS = Text("Can", "支持"), Text("Does not have", "不支持")
+SOURCES = Text("Profile with its sources", "型号文件与出处")
 PROTOCOL_PAGE = Text("Its protocol, with worked frames", "协议说明与示例报文")
 
 
@@ -42,6 +46,8 @@ def page(profile: DriveProfile, language: str) -> str:
     ]
     if profile.model in MODELS_WITH_PAGE:
         facts.append(f"[{localized(PROTOCOL_PAGE, language)}](../../protocols/{profile.model}{own})")
+    files = separator.join(_file_link(path) for path in profile_files(profile.model))
+    facts.append(f"{localized(SOURCES, language)}{mark}{files}")
     title = f"{localized(profile.maker, language)} {localized(profile.title, language)}"
     head = f"# {title}\n\n[{switch}]({profile.model}{other})\n\n"
     listed = "\n".join(f"- {fact}" for fact in facts)
@@ -49,6 +55,11 @@ def page(profile: DriveProfile, language: str) -> str:
         f"\n## {localized(HEADINGS[name], language)}\n\n{text.rstrip()}\n" for name, text in _parts(profile, language)
     )
     return f"{head}{listed}\n{''.join(sections)}"
+
+
+def _file_link(path: Path) -> str:
+    shown = path.relative_to(PACKAGE_FOLDER).as_posix()
+    return f"[`{path.name}`](../../../src/drivebus/{shown})"
 
 
 def _parts(profile: DriveProfile, language: str) -> list[tuple[str, str]]:

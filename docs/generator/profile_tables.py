@@ -5,13 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal
+from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal, WordMatch
 from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.values import Text
 from generator.terms import BITS, colon, evidence, localized, table, term
 
 COILS = Text("coils {first} to {last}, the first is bit 0", "线圈 {first}～{last}，第一个为位 0")
 SINGLE_COIL = Text("one coil for each command, switched on", "每个命令一个线圈，置为 ON")
+LAST_LISTED_NUMBER = 99  # greatest number of a list of commands or states; larger words are bits
+PREPARATION = Text(
+    "Words before a start, each sent in the status that asks for it:", "启动前的控制字，仅在状态字要求时发送："
+)
+MATCH = Text("status & {mask} = {value}", "状态字 & {mask} = {value}")
+READY = Text("A start is sent where {ready}.", "{ready} 时才发送启动。")
+RESET_ON_EDGE = Text("The stop word is sent before the reset.", "复位前先发送停机字。")
+STANDSTILL = Text(
+    "The motor counts as stopped once the output frequency reads 0 too.", "输出频率也读到 0 后才视为停机。"
+)
+IDENTITY = Text("Register {register:04X}H tells the model from others.", "寄存器 {register:04X}H 用于区分型号。")
 
 
 def serial_settings(profile: DriveProfile, language: str) -> str:
@@ -144,7 +155,7 @@ def commands(profile: DriveProfile, language: str) -> str:
         for value, bits in choices.items():
             rows += _bit_rows(bits, f"`{setting} = {value}`", language)
     made = f"{_command_place(profile.commands, language)}\n\n" + table([term(head, language) for head in heads], rows)
-    return made + _status_word(profile, language)
+    return made + _start_words(profile.commands, language) + _status_word(profile, language)
 
 
 def _command_values(profile: DriveProfile, language: str) -> str:
@@ -158,7 +169,34 @@ def _command_values(profile: DriveProfile, language: str) -> str:
         shown = f"{commands.reset.value} ({commands.reset.register:04X}H)"
         rows.append(("`reset`", _value_meaning("reset", language), shown))
     heads = [term(head, language) for head in ("command", "meaning", "value")]
-    return f"{_command_place(commands, language)}\n\n" + table(heads, rows) + _status_word(profile, language)
+    made = f"{_command_place(commands, language)}\n\n" + table(heads, rows)
+    return made + _start_words(commands, language) + _status_word(profile, language)
+
+
+def _start_words(commands: CommandMap, language: str) -> str:
+    """Return the words before a start, the status that a start needs, and the word before a reset."""
+    made = ""
+    if commands.preparation:
+        heads = [term(head, language) for head in ("before", "value", "after")]
+        rows = [
+            (_match(step.when, language), _word(step.word), _match(step.until, language))
+            for step in commands.preparation
+        ]
+        made += f"\n{localized(PREPARATION, language)}\n\n" + table(heads, rows)
+    if commands.ready is not None:
+        made += f"\n{localized(READY, language).format(ready=_match(commands.ready, language))}\n"
+    if commands.reset_on_edge:
+        made += f"\n{localized(RESET_ON_EDGE, language)}\n"
+    return made
+
+
+def _match(match: WordMatch, language: str) -> str:
+    return localized(MATCH, language).format(mask=f"{match.mask:04X}H", value=f"{match.value:04X}H")
+
+
+def _word(value: int) -> str:
+    """Return a whole word: numbers of a list in decimal, words of bits in hexadecimal, as manuals print them."""
+    return str(value) if value <= LAST_LISTED_NUMBER else f"{value:04X}H"
 
 
 def _command_value(commands: CommandMap, value: int) -> str:
@@ -166,7 +204,7 @@ def _command_value(commands: CommandMap, value: int) -> str:
     if commands.written_to == "coil":
         return f"{commands.register + value:04X}H"
     if commands.words == 1:
-        return str(value)
+        return _word(value)
     return " ".join(f"{value >> 16 * place & 0xFFFF:04X}H" for place in reversed(range(commands.words)))
 
 
@@ -189,13 +227,18 @@ def _status_word(profile: DriveProfile, language: str) -> str:
     if status is None:
         return f"\n{term('no_status', language)}\n"
     rows = [(f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in status.bits.items()]
-    rows += [(f"`{name}`", _value_meaning(name, language), str(value)) for value, name in status.values.items()]
+    rows += [(f"`{name}`", _value_meaning(name, language), _word(value)) for value, name in status.values.items()]
     heads = [term(head, language) for head in ("name", "meaning", "value" if status.values else "mask")]
     if status.space in BIT_SPACES:
         place = _coils(status.register, status.bit_count, language)
     else:
         place = f"{status.register:04X}H"
-    return f"\n{place}\n\n" + table(heads, rows)
+    made = f"\n{place}\n\n" + table(heads, rows)
+    if status.standstill == "output_frequency":
+        made += f"\n{localized(STANDSTILL, language)}\n"
+    if profile.identity_register is not None:
+        made += f"\n{localized(IDENTITY, language).format(register=profile.identity_register)}\n"
+    return made
 
 
 def _value_meaning(name: str, language: str) -> str:

@@ -77,6 +77,8 @@ TERMS = {
     "pulse": Text("pulse", "脉冲"),
     "level": Text("level", "电平"),
     "under": Text("under setting", "设置条件"),
+    "before": Text("status before", "发送前的状态字"),
+    "after": Text("status after", "发送后的状态字"),
     "bytes": Text("position", "字节"),
     "hex": Text("bytes", "数据"),
     "field": Text("field", "字段"),

@@ -227,3 +227,16 @@ def test_the_plan_of_a_first_stop_begins_with_the_read_that_shows_the_model(comm
 def test_the_plan_of_a_stop_with_an_assumed_model_has_no_read() -> None:
     document = dry("stop", "--model", "gd10", "--address", "3", "--assume-model")
     assert [one["hex"].replace(" ", "")[:12] for one in document["frames"]] == ["030620000005"]
+
+
+def test_the_plan_of_a_run_shows_the_words_before_the_start() -> None:
+    document = dry("run", "--frequency", "5", "--model", "acs550", "--address", "3")
+    sent = [one["hex"].replace(" ", "")[:12] for one in document["frames"]]
+    first, second, start = (sent.index(f"03060000{word}") for word in ("0476", "0477", "047F"))
+    assert first < second < start and sent.count("030600000476") == 1
+    assert any("only in the status that asks for it" in note for note in document["notes"])
+
+
+def test_the_plan_of_a_reset_on_an_edge_begins_with_the_stop_word() -> None:
+    sent = [one["hex"].replace(" ", "")[:12] for one in dry("reset", "--model", "acs550", "--address", "3")["frames"]]
+    assert sent == ["03060000047E", "0306000004FE"]

@@ -131,6 +131,14 @@ class DryRun:
             self.add("model_check", (check,))
         return check is not None
 
+    def add_start_preparation(self) -> None:
+        """Add the words that the model may need before a start, each once, with a note."""
+        commands = self.dialect.profile.commands
+        words = dict.fromkeys(step.word for step in commands.preparation) if commands is not None else {}
+        if words:
+            self.add("prepare", [self.dialect.preparation_frame(word).request for word in words])
+            self._notes.append(("dry.note.prepare", {}))
+
     def print(self, *notes: str) -> ExitCode:
         """Print the frames; ``notes`` are catalogue keys."""
         return print_plan(self.frames, self.serial_settings, [*self._notes, *((note, {}) for note in notes)])

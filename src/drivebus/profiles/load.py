@@ -81,13 +81,15 @@ def load(model: str | Path) -> m.DriveProfile:
     return _builtin_profile(path) if path.is_relative_to(DATA_DIRECTORY) else _load_profile(path)
 
 
-def own_files(model: str | Path) -> list[Path]:
-    """Return the files of a profile that are not installed with a family: its own and those that it extends.
+def profile_files(model: str | Path) -> list[Path]:
+    """Return the file of a profile and, in this order, those that it extends. Raises ProfileError."""
+    return [source.path for source in _read_chain(_find_file(model))]
 
-    Raises ProfileError.
-    """
+
+def own_files(model: str | Path) -> list[Path]:
+    """Return those files of a profile that are not installed with a family. Raises ProfileError."""
     installed = (DATA_DIRECTORY, *(family.profiles for family in protocol_families() if family.profiles is not None))
-    found = [source.path for source in _read_chain(_find_file(model))]
+    found = profile_files(model)
     return [path for path in found if not any(path.is_relative_to(folder) for folder in installed)]
 
 

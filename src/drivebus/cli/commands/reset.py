@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, run_command, single_step_plan
+from drivebus.cli.drive_command import drive_command, run_command
 from drivebus.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from drivebus.cli.dry_run import DryRun
 
 
 async def _reset(target: Target) -> ExitCode:
     return await run_command(target, lambda drive: drive.reset_fault())
 
 
+def _plan(dry: DryRun, **_: Any) -> ExitCode:
+    from drivebus.drives.dialects.base import StopMode
+
+    commands = dry.dialect.profile.commands
+    frames = dry.dialect.reset()
+    if commands is not None and commands.reset_on_edge:
+        dry.add("stop", dry.dialect.stop(StopMode.STOP))
+    dry.add("reset", [frame.request for frame in frames])
+    return dry.print("dry.note.confirm")
+
+
 command = drive_command(
     "reset",
     _reset,
-    single_step_plan("reset", lambda dry: [frame.request for frame in dry.dialect.reset()], "dry.note.confirm"),
+    _plan,
     examples=(
         "drivebus reset /dev/ttyUSB0 --model c320 --address 1",
         "drivebus reset --service http://127.0.0.1:8080 --drive fan-1",

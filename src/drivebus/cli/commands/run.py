@@ -221,6 +221,7 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
     wanted = [dialect.profile.parameters.get(name) for name in names]
     dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
     dry.add("state", dialect.state_reads())
+    dry.add_start_preparation()
     for purpose, frames in start_frames(dialect, frequency, _direction(reverse)):
         dry.add(purpose, [frame.request for frame in frames])
     return dry.print("dry.note.fewer", "dry.note.confirm")
