@@ -16,6 +16,11 @@ LAST_LISTED_NUMBER = 99  # greatest number of a list of commands or states; larg
 PREPARATION = Text(
     "Words before a start, each sent in the status that asks for it:", "启动前的控制字，仅在状态字要求时发送："
 )
+UNLOCK = Text(
+    "{value} is written to {place} before a start, and where the drive rejects a stop.",
+    "启动前以及变频器拒绝停机时，向 {place} 写 {value}。",
+)
+EVERY_START = Text("Word before every start: {words}", "每次启动前的控制字：{words}")
 MATCH = Text("status & {mask} = {value}", "状态字 & {mask} = {value}")
 READY = Text("A start is sent where {ready}.", "{ready} 时才发送启动。")
 RESET_ON_EDGE = Text("The stop word is sent before the reset.", "复位前先发送停机字。")
@@ -176,11 +181,17 @@ def _command_values(profile: DriveProfile, language: str) -> str:
 def _start_words(commands: CommandMap, language: str) -> str:
     """Return the words before a start, the status that a start needs, and the word before a reset."""
     made = ""
-    if commands.preparation:
+    if commands.unlock is not None:
+        place, value = f"{commands.unlock.register:04X}H", f"{commands.unlock.value:04X}H"
+        made += f"\n{localized(UNLOCK, language).format(place=place, value=value)}\n"
+    fixed = ", ".join(_word(step.word) for step in commands.preparation if step.when is None)
+    if fixed:
+        made += f"\n{localized(EVERY_START, language).format(words=fixed)}\n"
+    if commands.status_steps:
         heads = [term(head, language) for head in ("before", "value", "after")]
         rows = [
             (_match(step.when, language), _word(step.word), _match(step.until, language))
-            for step in commands.preparation
+            for step in commands.status_steps
         ]
         made += f"\n{localized(PREPARATION, language)}\n\n" + table(heads, rows)
     if commands.ready is not None:
@@ -190,7 +201,9 @@ def _start_words(commands: CommandMap, language: str) -> str:
     return made
 
 
-def _match(match: WordMatch, language: str) -> str:
+def _match(match: WordMatch | None, language: str) -> str:
+    if match is None:
+        return "–"
     return localized(MATCH, language).format(mask=f"{match.mask:04X}H", value=f"{match.value:04X}H")
 
 

@@ -240,3 +240,16 @@ def test_the_plan_of_a_run_shows_the_words_before_the_start() -> None:
 def test_the_plan_of_a_reset_on_an_edge_begins_with_the_stop_word() -> None:
     sent = [one["hex"].replace(" ", "")[:12] for one in dry("reset", "--model", "acs550", "--address", "3")["frames"]]
     assert sent == ["03060000047E", "0306000004FE"]
+
+
+def test_the_plan_of_a_run_shows_the_unlock_and_the_direction_before_the_start() -> None:
+    document = dry("run", "--frequency", "5", "--model", "smd", "--address", "3")
+    sent = [one["hex"].replace(" ", "")[:12] for one in document["frames"] if one["hex"].startswith("03 06")]
+    assert sent == ["030600300000", "030600010080", "030600280032", "030600010008"]
+
+
+def test_the_plan_of_a_stop_names_the_unlock_of_a_drive_that_rejects_it() -> None:
+    for model, named in (("smd", True), ("gd10", False)):
+        document = dry("stop", "--model", model, "--address", "3")
+        assert any("is unlocked, and the stop is sent again" in note for note in document["notes"]) is named
+        assert not any(one["hex"].startswith("03 06 00 30") for one in document["frames"])

@@ -132,12 +132,22 @@ class DryRun:
         return check is not None
 
     def add_start_preparation(self) -> None:
-        """Add the words that the model may need before a start, each once, with a note."""
+        """Add the unlock and the words that the model may need before a start, each once, with a note."""
         commands = self.dialect.profile.commands
-        words = dict.fromkeys(step.word for step in commands.preparation) if commands is not None else {}
+        steps = commands.preparation if commands is not None else ()
+        self.add_unlock()
+        fixed = [step.word for step in steps if step.when is None]
+        self.add("prepare_always", [self.dialect.preparation_frame(word).request for word in fixed])
+        words = dict.fromkeys(step.word for step in steps if step.when is not None)
         if words:
             self.add("prepare", [self.dialect.preparation_frame(word).request for word in words])
             self._notes.append(("dry.note.prepare", {}))
+
+    def add_unlock(self) -> None:
+        """Add the write without which the drive rejects every command, where the model needs one."""
+        unlock = self.dialect.unlock()
+        if unlock is not None:
+            self.add("unlock", [unlock])
 
     def print(self, *notes: str) -> ExitCode:
         """Print the frames; ``notes`` are catalogue keys."""

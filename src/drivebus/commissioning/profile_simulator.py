@@ -27,6 +27,7 @@ from drivebus.drives.dialects.modbus_writes import (
     RecognisedWrite,
     ResetWrite,
     SetpointWrite,
+    UnlockWrite,
 )
 from drivebus.errors import ProtocolError
 from drivebus.profiles.load import load, models
@@ -102,6 +103,8 @@ class ProfileStation(SimulatedStation):
         self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else rtu_codec,)
         self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.setpoint_word = self.command = 0
+        self.is_locked = self.commands.unlock is not None
+        """It rejects every command until it is unlocked."""
         self.steps_taken = 0
         """Words before a start that were taken, in their order."""
         self._writes = ModbusWrites(address, profile, self.commands)
@@ -110,6 +113,7 @@ class ProfileStation(SimulatedStation):
 
     def power_up(self) -> None:
         self.setpoint_word = self.command = 0
+        self.is_locked = self.commands.unlock is not None
         self.steps_taken = 0
 
     def reply_delay_s(self, line: SerialSettings) -> float:
@@ -168,6 +172,8 @@ class ProfileStation(SimulatedStation):
 
     def _read(self, request: ReadRequest) -> Any:
         span = request_span(request)
+        if span == Span("input", *(self.features.sync_block or (0, 0))):
+            span = span._replace(space="holding")  # function 04 reads this block as 03 does
         limit = self.features.max_read if isinstance(request, modbus.ReadRegisters) else modbus.MAX_READ_BITS
         if span.length > limit:
             return modbus.ExceptionReply(request.address, request.function, ILLEGAL_VALUE)
@@ -224,7 +230,7 @@ class ProfileStation(SimulatedStation):
 
     def _status_word(self, status: StatusMap) -> int:
         motor = self.displayed_motor
-        if self.commands.preparation and not self._shows_motion(status) and motor.trip is None:
+        if self.commands.status_steps and not self._shows_motion(status) and motor.trip is None:
             return self._prepared_status()
         if status.values:
             by_name = {name: value for value, name in reversed(list(status.values.items()))}
@@ -248,8 +254,9 @@ class ProfileStation(SimulatedStation):
 
     def _prepared_status(self) -> int:
         """Return the status of a drive that stands, after the words before a start that it has taken."""
-        steps = self.commands.preparation
-        return steps[self.steps_taken - 1].until.value if self.steps_taken else steps[0].when.value
+        steps = self.commands.status_steps
+        match = steps[self.steps_taken - 1].until if self.steps_taken else steps[0].when
+        return match.value if match is not None else 0
 
     def _state_names(self, status: StatusMap) -> Iterable[str]:
         """Return the names of the state from the most exact to the one that every status word has."""
@@ -280,6 +287,11 @@ class ProfileStation(SimulatedStation):
 
     def _store_one(self, write: RecognisedWrite, changes: Sequence[modbus.RegisterWrite]) -> int:
         match write:
+            case CommandWrite() | SetpointWrite() if self.is_locked:
+                return ILLEGAL_FUNCTION
+            case UnlockWrite():
+                self.is_locked = False
+                return 0
             case CommandWrite(word=word):
                 return self._execute(word)
             case SetpointWrite(word=word):
@@ -310,7 +322,7 @@ class ProfileStation(SimulatedStation):
         if not names and self.commands.values and not self.commands.prepares(word):
             return ILLEGAL_VALUE
         self._take_step(word, names)
-        if names & {"start", "start_forward", "start_reverse"} and self.steps_taken < len(self.commands.preparation):
+        if names & {"start", "start_forward", "start_reverse"} and self.steps_taken < len(self.commands.status_steps):
             return 0  # a drive that is not prepared acknowledges a start and stands
         if "reset" in names:
             self.motor.reset()
@@ -327,7 +339,7 @@ class ProfileStation(SimulatedStation):
 
     def _take_step(self, word: int, names: set[str]) -> None:
         """Advance or fall back in the words before a start: a stop leaves the drive where its word leads at rest."""
-        steps = self.commands.preparation
+        steps = self.commands.status_steps
         if self.motor.trip is not None or "coast" in names:
             self.steps_taken = 0
         elif self.motor.energised and "stop" in names:

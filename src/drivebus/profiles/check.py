@@ -154,8 +154,9 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
-    has_probe = profile.modbus is not None and (profile.modbus.loopback or profile.modbus.rejected_read is not None)
-    if profile.modbus is not None and not has_probe and not _has_sync_registers(profile):
+    rule = profile.modbus
+    has_probe = rule is not None and (rule.loopback or rule.rejected_read is not None or rule.sync_block is not None)
+    if rule is not None and not has_probe and not _has_sync_registers(profile):
         yield issue("sync_registers", ("modbus", "loopback"), "false", related=(("modbus",),))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
-from drivebus.profiles.schema import CommandsIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.profiles.schema import CommandsIn, ModbusIn, ParameterIn, ProfileIn, SignalIn
 from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
 from drivebus.protocols.family import Locator, protocol_family
 
@@ -32,9 +32,10 @@ def command_places(profile: ProfileIn) -> list[tuple[Locator, str, KeyPath]]:
             ("commands", "setpoint_register"),
         ),
     ]
-    if commands.reset is not None:
-        at: KeyPath = ("commands", "reset", "register")
-        spans.append(("holding", commands.reset.register_, 1, "[commands.reset] register", at))
+    for name, fixed in (("reset", commands.reset), ("unlock", commands.unlock)):
+        if fixed is not None:
+            at: KeyPath = ("commands", name, "register")
+            spans.append(("holding", fixed.register_, 1, f"[commands.{name}] register", at))
     return [((kind, first + place), name, path) for kind, first, size, name, path in spans for place in range(size)]
 
 
@@ -110,6 +111,20 @@ def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
                 other = f"[modbus] blocks {taken[register] + 1}"
                 yield issue("duplicate", path, f"{register:04X}H", related=(("modbus", "blocks"),), other=other)
                 break
+    if rule is not None and rule.sync_block is not None:
+        yield from _check_sync_block(rule, rule.sync_block)
+
+
+def _check_sync_block(rule: ModbusIn, block: list[int]) -> Iterator[Issue]:
+    """Check that the sync probe is the read of a block by function 04."""
+    at: KeyPath = ("modbus", "sync_block")
+    if READ_FUNCTIONS["input"] not in rule.functions:
+        yield _needs_function(at, "input")
+    if block not in rule.blocks:
+        choices = ", ".join(map(str, rule.blocks)) or "-"
+        yield issue("choice", at, block, related=(("modbus", "blocks"),), choices=choices)
+    if rule.loopback or rule.rejected_read is not None:
+        yield issue("no_effect_beside", at, block, other="loopback" if rule.loopback else "rejected_read")
 
 
 def check_codes(profile: ProfileIn) -> Iterator[Issue]:

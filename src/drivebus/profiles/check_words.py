@@ -164,7 +164,9 @@ def _check_preparation(profile: ProfileIn) -> Iterator[Issue]:
     commands = profile.commands
     if commands is None or not (commands.preparation or commands.ready):
         return
-    if commands.ready is None or not commands.preparation or not commands.values or profile.status is None:
+    by_status = [step for step in commands.preparation if step.when or step.until]
+    is_whole = all(step.when and step.until for step in by_status) and bool(by_status) is (commands.ready is not None)
+    if not is_whole or not commands.values or profile.status is None:
         yield issue("preparation_parts", ("commands", "preparation"), len(commands.preparation))
         return
     moves = {
@@ -175,11 +177,10 @@ def _check_preparation(profile: ProfileIn) -> Iterator[Issue]:
             if step.word & word == word:
                 path = ("commands", "preparation", place, "word")
                 yield issue("preparation_moves", path, f"{step.word:04X}H", name=name, word=f"{word:04X}H")
-        if (step.when.mask, step.when.value) == (step.until.mask, step.until.value):
+        if step.until and step.when == step.until:
             yield issue("preparation_idle", ("commands", "preparation", place, "until"), f"{step.until.value:04X}H")
-    matches = [match for step in commands.preparation for match in (step.when, step.until)]
-    for match in (*matches, commands.ready):
-        if match.value & ~match.mask:
+    for match in (*(match for step in by_status for match in (step.when, step.until)), commands.ready):
+        if match is not None and match.value & ~match.mask:
             yield issue("outside_mask", ("commands", "preparation"), f"{match.value:04X}H", mask=f"{match.mask:04X}H")
 
 

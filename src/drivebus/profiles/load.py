@@ -473,6 +473,7 @@ def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
         blocks=tuple((first, count) for first, count in rule.blocks),
         reply_count_bytes=rule.reply_count_bytes,
         rejected_read=rule.rejected_read,
+        sync_block=(rule.sync_block[0], rule.sync_block[1]) if rule.sync_block else None,
     )
 
 
@@ -501,10 +502,14 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
         words=parsed.words,
         written_to=parsed.written_to,
         coil_count=parsed.coil_count,
-        reset=m.ResetRegister(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
+        reset=m.FixedWrite(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
+        unlock=m.FixedWrite(parsed.unlock.register_, parsed.unlock.value) if parsed.unlock else None,
         preparation=tuple(
             m.StartStep(
-                when=_build_match(step.when), word=step.word, until=_build_match(step.until), timeout_s=step.timeout_s
+                when=_build_match(step.when) if step.when else None,
+                word=step.word,
+                until=_build_match(step.until) if step.until else None,
+                timeout_s=step.timeout_s,
             )
             for step in parsed.preparation
         ),

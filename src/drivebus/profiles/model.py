@@ -135,8 +135,8 @@ MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
 
 
 @dataclass(frozen=True, slots=True)
-class ResetRegister:
-    """Fault reset in a register of its own."""
+class FixedWrite:
+    """Value that is written to a register of its own."""
 
     register: int
     value: int
@@ -166,8 +166,10 @@ class CommandMap:
     ``register`` to the one coil that is switched on."""
     coil_count: int = 0
     """Coils of the word where it is written to coils."""
-    reset: ResetRegister | None = None
+    reset: FixedWrite | None = None
     """Fault reset outside the command word."""
+    unlock: FixedWrite | None = None
+    """Write without which the drive rejects every command; it moves nothing."""
     preparation: tuple[StartStep, ...] = ()
     """Words before a start, in their order."""
     ready: WordMatch | None = None
@@ -179,6 +181,11 @@ class CommandMap:
     def space(self) -> str:
         """Space of the command word's locator."""
         return "holding" if self.written_to == "register" else "coil"
+
+    @property
+    def status_steps(self) -> tuple[StartStep, ...]:
+        """Words before a start that the status asks for."""
+        return tuple(step for step in self.preparation if step.when is not None)
 
     def prepares(self, word: int) -> bool:
         """Return whether a word is one of those before a start."""
@@ -208,11 +215,11 @@ class WordMatch:
 class StartStep:
     """Word that a drive needs before it accepts a start; it moves nothing."""
 
-    when: WordMatch
-    """Status in which the word is sent."""
+    when: WordMatch | None
+    """Status in which the word is sent; None for a word before every start, which its reply alone confirms."""
     word: int
-    until: WordMatch
-    """Status that the word brings about."""
+    until: WordMatch | None
+    """Status that the word brings about; None without ``when``."""
     timeout_s: float
 
 
@@ -346,6 +353,8 @@ class ModbusFeatures:
     """Bytes of the byte count in the reply to a read (Huanyang H2A: 2)."""
     rejected_read: int | None = None
     """Registers of a read that only exception 03 answers, and that no other read is answered by: the sync probe."""
+    sync_block: tuple[int, int] | None = None
+    """The block that function 04 reads as the sync probe; None where two neighbouring registers or FC08 serve."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -525,6 +534,7 @@ class DriveProfile:
         if self.commands is not None:
             starts.append((self.commands.space, self.commands.register, self.commands.words))
             starts.append(("holding", self.commands.setpoint_register, self.setpoint_scale.words))
-        if self.commands is not None and self.commands.reset is not None:
-            starts.append(("holding", self.commands.reset.register, 1))
+        if self.commands is not None:
+            fixed = (one for one in (self.commands.reset, self.commands.unlock) if one is not None)
+            starts += [("holding", one.register, 1) for one in fixed]
         return frozenset(n for space, first, count in starts if space == "holding" for n in range(first, first + count))

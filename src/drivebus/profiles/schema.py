@@ -262,8 +262,8 @@ class BitIn(StrictTable):
     pulse: bool = False
 
 
-class ResetIn(StrictTable):
-    """Fault reset in a register of its own."""
+class FixedWriteIn(StrictTable):
+    """Value that is written to a register of its own."""
 
     register_: Annotated[Word, Field(alias="register")]
     value: Word
@@ -279,11 +279,11 @@ class WordMatchIn(StrictTable):
 class StartStepIn(StrictTable):
     """Word that a drive needs before it accepts a start, such as the 6 and 7 of DRIVECOM; it moves nothing."""
 
-    when: WordMatchIn
-    """Status in which the word is sent."""
+    when: WordMatchIn | None = None
+    """Status in which the word is sent; without it before every start, and the reply alone confirms it."""
     word: Word
-    until: WordMatchIn
-    """Status that the word brings about."""
+    until: WordMatchIn | None = None
+    """Status that the word brings about; required with ``when``."""
     timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Longest time until then."""
 
@@ -297,11 +297,14 @@ class CommandsIn(StrictTable):
     """coils: the bits of the word are the coils from ``register`` on; coil: the word counts from there to one coil."""
     coil_count: Annotated[int, Field(ge=0, le=16)] = 0
     """Coils that a command writes, for ``written_to = "coils"``."""
-    reset: ResetIn | None = None
+    reset: FixedWriteIn | None = None
+    """Fault reset outside the command word."""
+    unlock: FixedWriteIn | None = None
+    """Write without which the drive rejects every command; it moves nothing. A stop is sent without it first."""
     preparation: list[StartStepIn] = []
     """Words before a start, in their order; each is sent once at most, in the status that asks for it."""
     ready: WordMatchIn | None = None
-    """Status in which a start word may be sent; required with ``preparation``."""
+    """Status in which a start word may be sent; required where a word of ``preparation`` has a ``when``."""
     reset_on_edge: bool = False
     """The drive resets on the rising edge of a bit: the stop word is sent before the reset."""
     rewrite_levels_after_pulse: bool = False
@@ -350,6 +353,8 @@ class ModbusIn(StrictTable):
     """Bytes of the byte count in the reply to a read: 2 in the non-standard Modbus of some Chinese makers."""
     rejected_read: Annotated[int, Field(ge=2, le=125)] | None = None
     """Registers of a read that the drive answers by exception 03, as it does no other read: its sync probe."""
+    sync_block: Annotated[list[Word], Field(min_length=2, max_length=2)] | None = None
+    """One of ``blocks``, which function 04 reads too: the sync probe where no two registers can be read at once."""
     evidence: EvidenceLine
 
 

@@ -21,6 +21,7 @@ def _plan(dry: DryRun, **_: Any) -> ExitCode:
 
     commands = dry.dialect.profile.commands
     frames = dry.dialect.reset()
+    dry.add_unlock()
     if commands is not None and commands.reset_on_edge:
         dry.add("stop", dry.dialect.stop(StopMode.STOP))
     dry.add("reset", [frame.request for frame in frames])

@@ -209,6 +209,7 @@ def _print_plan(
     from drivebus.drives.dialects.base import StopMode
 
     frames: list[PlannedFrame] = []
+    needs_unlock = False
     for number, address in enumerate(addresses):
         dry = DryRun(replace(target, address=address))
         is_checked = not assume_model and dry.add_model_check()
@@ -217,7 +218,9 @@ def _print_plan(
         mode = StopMode.QUICK_STOP if quick else StopMode.STOP
         dry.add(mode.value, dry.dialect.stop(mode))
         frames += dry.frames
-    return print_plan(frames, target.open_port().settings, [("dry.note.confirm", {})])
+        needs_unlock = needs_unlock or dry.dialect.unlock() is not None
+    notes = ["dry.note.unlock"] * needs_unlock + ["dry.note.confirm"]
+    return print_plan(frames, target.open_port().settings, [(note, {}) for note in notes])
 
 
 # --- all drives of a service --------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from drivebus.drives.dialects.modbus_writes import (
     ParameterWrite,
     ResetWrite,
     SetpointWrite,
+    UnlockWrite,
 )
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import ModbusFeatures, Parameter, Signal
@@ -199,6 +200,8 @@ def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> Fiel
                 added |= _setpoint_fields(profile, word)
             case ResetWrite():
                 added |= FieldDict(commands=["reset"])
+            case UnlockWrite():
+                added |= FieldDict(commands=["unlock"])
             case ParameterWrite(parameter=parameter):
                 number = join_words((value for _, _, value in changes[place : place + write.width]), rule)
                 added |= quantity_fields(parameter, number)
@@ -219,8 +222,10 @@ def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDic
         return _setpoint_fields(profile, word)
     if commands and (commands.space, commands.register) == ("holding", register):
         return FieldDict(commands=_command_names(profile, word))
-    if commands and commands.reset and (commands.reset.register, commands.reset.value) == (register, word):
-        return FieldDict(commands=["reset"])
+    fixed = {"reset": commands.reset, "unlock": commands.unlock} if commands else {}
+    for name, write in fixed.items():
+        if write is not None and (write.register, write.value) == (register, word):
+            return FieldDict(commands=[name])
     return quantity_fields(entry_at(profile, ("holding", register)), word)
 
 

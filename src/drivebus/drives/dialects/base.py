@@ -125,6 +125,10 @@ class Dialect(Protocol):
         """Return the frame of a word that the profile lists before a start. Raises CapabilityError without one."""
         ...
 
+    def unlock(self) -> Any | None:
+        """Return the write without which the drive rejects every command; None where it needs none."""
+        ...
+
     def state_reads(self) -> tuple[Any, ...]:
         """Return the smallest set of reads that shows state, direction and fault."""
         ...

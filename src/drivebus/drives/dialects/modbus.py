@@ -35,7 +35,13 @@ from drivebus.drives.dialects.modbus_reads import (
     sync_spans,
     whole_span,
 )
-from drivebus.drives.dialects.modbus_writes import CommandWrite, ModbusWrites, ParameterWrite, RecognisedWrite
+from drivebus.drives.dialects.modbus_writes import (
+    CommandWrite,
+    ModbusWrites,
+    ParameterWrite,
+    RecognisedWrite,
+    UnlockWrite,
+)
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
 from drivebus.drives.dialects.status_word import derive_state, is_valid_status, state_names
 from drivebus.drives.readings import ReadingPairs, Readings
@@ -93,7 +99,7 @@ class ModbusDialect:
         self.command_word = self._make_command_word()
         self._writes = ModbusWrites(address, profile, self._commands)
         self._sync_spans = () if self._rule.loopback or self._rule.rejected_read else sync_spans(profile)
-        self._sync_space = self._sync_spans[0].space if self._sync_spans else None
+        self._sync_span = self._sync_spans[0] if self._sync_spans else None
         self._signals = _signals_by_locator(profile)
         self._status_span = status_span(profile.status) if profile.status else None
         self._identity_span = _identity_span(profile)
@@ -146,6 +152,8 @@ class ModbusDialect:
         match write:
             case CommandWrite(word=word):
                 return self._require_command_word().effect(word)
+            case UnlockWrite():  # it moves nothing, and a locked drive rejects a stop without it
+                return Effect.STOP
             case ParameterWrite(parameter=parameter) if _is_terminal_word(parameter):
                 return Effect.MOTION
         return Effect.SETTING
@@ -249,7 +257,7 @@ class ModbusDialect:
         return self._merged_reads(wanted)
 
     def _merged_reads(self, wanted: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
-        merged = merge_reads(wanted, self._rule, self._sync_space)
+        merged = merge_reads(wanted, self._rule, self._sync_span)
         return tuple((span.request(self.address), period) for span, period in merged)
 
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
@@ -357,6 +365,9 @@ class ModbusDialect:
 
     def preparation_frame(self, word: int) -> CommandFrame:
         return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
+
+    def unlock(self) -> Any | None:
+        return self._writes.unlock()
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
         return (CommandFrame(self._writes.setpoint(word), RetryPolicy.IDEMPOTENT),)

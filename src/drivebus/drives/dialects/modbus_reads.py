@@ -103,11 +103,11 @@ def split_words(number: int, count: int, rule: ModbusFeatures) -> tuple[int, ...
 
 
 def merge_reads(
-    wanted: Mapping[Span, float], rule: ModbusFeatures, sync_space: str | None
+    wanted: Mapping[Span, float], rule: ModbusFeatures, sync: Span | None
 ) -> tuple[tuple[Span, float], ...]:
     """Merge touching spans of a space into reads within the model's limit, at the shortest period of each run.
 
-    ``sync_space``: sync probes are recognised there by their count, so no other read of it may have that count.
+    ``sync``: sync probes are recognised in its space by their count, so no other read of it may have that count.
     """
     runs: list[tuple[Span, float]] = []
     needed: dict[Span, float] = {}
@@ -120,7 +120,7 @@ def merge_reads(
             runs[-1] = _joined(last[0], span), min(last[1], period)
         else:
             runs.append((span, period))
-    return tuple((part, period) for span, period in runs for part in _split_sync_count(span, sync_space))
+    return tuple((part, period) for span, period in runs for part in _split_sync_count(span, sync))
 
 
 def _joined(first: Span, second: Span) -> Span:
@@ -139,17 +139,19 @@ def _can_merge(run: tuple[Span, float], span: Span, period: float, rule: ModbusF
     return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
 
 
-def _split_sync_count(span: Span, sync_space: str | None) -> tuple[Span, ...]:
-    if span.space != sync_space or span.length != SYNC_READ_COUNT:
+def _split_sync_count(span: Span, sync: Span | None) -> tuple[Span, ...]:
+    if sync is None or (span.space, span.length) != (sync.space, sync.length):
         return (span,)
-    return span._replace(length=1), Span(span.space, span.start + 1)
+    return span._replace(length=1), Span(span.space, span.start + 1, span.length - 1)
 
 
 def sync_spans(profile: DriveProfile) -> tuple[Span, ...]:
     """Return touching pairs of one space that are read anyway, around preconditions and ramp times.
 
-    Raises ConfigurationError where the profile has none.
+    A model with a block for it has that, read by function 04. Raises ConfigurationError where the profile has none.
     """
+    if profile.modbus is not None and profile.modbus.sync_block is not None:
+        return (Span("input", *profile.modbus.sync_block),)
     for space in SYNC_SPACES:
         found = _sync_spans_in(profile, space)
         if found:

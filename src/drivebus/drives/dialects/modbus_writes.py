@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.drives.dialects.modbus_reads import join_words, split_words
-from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter
+from drivebus.profiles.model import CommandMap, DriveProfile, FixedWrite, ModbusFeatures, Parameter
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import RegisterWrite, WriteBit, WriteBits, WriteRegister, WriteRegisters
 
@@ -37,6 +37,13 @@ class ResetWrite:
 
 
 @dataclass(frozen=True, slots=True)
+class UnlockWrite:
+    """Write without which the drive rejects every command."""
+
+    width: int = 1
+
+
+@dataclass(frozen=True, slots=True)
 class ParameterWrite:
     """Whole writable parameter in a frame."""
 
@@ -44,7 +51,7 @@ class ParameterWrite:
     width: int
 
 
-RecognisedWrite = CommandWrite | SetpointWrite | ResetWrite | ParameterWrite
+RecognisedWrite = CommandWrite | SetpointWrite | ResetWrite | UnlockWrite | ParameterWrite
 
 
 class ModbusWrites:
@@ -73,8 +80,14 @@ class ModbusWrites:
 
     def reset_register(self) -> WriteRequest | None:
         """Return the fault reset in a register of its own, None where the command word has it."""
-        reset = self.commands.reset if self.commands is not None else None
-        return None if reset is None else self.registers(reset.register, reset.value, 1)
+        return self._fixed(self.commands.reset if self.commands is not None else None)
+
+    def unlock(self) -> WriteRequest | None:
+        """Return the write without which the drive rejects every command, None where it needs none."""
+        return self._fixed(self.commands.unlock if self.commands is not None else None)
+
+    def _fixed(self, write: FixedWrite | None) -> WriteRequest | None:
+        return None if write is None else self.registers(write.register, write.value, 1)
 
     def parameter(self, parameter: Parameter, raw: int, save: bool) -> WriteRequest:
         """Return the write of a parameter, at its EEPROM address where it is to be saved."""
@@ -121,6 +134,8 @@ class ModbusWrites:
             return None if word is None else SetpointWrite(word, width)
         if commands is not None and commands.reset is not None and register == commands.reset.register:
             return ResetWrite() if value == commands.reset.value else None
+        if commands is not None and commands.unlock is not None and register == commands.unlock.register:
+            return UnlockWrite() if value == commands.unlock.value else None
         parameter = self._parameters.get((space, register))
         if parameter is None or len(changes) < parameter.scale.words:
             return None

@@ -186,6 +186,9 @@ class SunfarDialect:
     def preparation_frame(self, word: int) -> CommandFrame:
         raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
 
+    def unlock(self) -> None:
+        return None
+
     def model_check(self) -> Any | None:
         return None
 

@@ -102,6 +102,7 @@ class OperationContext:
         self.state_reports = StateReports()
         self.stop_rejection: Rejection | None = None  # of the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
+        self.has_sent_preparation = False  # the unlock and the words before every start
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.motion_seen = False  # at least one reading showed that the drive turns
         self.may_be_running = False  # a frame that moves may have been sent, and no stop since
@@ -316,9 +317,13 @@ class OperationContext:
         )
 
     def is_prepared(self) -> bool:
-        """Return whether the status that was read last asks for no further word before a start."""
+        """Return whether all that goes before a start was sent, and the status that was read last asks for no more."""
         commands = self.dialect.profile.commands
-        if commands is None or commands.ready is None:
+        if commands is None or not (commands.unlock or commands.preparation):
+            return True
+        if not self.has_sent_preparation:
+            return False
+        if commands.ready is None:
             return True
         word = self.reading_pairs.agreed_raw("state")
         return word is not None and commands.ready.matches(word)

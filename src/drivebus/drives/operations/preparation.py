@@ -1,4 +1,4 @@
-"""Words that a drive needs before a start or a reset, such as those of DRIVECOM: sent by what the status asks for.
+"""Unlock and words before a start or a reset: those of every start, and those that the status asks for (DRIVECOM).
 
 None of them moves the motor, so none has the permit of a start; that is granted for the start word alone, and only in
 the status that the profile calls ready.
@@ -6,11 +6,11 @@ the status that the profile calls ready.
 
 from __future__ import annotations
 
-from drivebus.bus.messages import RetryPolicy
+from drivebus.bus.messages import BusResult, RetryPolicy
 from drivebus.drives.dialects.base import CommandFrame, StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.permissives import CommandKind, DriveCommand
+from drivebus.drives.permissives import CommandKind, DriveCommand, unmet_bus_permissives
 from drivebus.errors import StartInhibited
 from drivebus.profiles.model import StartStep
 
@@ -18,20 +18,52 @@ STEP_POLL_INTERVAL_S = 0.05  # pause between two verified states after a word
 
 
 def prepare_start(op: OperationContext) -> DriveOperation[None]:
-    """Send the words before a start, each once at most, and check the status after each.
+    """Send the unlock and the words before a start, each once at most; check the status after one that it asked for.
 
-    Raises StartInhibited where the status fits no word or does not follow one; Expired or Superseded as a start does.
+    Raises StartInhibited where the drive rejects one, or its status fits no word or does not follow one; Expired or
+    Superseded as a start does; the error of the bus for an unlock or a word that is confirmed by its reply alone.
     Nothing more is sent then.
     """
     commands = op.dialect.profile.commands
-    open_steps = list(commands.preparation) if commands is not None else []
+    yield from _send_unlock(op, CommandKind.START)
+    for fixed in [one.word for one in commands.preparation if one.when is None] if commands is not None else []:
+        yield from _send_confirmed(op, CommandKind.START, op.dialect.preparation_frame(fixed), _hex(fixed))
+    op.has_sent_preparation = True
+    open_steps = list(commands.status_steps) if commands is not None else []
     while not op.is_prepared():
         word = op.reading_pairs.agreed_raw("state")
-        step = next((one for one in open_steps if word is not None and one.when.matches(word)), None)
+        step = next((one for one in open_steps if word is not None and one.when and one.when.matches(word)), None)
         if step is None:
             raise StartInhibited("drives.status_unprepared", status=_hex(word))
         open_steps.remove(step)
         yield from _take_step(op, step)
+
+
+def _send_unlock(op: OperationContext, kind: CommandKind) -> DriveOperation[None]:
+    """Send the write without which the drive rejects every command, where the profile names one."""
+    commands, request = op.dialect.profile.commands, op.dialect.unlock()
+    if request is not None and commands is not None and commands.unlock is not None:
+        shown = f"{commands.unlock.register:04X}H = {commands.unlock.value:04X}H"
+        yield from _send_confirmed(op, kind, CommandFrame(request, RetryPolicy.IDEMPOTENT), shown)
+
+
+def _send_confirmed(op: OperationContext, kind: CommandKind, frame: CommandFrame, shown: str) -> DriveOperation[None]:
+    """Send a frame that no status shows: the drive must have answered it."""
+    yield from _count_own_stops(op)
+    conditions = yield from op.check_deadline()
+    for unmet in unmet_bus_permissives(op.dialect.address, conditions):
+        raise unmet  # an unlock needs no permit, but goes before a start only where that may follow
+    answer = yield from op.send_command(op.create_command(kind, conditions), frame)
+    _check_accepted(op, answer, shown)
+    if answer.error is not None:
+        raise answer.error
+
+
+def _check_accepted(op: OperationContext, answer: BusResult, shown: str) -> None:
+    """Raise StartInhibited where the drive rejected what it needs before a start."""
+    refused = op.rejected_outcome(answer)
+    if refused is not None:
+        raise StartInhibited("drives.preparation_rejected", word=shown, code=refused.params["code"])
 
 
 def _take_step(op: OperationContext, step: StartStep) -> DriveOperation[None]:
@@ -41,9 +73,7 @@ def _take_step(op: OperationContext, step: StartStep) -> DriveOperation[None]:
     answer = yield from op.send_command(
         op.create_command(CommandKind.START, conditions), op.dialect.preparation_frame(step.word)
     )
-    refused = op.rejected_outcome(answer)
-    if refused is not None:
-        raise StartInhibited("drives.preparation_rejected", word=_hex(step.word), code=refused.params["code"])
+    _check_accepted(op, answer, _hex(step.word))
     command = op.create_command(CommandKind.START, conditions)  # after the word: it may be a stop, which is counted
     yield from _wait_for_status(op, step, command)
 
@@ -54,7 +84,7 @@ def _wait_for_status(op: OperationContext, step: StartStep, command: DriveComman
         error = yield from op.read_verified_state()
         now = yield from op.check_not_superseded(command)
         word = op.reading_pairs.agreed_raw("state")
-        if error is None and word is not None and step.until.matches(word):
+        if error is None and word is not None and step.until is not None and step.until.matches(word):
             return
         if now > deadline:
             raise StartInhibited(
@@ -64,8 +94,9 @@ def _wait_for_status(op: OperationContext, step: StartStep, command: DriveComman
 
 
 def release_reset(op: OperationContext) -> DriveOperation[None]:
-    """Send the stop word where a drive resets on the rising edge of a bit: the bit may be set since the last reset."""
+    """Send the unlock, and the stop word where a drive resets on the rising edge of a bit that may still be set."""
     commands = op.dialect.profile.commands
+    yield from _send_unlock(op, CommandKind.RESET)
     if commands is not None and commands.reset_on_edge:
         yield from _count_own_stops(op)
         command = op.create_command(CommandKind.RESET, (yield from op.check_deadline()))

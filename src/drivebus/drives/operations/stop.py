@@ -94,10 +94,23 @@ def _send_and_confirm(
 
 
 def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
-    """Send one stop and what must follow it. Return whether the drive accepted it."""
-    answered = False
+    """Send one stop and what must follow it. Return whether the drive accepted it.
+
+    A drive that takes commands only after an unlock is sent it where it rejects the stop, and the stop again.
+    """
     if not (yield from _may_stop(op)):
         return False
+    answered = yield from _send_stop_frames(op, mode)
+    unlock = op.dialect.unlock()
+    if op.stop_rejection is not None and unlock is not None:
+        yield from op.transact(unlock, RequestPriority.STOP, RetryPolicy.IDEMPOTENT)
+        answered = yield from _send_stop_frames(op, mode)
+    return answered
+
+
+def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
+    """Send the frames of one stop. Return whether the drive accepted the first, which stops."""
+    answered = False
     for place, request in enumerate(op.dialect.stop(mode)):
         answer: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT

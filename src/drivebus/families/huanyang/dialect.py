@@ -108,6 +108,9 @@ class HuanyangDialect:
     def preparation_frame(self, word: int) -> CommandFrame:
         raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
 
+    def unlock(self) -> None:
+        return None
+
     def model_check(self) -> Any | None:
         return None
 

@@ -95,6 +95,9 @@ class MitsubishiDialect:
     def preparation_frame(self, word: int) -> CommandFrame:
         raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
 
+    def unlock(self) -> None:
+        return None
+
     def model_check(self) -> Any | None:
         return None
 
