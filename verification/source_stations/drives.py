@@ -9,48 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from drivebus.simulator.motor import Trip
+from verification.source_stations.readings import (
+    NUMBERED_TRIPS,
+    amperes,
+    bus_volts,
+    celsius,
+    fault,
+    hertz,
+    rpm,
+    set_hertz,
+    volts,
+)
 from verification.source_stations.station import SourceDrive, SourceStation
-
-NUMBERED_TRIPS = {trip: number for number, trip in enumerate(Trip, 1)}
-"""Numbers of trips where the source gives a range of fault numbers without their meaning."""
-
-
-def hertz(step_hz: float) -> Callable[[SourceStation], float]:
-    """Return the reading of the output frequency."""
-    return lambda station: abs(station.displayed_motor.output_hz) / step_hz
-
-
-def set_hertz(step_hz: float) -> Callable[[SourceStation], float]:
-    """Return the reading of the set frequency."""
-    return lambda station: station.set_hz / step_hz
-
-
-def amperes(step_a: float) -> Callable[[SourceStation], float]:
-    """Return the reading of the output current."""
-    return lambda station: station.displayed_motor.current_a / step_a
-
-
-def volts(step_v: float) -> Callable[[SourceStation], float]:
-    """Return the reading of the output voltage."""
-    return lambda station: station.displayed_motor.voltage_v / step_v
-
-
-def bus_volts(step_v: float) -> Callable[[SourceStation], float]:
-    """Return the reading of the DC bus voltage."""
-    return lambda station: station.displayed_motor.bus_v / step_v
-
-
-def rpm(station: SourceStation) -> float:
-    return abs(station.displayed_motor.speed_rpm)
-
-
-def celsius(station: SourceStation) -> float:
-    return station.displayed_motor.temperature_c
-
-
-def fault(station: SourceStation) -> float:
-    return station.fault
-
+from verification.source_stations.toshiba import VF_S15
 
 # Sunfar E300 and E500.
 
@@ -450,6 +421,6 @@ YL620 = SourceDrive(
     faults=NUMBERED_TRIPS,
 )
 
-ALL_DRIVES = (E300, E500, EDS300, EDS1300, DC1, POWERFLEX_4M, MS300, LS_M100, DZB200, GD10, YL600, YL620)
+ALL_DRIVES = (E300, E500, EDS300, EDS1300, DC1, POWERFLEX_4M, MS300, LS_M100, DZB200, GD10, YL600, YL620, VF_S15)
 SOURCE_DRIVES = {drive.model: drive for drive in ALL_DRIVES}
 """Every drive that was written from its source."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from drivebus.simulator.motor import Motor, Trip
-from verification.source_stations.drives import NUMBERED_TRIPS, amperes, bus_volts, fault, hertz, rpm, volts
+from verification.source_stations.readings import NUMBERED_TRIPS, amperes, bus_volts, fault, hertz, rpm, volts
 from verification.source_stations.station import SourceDrive, SourceStation
 
 ON, NO_COAST, NO_QUICK_STOP, OPERATION, RESET, BUS_CONTROL, INVERT = 1, 2, 4, 8, 0x80, 0x400, 0x800

@@ -35,6 +35,10 @@ class SourceDrive:
     line: str = "9600 8N1"
     is_ascii: bool = False
     functions: tuple[int, ...] = (3, 6)
+    max_read: int = 125
+    """Most registers of one read; a longer one gets exception 03."""
+    unanswered: frozenset[str] = frozenset()
+    """Actions that the drive executes without a reply."""
     commands: Mapping[int, Callable[[int], str | None]]
     """Command register to the action of its words: "forward", "stop", …, "" for none, None for a word that no source
     explains."""
@@ -139,6 +143,8 @@ class SourceStation(SimulatedStation):
             case _:
                 return modbus.ExceptionReply(message.address, message.function, ILLEGAL_FUNCTION)
         code = next((code for register, value in writes if (code := self._store(register, value))), 0)
+        if any(self._action(register, value) in self.drive.unanswered for register, value in writes):
+            return None
         if code:
             return modbus.ExceptionReply(message.address, message.function, code)
         return modbus.WriteAck(message.address, message.function, message.register, acknowledged)
@@ -148,7 +154,13 @@ class SourceStation(SimulatedStation):
             return None
         return modbus.ExceptionReply(error.address, error.function, error.code)
 
+    def _action(self, register: int, value: int) -> str | None:
+        action = self.drive.commands.get(register)
+        return action(value) if action is not None else None
+
     def _read(self, request: modbus.ReadRegisters) -> Any:
+        if request.count > self.drive.max_read:
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_VALUE)
         values: list[int] = []
         for register in range(request.register, request.register + request.count):
             if register in self.drive.readings:
@@ -162,7 +174,7 @@ class SourceStation(SimulatedStation):
     def _store(self, register: int, value: int) -> int:
         """Execute a write. Return 0 or the code of the exception."""
         if register in self.drive.commands:
-            action = self.drive.commands[register](value)
+            action = self._action(register, value)
             if action is None:
                 return ILLEGAL_VALUE
             self._execute(action)
