@@ -10,12 +10,13 @@ import ssl
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 
 import httpx
 import trustme
 from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
 
 import peers
 from drivebus.cli.demo.host import free_port
@@ -93,12 +94,13 @@ def test_the_sample_of_nginx_carries_page_live_values_and_the_address_of_the_cli
     (tmp_path / "state").mkdir()
     with http_service(tmp_path / "state", web=web) as plant:
         upstream = int(re.sub(r".*:", "", plant.url))
-        with running_nginx(tmp_path, settings(tmp_path, (plain, tls, upstream)), tls):
+        with running_nginx(tmp_path, settings(tmp_path, (plain, tls, upstream)).replace(" 128;", " 3;"), tls):
             moved = httpx.get(f"http://127.0.0.1:{plain}/api/v1/health")
             assert (moved.status_code, moved.headers["location"]) == (301, f"{origin}/api/v1/health")
             own_address = httpx.HTTPTransport(verify=trust, local_address="127.0.0.2")
             with httpx.Client(base_url=origin, transport=own_address, headers={"Origin": origin}) as client:
-                assert client.get("/").status_code == 200
+                page = client.get("/")
+                assert page.status_code == 200 and page.headers["strict-transport-security"] == "max-age=31536000"
                 forwarded = {"X-Forwarded-For": "198.51.100.7"}  # what a client claims stays left of its own address
                 refused = client.post(
                     "/api/v1/login", json={"name": "operator", "password": "wrong password"}, headers=forwarded
@@ -112,6 +114,19 @@ def test_the_sample_of_nginx_carries_page_live_values_and_the_address_of_the_cli
                 assert client.get("/api/v1/drives", headers=bearer).status_code == 200
                 foreign = client.get("/api/v1/session", headers={"Host": "evil.example"})
                 assert foreign.status_code in (400, 403, 421)
+
+            async def refused_connections(count: int) -> int:
+                async with AsyncExitStack() as stack:
+                    for number in range(count):
+                        live = connect(f"wss://127.0.0.1:{tls}/api/v1/live", ssl=trust, additional_headers=bearer)
+                        try:
+                            await stack.enter_async_context(live)
+                        except InvalidStatus as error:
+                            assert error.response.status_code == 503
+                            return count - number
+                return 0
+
+            assert asyncio.run(refused_connections(4)) == 1, "one client does not take every connection"
 
             async def first_message() -> str:
                 async with connect(

@@ -41,7 +41,24 @@ def test_the_limits_of_the_denial_log_bound_it_to_25_megabytes_a_day() -> None:
 )
 def test_the_cookie_with_the_host_prefix_takes_precedence(lines: list[str], secret: str | None) -> None:
     """A page on another port can set a cookie without the prefix; an unreadable cookie hides no valid one."""
-    assert session_cookie(Headers(raw=[(b"cookie", line.encode()) for line in lines])) == secret
+    headers = Headers(raw=[(b"cookie", line.encode()) for line in lines])
+    assert session_cookie(headers) == secret
+    assert session_cookie(headers, uses_tls=True) == (secret if secret == "b" else None)
+
+
+def test_over_tls_no_cookie_without_the_prefix_is_a_session(tmp_path: Path) -> None:
+    """Another port, or a page over HTTP, could put a user into the session of somebody else."""
+    harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
+
+    async def scenario() -> None:
+        cookie = (await harness.log_in("operator")).cookies["drivebus_session"]
+        for name, user in (("drivebus_session", None), ("__Host-drivebus", "operator")):
+            page = harness.client(host="plant.example", cookie=f"{name}={cookie}")
+            assert (await page.get("/api/v1/session")).json()["user"] == user
+        page = harness.client(host="127.0.0.1", cookie=f"drivebus_session={cookie}")
+        assert (await page.get("/api/v1/session")).json()["user"] == "operator"
+
+    run(scenario())
 
 
 @pytest.mark.parametrize(("client", "expected"), [(("10.0.0.9", 1), "10.0.0.9"), (None, "local")])

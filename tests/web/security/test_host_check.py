@@ -87,6 +87,30 @@ def test_the_page_of_this_service_and_configured_origins_are_accepted(origin: st
 
 
 @pytest.mark.parametrize(
+    ("scheme", "origin"), [("http", "http://plant.example"), ("https", "https://other.example:8080")]
+)
+def test_a_page_without_the_tls_of_its_proxy_is_foreign(scheme: str, origin: str) -> None:
+    """Behind a proxy with TLS a request comes over HTTP; a page that was loaded over HTTP may be a foreign one."""
+    host = origin.partition("://")[2]
+    assert HostCheck(WEB).is_allowed_origin(headers(host=host, origin=origin), scheme) is False
+
+
+@pytest.mark.parametrize(
+    ("host", "scheme", "uses_tls"),
+    [
+        ("127.0.0.1", "https", True),
+        ("127.0.0.1", "wss", True),
+        ("Plant.Example", "http", True),
+        ("plant.example:8080", "http", False),
+        ("other.example:8080", "ws", False),
+        ((), "http", False),
+    ],
+)
+def test_tls_is_known_by_the_scheme_and_by_the_origin_of_a_proxy(host: str, scheme: str, uses_tls: bool) -> None:
+    assert HostCheck(WEB).uses_tls(headers(host=host), scheme) is uses_tls
+
+
+@pytest.mark.parametrize(
     ("origin", "scheme"),
     [
         ((), "http"),

@@ -282,6 +282,19 @@ async def test_a_large_body_sent_together_with_its_head_is_read(tmp_path: Path) 
         assert found.startswith(b"HTTP/1.1 200 ")
 
 
+async def test_trailers_are_no_headers(tmp_path: Path) -> None:
+    """A proxy that passes trailers on adds no address to them: X-Forwarded-For there is the client's invention."""
+    harness = WebAppHarness(tmp_path)
+    secret = await harness.token("operator", "stop")
+    async with serving(harness, WebConfig(port=0)) as text:
+        head = b"POST /api/v1/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\nConnection: close\r\n"
+        authorization = b"Authorization: Bearer %b\r\n" % secret.encode()
+        kind = b"Content-Type: application/json\r\n"
+        for headers, trailers, status in ((authorization, b"Host: evil\r\n", b" 200 "), (b"", authorization, b" 401 ")):
+            request = head + kind + headers + b"\r\n2\r\n{}\r\n0\r\n" + trailers + b"\r\n"
+            assert status in (await raw_response(*where(text[0]), request)).split(b"\r\n")[0]
+
+
 async def test_an_unwanted_body_is_not_awaited(tmp_path: Path) -> None:
     async with serving(WebAppHarness(tmp_path), WebConfig(port=0)) as text:
         begun = asyncio.get_running_loop().time()

@@ -97,7 +97,7 @@ class AuthMiddleware:
         """Return the valid credential, if any. Raises AccessDenied for a cookie without its CSRF token."""
         if "authorization" in headers:
             return self._credential_from_token(headers, scope)
-        found = self._credential_from_cookie(headers)
+        found = self._credential_from_cookie(headers, self.hosts.uses_tls(headers, scope["scheme"]))
         if found is not None and route.access is not AccessLevel.PUBLIC:
             self._check_csrf(route, headers, found)
         return found
@@ -107,8 +107,8 @@ class AuthMiddleware:
         is_bearer = kind.lower() == "bearer"
         return self.auth.token_credential(secret.strip(), client_address(scope)) if is_bearer else None
 
-    def _credential_from_cookie(self, headers: Headers) -> SessionCredential | None:
-        secret = session_cookie(headers)
+    def _credential_from_cookie(self, headers: Headers, uses_tls: bool) -> SessionCredential | None:
+        secret = session_cookie(headers, uses_tls)
         return self.auth.session_credential(secret) if secret else None
 
     def _check_csrf(self, route: Route, headers: Headers, credential: SessionCredential) -> None:
@@ -162,13 +162,13 @@ class AuthMiddleware:
             await self.app(scope, receive, send)
 
 
-def session_cookie(headers: Headers) -> str | None:
-    """Return the secret of the session cookie.
+def session_cookie(headers: Headers, uses_tls: bool = False) -> str | None:
+    """Return the secret of the session cookie; over TLS only of the one with the prefix, which no other page can set.
 
     Cookies are shared with every other port of the host, so other and malformed ones are skipped.
     """
     found = request_cookies(headers)
-    return next((found[name] for name in COOKIE_NAMES if name in found), None)
+    return next((found[name] for name in COOKIE_NAMES[: 1 if uses_tls else None] if name in found), None)
 
 
 def request_cookies(headers: Headers) -> dict[str, str]:

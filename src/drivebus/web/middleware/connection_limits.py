@@ -52,6 +52,8 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
     """Bytes of headers that are not complete yet."""
     _parsed_header_bytes = 0
     """Bytes of the address and the headers of the current request, however they arrived."""
+    _headers_complete = False
+    """Whether further fields of the current request are trailers. They are ignored: no proxy adds to them."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -70,7 +72,7 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
                 self.transport.abort()
 
     def on_message_begin(self) -> None:
-        self._parsed_header_bytes = 0
+        self._parsed_header_bytes, self._headers_complete = 0, False
         super().on_message_begin()
         self._start_header_timer()
 
@@ -80,7 +82,8 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
 
     def on_header(self, name: bytes, value: bytes) -> None:
         self._count_header(len(name) + len(value) + _HEADER_LINE_BYTES)
-        super().on_header(name, value)
+        if not self._headers_complete:
+            super().on_header(name, value)
 
     def _count_header(self, size: int) -> None:
         """Raises HttpParserError, answered as a malformed request, beyond the limit."""
@@ -90,6 +93,7 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         self._cancel_header_timer()
+        self._headers_complete = True
         super().on_headers_complete()
 
     def on_response_complete(self) -> None:

@@ -26,6 +26,8 @@ class HostCheck:
     def __init__(self, web: WebConfig) -> None:
         self._origins = {origin.rstrip("/").lower() for origin in web.origins}
         proxies = {urlsplit(origin).hostname or "" for origin in self._origins}
+        self._authorities = {urlsplit(origin).netloc for origin in self._origins}
+        self._tls_authorities = {urlsplit(origin).netloc for origin in self._origins if origin.startswith("https://")}
         self._names = _LOCAL_NAMES | {web.host.lower(), socket.gethostname().lower()} | proxies
 
     def is_known_host(self, headers: Headers) -> bool:
@@ -36,13 +38,21 @@ class HostCheck:
         return name in self._names or _is_address(name)
 
     def is_allowed_origin(self, headers: Headers, scheme: str) -> bool:
-        """Return whether there is one Origin: this service as the browser addressed it, or a configured one."""
+        """Return whether there is one Origin: this service as the browser addressed it, or a configured one.
+
+        Where the origin of a host is configured, no other scheme is accepted for it: behind a proxy with TLS, a page
+        that was loaded over HTTP may be a foreign one.
+        """
         found = headers.getlist("origin")
         if len(found) != 1:
             return False
-        origin = found[0].lower()
+        origin, host = found[0].lower(), headers["host"].lower()
         http_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
-        return origin == f"{http_scheme}://{headers['host'].lower()}" or origin in self._origins
+        return origin in self._origins or (origin == f"{http_scheme}://{host}" and host not in self._authorities)
+
+    def uses_tls(self, headers: Headers, scheme: str) -> bool:
+        """Return whether the browser uses TLS: to this service, or to a reverse proxy whose origin is configured."""
+        return scheme in ("https", "wss") or headers.get("host", "").lower() in self._tls_authorities
 
 
 def _is_address(name: str) -> bool:
