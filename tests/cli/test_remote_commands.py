@@ -21,6 +21,7 @@ from drivebus.cli import output
 from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
+from drivebus.cli.remote import http_client
 from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.state import DriveState
@@ -286,6 +287,24 @@ def test_a_missing_response_is_an_unknown_outcome(misbehaving_service: str) -> N
         run_command(misbehaving_service, "stop", *FAN, code=ExitCode.UNKNOWN)["error"]["type"]
         == OutcomeUnknown.__name__
     )
+
+
+def test_a_service_sends_no_escape_sequences_to_the_terminal(
+    misbehaving_service: str,
+) -> None:
+    evil = "\x1b]0;taken over\x07\u202e\x9b2J"
+    refusal = {
+        "code": evil,
+        "kind": "Conflict",
+        "text": {"en": evil, "zh": evil},
+        "params": {evil: [evil]},
+        "outcome": None,
+    }
+    MisbehavingHandler.respond = lambda self: self._send(409, {"error": refusal})  # type: ignore[method-assign]
+    shown = CliRunner().invoke(cli, ["stop", *FAN, "--service", misbehaving_service])
+    assert "taken over" in shown.output
+    assert not set(shown.output) & {"\x1b", "\x07", "\u202e", "\x9b"}
+    assert http_client.printable_values({"text": ["two\n\tlines", 1, None]}) == {"text": ["two\n\tlines", 1, None]}
 
 
 def test_a_redirect_is_not_followed_with_the_token(misbehaving_service: str) -> None:

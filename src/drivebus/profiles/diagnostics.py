@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,8 @@ from drivebus.errors import ProfileError
 from drivebus.values import Text
 
 KeyPath = tuple[str | int, ...]
-CONTROL_RANGES = r"\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069"
-"""Control characters, line separators and bidirectional overrides, as the inside of a character class."""
+CONTROL_RANGES = r"\x00-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060\u2066-\u2069\ufeff"
+"""Control characters, line separators, invisible spaces and bidirectional marks, as the inside of a character class."""
 CONTROL_CHARACTERS = re.compile(f"[{CONTROL_RANGES}]")
 DEFAULT_CATALOGUE = "profiles"
 """Catalogue of the texts that every file type may use."""
@@ -56,6 +56,25 @@ class Diagnostic:
     def _location(self, language: str) -> str:
         location = self.file if self.line is None else f"{self.file}:{self.line}"
         return i18n.text("profiles.where", language, location=location, key=self.key) if self.key else location
+
+
+def control_character_issues(value: Any, path: KeyPath = (), multiline: Collection[str] = ()) -> Iterator[Issue]:
+    """Yield the texts and keys of a file that hold control characters: they would corrupt logs, terminals and pages.
+
+    ``multiline``: keys whose texts may have several lines.
+    """
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from control_character_issues(str(name), path)
+            yield from control_character_issues(inner, (*path, str(name)), multiline)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from control_character_issues(inner, path, multiline)
+    elif isinstance(value, str):
+        text = value.replace("\n", " ").replace("\t", " ") if path and path[-1] in multiline else value
+        found = CONTROL_CHARACTERS.search(text)
+        if found is not None:
+            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
 
 
 def printable_text(key: str, language: str, /, **params: Any) -> str:

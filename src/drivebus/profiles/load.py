@@ -25,6 +25,7 @@ from drivebus.profiles.diagnostics import (
     Diagnostic,
     Issue,
     bilingual_text,
+    control_character_issues,
     issue,
     issues_from_pydantic,
     nearest_names,
@@ -213,6 +214,9 @@ def _read_source(path: Path) -> _TomlSource:
     wrong_format = format_issue(data, NEWEST_FORMAT)
     if wrong_format is not None:
         raise _located_error([source], [wrong_format])
+    unprintable = list(control_character_issues(data))
+    if unprintable:
+        raise _located_error([source], unprintable)
     return source
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -158,3 +159,17 @@ def test_a_parameter_is_written_as_a_number_or_as_the_word_of_the_manual(value: 
     else:
         with pytest.raises(ValidationError):
             ParameterWriteParams.model_validate(params)
+
+
+@pytest.mark.parametrize(
+    "reason", ["   ", "\u3000\u3000\u3000", "safe\u200f", "\u200b\u200b\u200b", "a\u2060b", "x\x1b[2J", "two\nlines"]
+)
+def test_a_reason_is_visible_text_of_one_line(reason: str) -> None:
+    """A waiver without a reason, or with one that shows as another, would explain nothing."""
+    for name in ("waiver.grant", "waivers.grant"):
+        with pytest.raises(InvalidParameters) as refused:
+            OPERATIONS[name].validate({"drive": "fan-1"} | {"reason": reason})
+        assert "not blank" in str(refused.value)
+    schema = OPERATIONS["waiver.grant"].params.model_json_schema()["properties"]["reason"]
+    assert not re.search(schema["pattern"], reason)
+    assert re.search(schema["pattern"], " hard-wired stop, 急停 ")

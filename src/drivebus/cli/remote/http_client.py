@@ -11,11 +11,12 @@ import http.client
 import json
 import re
 import ssl
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
 from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
 from drivebus.service.config.loopback import is_loopback
 from drivebus.types import Json
 
@@ -97,12 +98,21 @@ def http_request(operation: Operation, params: Json) -> tuple[str, str, bytes | 
     return operation.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None
 
 
+def printable_values(value: Any) -> Any:
+    """Return a value of a response without control characters but line breaks: a terminal executes the others."""
+    if isinstance(value, str):
+        return CONTROL_CHARACTERS.sub(lambda found: found[0] if found[0] in "\n\t" else "�", value)
+    if isinstance(value, dict):
+        return {printable_values(name): printable_values(inner) for name, inner in value.items()}
+    return [printable_values(inner) for inner in value] if isinstance(value, list) else value
+
+
 def _parse_response(status: int, text: bytes, address: str) -> Json:
     """Return the result. Raises the error of the service; ServiceUnavailable for a response of another program."""
     from drivebus.service.api.errors import error_from_json
 
     try:
-        found = json.loads(text)
+        found = printable_values(json.loads(text))
         if status == 200:
             assert isinstance(found, dict)
             return found

@@ -2,52 +2,29 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
 from urllib.parse import urlsplit
 
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, Diagnostic, Issue, KeyPath, issue
+from drivebus.profiles.diagnostics import Diagnostic, Issue, control_character_issues, issue
 from drivebus.service.config import check_buses, check_rules
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.gateways import gateway_problems
 from drivebus.service.config.redaction import HIDDEN, redact_url
 
+MULTILINE_KEYS = ("require",)  # an expression may be written on several lines
+
 
 def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     """Yield every issue of a plant file. Fills in the profiles, port URLs and dialects of ``parsed``."""
     parsed.read_profiles()
-    yield from text_problems(parsed.raw)
+    yield from control_character_issues(parsed.raw, multiline=MULTILINE_KEYS)
     yield from path_problems(parsed)
     yield from gateway_problems(parsed.file.gateway, parsed.resolve_path)
     yield from check_buses.bus_problems(parsed)
     yield from check_buses.drive_problems(parsed)
     yield from check_buses.bus_load_problems(parsed)
     yield from check_rules.rule_problems(parsed)
-
-
-_EXPRESSION_WHITESPACE = re.compile(r"[\n\t]")
-"""An expression may be written on several lines."""
-
-
-def text_problems(raw: Mapping[str, Any]) -> Iterator[Issue]:
-    """Yield control characters in texts: they would corrupt logs, terminals and pages."""
-    yield from _check_value(raw, ())
-
-
-def _check_value(value: Any, path: KeyPath) -> Iterator[Issue]:
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            yield from _check_value(inner, (*path, name))
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _check_value(inner, path)
-    elif isinstance(value, str):
-        text = _EXPRESSION_WHITESPACE.sub(" ", value) if path[-1:] == ("require",) else value
-        found = CONTROL_CHARACTERS.search(text)
-        if found is not None:
-            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
 
 
 def path_problems(parsed: ParsedPlant) -> Iterator[Issue]:

@@ -29,8 +29,8 @@ Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False, examp
 
 
 def _require_printable(text: str) -> str:
-    if CONTROL_CHARACTERS.search(text):
-        raise PydanticCustomError("printable", "control characters")
+    if CONTROL_CHARACTERS.search(text) or not text.strip():
+        raise PydanticCustomError("printable", "control characters, or blank")
     return text
 
 
@@ -40,7 +40,7 @@ Reason = Annotated[
         min_length=3,
         max_length=500,
         examples=["bearing is being changed"],
-        json_schema_extra={"pattern": f"^[^{CONTROL_RANGES}]*$"},
+        json_schema_extra={"pattern": rf"^[^{CONTROL_RANGES}]*[^\s{CONTROL_RANGES}][^{CONTROL_RANGES}]*$"},
     ),
     AfterValidator(_require_printable),
 ]
