@@ -63,6 +63,17 @@ def test_one_audit_record_names_every_alarm_and_drive_of_the_selection() -> None
     scenario_with_alarms(scenario)
 
 
+def test_the_audit_record_holds_no_names_that_a_client_invents() -> None:
+    """A thousand of a hundred characters made 100 kB of each request in the trail."""
+
+    async def scenario(kit: ServiceKit, ids: list[str]) -> None:
+        await kit.call("alarms.acknowledge", ANN, alarms=[*(f"{number:0100}" for number in range(900)), *ids, *ids])
+        for entry in kit.trail.entries[-2:]:
+            assert (entry.what, entry.params["alarms"]) == ("alarms.acknowledge", ids)
+
+    scenario_with_alarms(scenario)
+
+
 def test_alarms_of_different_kinds_have_no_common_title_in_the_record() -> None:
     async def scenario(kit: ServiceKit, ids: list[str]) -> None:
         kit.service.plant.raise_alarm(SystemAlarm.PORT_LOST, subject="b")

@@ -131,3 +131,15 @@ def test_arm_tokens_are_unique_and_limited_in_number() -> None:
     words = [arms.issue("a", ANN, 0.0) for _ in range(2 * MAX_ARM_TOKENS)]
     assert len(set(words)) == 2 * MAX_ARM_TOKENS and len(arms._tokens) == MAX_ARM_TOKENS
     arms.consume(words[-1], "a", ANN, 0.0)
+
+
+def test_arm_tokens_of_one_session_never_push_out_those_of_another() -> None:
+    """Else an operator whose program arms ten times a second would keep the others from starting anything."""
+    arms = ArmTokens()
+    other = arms.issue("b", BOB, 0.0)
+    for number in range(5 * MAX_ARM_TOKENS):
+        arms.issue("a", ANN, number / 100)
+    arms.consume(other, "b", BOB, ARM_TTL_S)
+    assert len(arms._tokens) == MAX_ARM_TOKENS
+    arms.issue("a", ANN, 100.0)
+    assert len(arms._tokens) == 1, "those that are too old are dropped"

@@ -47,7 +47,7 @@ def test_the_cookie_with_the_host_prefix_takes_precedence(lines: list[str], secr
 
 
 def test_over_tls_no_cookie_without_the_prefix_is_a_session(tmp_path: Path) -> None:
-    """Another port, or a page over HTTP, could put a user into the session of somebody else."""
+    """A page over HTTP, or of another port, could log a user in as another one."""
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
     async def scenario() -> None:

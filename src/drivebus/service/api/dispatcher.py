@@ -128,6 +128,8 @@ class Dispatcher:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
         alarms = self._affected_alarms(params)
         known = params.model_dump() | _common_title(alarms)
+        if isinstance(params, AlarmSelectionParams):  # not the names that a client invents
+            known["alarms"] = list(dict.fromkeys(alarm.id for alarm in alarms))
         drives = dict.fromkeys(alarm.drive for alarm in alarms if alarm.drive) if alarms else ticket.stop_counts
         entry = _audit_entry(operation, known, actor, drives=drives)
         try:

@@ -13,7 +13,7 @@ from drivebus.service.runtime.utc_clock import UtcClock
 
 LEASE_TTL_S = 10.0  # a lease ends this long after its last renewal
 ARM_TTL_S = 10.0  # a start follows its arming within this time
-MAX_ARM_TOKENS = 100  # valid at a time; a further one replaces the oldest
+MAX_ARM_TOKENS = 100  # of one session, valid at a time; a further one replaces its oldest
 
 
 def arm_target_of_test(drive: str) -> str:
@@ -136,8 +136,10 @@ class ArmTokens:
 
     def issue(self, what: str, actor: Actor, now: float) -> str:
         """Return a token for one start of ``what``, a drive or ``group:<id>``, by this session within ``ARM_TTL_S``."""
-        while len(self._tokens) >= MAX_ARM_TOKENS:
-            self._tokens.pop(next(iter(self._tokens)))
+        self._tokens = {token: issued for token, issued in self._tokens.items() if now <= issued[2]}
+        own = [token for token, (_, session, _) in self._tokens.items() if session == actor.session]
+        if len(own) >= MAX_ARM_TOKENS:
+            del self._tokens[own[0]]
         token = secrets.token_urlsafe(16)
         self._tokens[token] = what, actor.session, now + ARM_TTL_S
         return token
