@@ -134,6 +134,7 @@ class BusCore:
         self.has_line_timing = has_line_timing
         self.tracing = False
         self.is_open = False
+        self._closed_by = PortLost("bus.not_open")  # why the port is not open
         self.first_opened_at: float | None = None
         """Start of all counters; a replug does not reset it."""
         self.opened_at = 0.0
@@ -239,7 +240,7 @@ class BusCore:
         if not isinstance(prepared, PreparedRequest):
             return self._reject(bus_request, token, prepared)
         if not self.is_open:
-            return self._reject(bus_request, token, PortLost("bus.not_open"))
+            return self._reject(bus_request, token, PortLost(self._closed_by.key, **self._closed_by.params))
         if prepared.effect is Effect.STOP:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):
@@ -346,7 +347,7 @@ class BusCore:
 
     def on_port_lost(self, error: PortLost, now: float) -> list[CoreCommand]:
         """Handle the loss of the port: fail pending requests, void permits, require a sync probe of every station."""
-        self.is_open = False
+        self.is_open, self._closed_by = False, error
         transaction, self.transaction = self.transaction, None
         if transaction is not None:
             self._record_bus_time(transaction, now)

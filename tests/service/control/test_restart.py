@@ -13,12 +13,13 @@ from drivebus.bus.trace import TraceKind
 from drivebus.drives import MemoryStore
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.state import DriveState
+from drivebus.errors import StopUnconfirmed
 from drivebus.protocols.codec import Effect
 from drivebus.service.app import Service
 from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart, OnServiceStop
 from drivebus.service.control.policies import may_be_running
 from drivebus.simulator.motor import OutputPhase
-from drivebus.simulator.port import find_simulated_bus
+from drivebus.simulator.port import find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_service
 
@@ -136,6 +137,45 @@ def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
             await asyncio.sleep(6)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
             assert "drive.stop" in [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
+
+    run(scenario())
+
+
+def trip_announcements(kit: ServiceKit) -> list[str]:
+    events = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+    return [text for text in events if "interlock fan-first" in text and "stop request" in text]
+
+
+def test_a_trip_is_announced_once_while_the_port_is_lost_and_again_for_a_drive_that_is_started_at_its_keypad() -> None:
+    async def scenario() -> None:
+        interlock = InterlockConfig(id="fan-first", drives=("fan-2",), require="fan-1.state == running")
+        async with running_service(plant_config(interlocks=(interlock,))) as kit:
+            await asyncio.sleep(15)
+            await kit.grant_waivers()
+            await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            await asyncio.sleep(4)
+            await kit.call("drive.run", drive="fan-2", frequency_hz=20.0)
+            await asyncio.sleep(4)
+            bench: Any = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench.unplug()
+            await asyncio.sleep(5)
+            for _ in range(4):
+                with pytest.raises(StopUnconfirmed):
+                    await kit.call("drive.stop", drive="fan-2")
+                await asyncio.sleep(2)
+            assert trip_announcements(kit) == ["stop requested by interlock fan-first"]
+            alarms = [alarm.text.en for alarm in kit.service.plant.alarms.active()]
+            assert "Fan 2: interlock fan-first does not hold; a stop is requested" in alarms
+            by_service = [entry for entry in kit.trail.entries if (entry.what, entry.who) == ("drive.stop", "drivebus")]
+            assert len(by_service) == 1
+            kit.station("fan-1").keypad_stop()
+            bench.replug()
+            await asyncio.sleep(10)
+            assert kit.station("fan-2").motor.phase is OutputPhase.OFF
+            kit.station("fan-2").keypad_run(15.0)
+            await asyncio.sleep(10)
+            assert kit.station("fan-2").motor.phase is OutputPhase.OFF
+            assert trip_announcements(kit) == ["stop requested by interlock fan-first"] * 2
 
     run(scenario())
 

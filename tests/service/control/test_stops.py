@@ -293,6 +293,41 @@ def test_an_unconfirmed_stop_raises_an_alarm_until_a_stop_is_confirmed() -> None
     run(scenario())
 
 
+def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_port_is_open_again() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench.unplug()
+            await asyncio.sleep(6)
+            with pytest.raises(StopUnconfirmed) as caught:
+                await kit.call("drive.stop", drive="fan-1")
+            assert caught.value.key == "plant.stop_not_sent_port"
+            assert "STOP NOT SENT: the port is not open" in str(caught.value)
+            assert "The service sends it when the port is open again" in str(caught.value)
+            whole = (await kit.call("plant.stop"))["outcomes"]["fan-1"]
+            assert (whole["status"], whole["key"]) == ("unknown", "plant.stop_not_sent_port")
+            alarms = [alarm.text.en for alarm in kit.service.plant.alarms.active()]
+            assert "Fan 1: a stop is requested and the drive does not report stopped; use the hard-wired stop" in alarms
+            bench.replug()
+            await asyncio.sleep(6)
+            assert kit.station("fan-1").motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
+def test_a_stop_on_a_bus_that_was_never_opened_is_not_promised_for_later() -> None:
+    """Its repetition ends at once, because no port is opened again."""
+
+    async def scenario() -> None:
+        async with running_service(plant_config(buses=(BusConfig("a", "/nonexistent/tty"), BUSES[1]))) as kit:
+            with pytest.raises(StopUnconfirmed) as caught:
+                await kit.call("drive.stop", drive="fan-1")
+            assert caught.value.key == "drives.stop_not_sent_port"
+
+    run(scenario())
+
+
 def kinds(kit: ServiceKit) -> set[str]:
     return {alarm.kind for alarm in kit.service.plant.alarms.active() if alarm.cleared_ms is None}
 

@@ -18,7 +18,7 @@ from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.errors import DrivebusError, Expired, NotPermitted, StartInhibited, Superseded
+from drivebus.errors import DrivebusError, Expired, NotPermitted, PortLost, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect
 from drivebus.values import Text
 
@@ -103,6 +103,8 @@ class OperationContext:
         self.stop_rejection: Rejection | None = None  # of the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.has_sent_preparation = False  # the unlock and the words before every start
+        self.stops_sent = 0  # stops that were given to the port
+        self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.motion_seen = False  # at least one reading showed that the drive turns
         self.may_be_running = False  # a frame that moves may have been sent, and no stop since
@@ -142,6 +144,7 @@ class OperationContext:
             expires_at=expires_at,
         )
         result = yield from transact(bus_request)
+        self.port_error = result.error if isinstance(result.error, PortLost) else None
         if moves:
             self.last_motion_result, self.may_be_running = result, was_running or bool(result.sent)
         if result.sent:
@@ -165,9 +168,9 @@ class OperationContext:
         else:
             return None
         if isinstance(result.error, DrivebusError):
-            return UnconfirmedModel(_both_texts(result.error.key, **result.error.params), answered=False)
+            return UnconfirmedModel(both_texts(result.error.key, **result.error.params), answered=False)
         rejection = None if result.reply is None else self.dialect.rejection(result.reply)
-        return UnconfirmedModel(rejection.text if rejection else _both_texts("drives.foreign_status"), answered=True)
+        return UnconfirmedModel(rejection.text if rejection else both_texts("drives.foreign_status"), answered=True)
 
     def start_clock(self) -> DriveOperation[None]:
         """Start the time limit of the checks, unless the request or an enclosing operation has started it."""
@@ -400,7 +403,8 @@ def frame_exchange(result: BusResult) -> FrameExchange:
     return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
 
 
-def _both_texts(key: str, /, **params: Any) -> Text:
+def both_texts(key: str, /, **params: Any) -> Text:
+    """Return a sentence in both languages."""
     return Text(*(i18n.text(key, language, **params) for language in i18n.LANGUAGES))
 
 

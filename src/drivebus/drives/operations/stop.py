@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import isfinite
+from typing import Any
 
-from drivebus import i18n
 from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.context import OperationContext, both_texts
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
+from drivebus.errors import PortLost
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
@@ -85,7 +86,7 @@ def _send_and_confirm(
     answered = yield from send_stop(op, how)
     if not op.dialect.reports_run_state:
         return (yield from _repeat_unverifiable(op, how, answered))
-    if not wait_for_it and op.withheld_stop is not None:
+    if not wait_for_it and not op.stops_sent:
         return unconfirmed_outcome(op)
     if not wait_for_it:
         key = "drives.stop_answered" if answered else "drives.stop_unanswered"
@@ -116,6 +117,7 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )
         if place == 0:
+            op.stops_sent += answer.sent_at is not None
             op.stop_rejection = None if answer.reply is None else op.dialect.rejection(answer.reply)
             answered = answer.error is None and answer.reply is not None and op.stop_rejection is None
     return answered
@@ -164,17 +166,26 @@ def _until_confirmed(
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:
     """Return the outcome of a stop that must be checked at the drive, with what the drive has reported."""
+    if op.port_error is not None:
+        return _port_lost_outcome(op, op.port_error)
     if op.withheld_stop is not None:
         model, withheld = op.dialect.profile.model, op.withheld_stop
         key = "drives.stop_withheld" if withheld.answered else "drives.stop_withheld_silent"
         return op.outcome(OutcomeStatus.UNKNOWN, key, station=op.dialect.address, model=model, why=withheld.why)
+    if not op.stops_sent:
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_completed")
     seen, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
     if seen.newest is None:
         key = "drives.stop_no_reply" if why is None else "drives.stop_rejected"
         return op.outcome(OutcomeStatus.UNKNOWN, key, why=why)
     state, output_hz = seen.newest.state, seen.output_hz
-    found = Text(*(_reported_text(state, output_hz, language) for language in i18n.LANGUAGES))
-    params = {"found": found, "reads": seen.count, "failures": seen.failures, "state": state, "output_hz": output_hz}
+    params = {
+        "found": _reported_text(state, output_hz),
+        "reads": seen.count,
+        "failures": seen.failures,
+        "state": state,
+        "output_hz": output_hz,
+    }
     if seen.failures:
         key = "drives.stop_reply_lost"
     elif why is not None:
@@ -188,10 +199,24 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
     return replace(outcome, drive_status=status)
 
 
-def _reported_text(state: DriveState, output_hz: float | None, language: str) -> str:
+def _port_lost_outcome(op: OperationContext, error: PortLost) -> Outcome:
+    """Return the outcome of a stop whose last transaction failed because of the port."""
+    params: dict[str, Any] = {"why": both_texts(error.key, **error.params)}
+    if not op.stops_sent:
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_sent_port", **params)
+    params["sent"] = op.stops_sent
+    newest = op.state_reports.newest
+    if newest is None:
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_port_lost", **params)
+    params["found"] = _reported_text(newest.state, op.state_reports.output_hz)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_port_lost_after", **params)
+
+
+def _reported_text(state: DriveState, output_hz: float | None) -> Text:
     """Format ``running at 25.0 Hz``, without a frequency that the drive does not report as good."""
-    key = "drives.reported" if output_hz is None else "drives.reported_at"
-    return i18n.text(key, language, state=state, output_hz=output_hz)
+    return both_texts(
+        "drives.reported" if output_hz is None else "drives.reported_at", state=state, output_hz=output_hz
+    )
 
 
 def _is_stop_confirmed(op: OperationContext) -> bool:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import inf
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.parameter_write import check_write, may_move
-from drivebus.drives.outcome import Outcome
+from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
@@ -169,11 +169,13 @@ class DriveCommands:
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
 
     async def finish_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
-        """Await a stop. An unconfirmed one raises an alarm and is repeated by ``Drive``."""
+        """Await a stop. An unconfirmed one raises an alarm and is repeated by ``Drive``. Raises StopUnconfirmed."""
         try:
             outcome = await stop
-        except StopUnconfirmed:
+        except StopUnconfirmed as error:
             self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
+            if error.outcome is not None:
+                raise_for_status(repeated_stop(runtime, error.outcome), stop=True)
             raise
         runtime.end_motion()
         runtime.commanded_hz = None
@@ -278,6 +280,13 @@ class DriveCommands:
         self.plant.publish_event("configuration", runtime.id, "plant.limited", actor=actor.name)
         low, high = runtime.drive.range_hz
         return {"minimum_hz": low, "maximum_hz": high}
+
+
+def repeated_stop(runtime: DriveRuntime, outcome: Outcome) -> Outcome:
+    """Return the outcome of a stop; one that a port withheld states that the service still repeats it."""
+    repeats = runtime.drive.stop_pending and not runtime.bus.is_closed
+    unsent = outcome.key == "drives.stop_not_sent_port"
+    return replace(outcome, key="plant.stop_not_sent_port") if unsent and repeats else outcome
 
 
 def _check_limits_known(runtime: DriveRuntime) -> None:

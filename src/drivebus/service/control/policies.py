@@ -27,6 +27,7 @@ class StopPolicies:
     def __init__(self, plant: Plant, call: OperationCall, service: Actor) -> None:
         self.plant, self._call, self.service_actor = plant, call, service
         self._stopping: dict[str, asyncio.Task[None]] = {}
+        self._announced_trips: dict[str, set[str]] = {}  # by drive, until the interlock holds or the drive stands still
 
     def expire_leases(self, now: float) -> None:
         """Handle leases that have ended: stop the drive or leave it running, by its ``on_client_lost``."""
@@ -78,28 +79,41 @@ class StopPolicies:
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """Stop every running drive with a tripped interlock of the action ``stop``, and raise its alarm.
 
-        A tripped interlock of drives at standstill is no alarm: at rest, a plant has many.
+        A tripped interlock of drives at standstill is no alarm: at rest, a plant has many. Each trip is announced once.
         """
         engine = self.plant.interlocks
         settings = {interlock.id: interlock for interlock in self.plant.config.interlocks}
         for id, holds in engine.evaluate(views, now):
             for drive in settings[id].drives if holds else ():
                 self.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, drive, subject=id)
+                self._announced_trips.get(drive, set()).discard(id)
         for runtime in self.plant.drives.values():
-            stopping = engine.tripped_stops(runtime.id)
-            if (
-                stopping
-                and may_be_running(runtime)
-                and not runtime.drive.stop_pending
-                and runtime.id not in self._stopping
-            ):
-                for interlock in stopping:
-                    self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=interlock.id)
-                self.stop_drive(runtime, "plant.stopped_interlock", interlock=stopping[0].id)
+            tripped = engine.tripped_stops(runtime.id)
+            if not tripped or not may_be_running(runtime):
+                self._announced_trips.pop(runtime.id, None)
+            elif not runtime.drive.stopping and runtime.id not in self._stopping:
+                self._announce_trips(runtime, [interlock.id for interlock in tripped])
+                self._start_stop(runtime)
+
+    def _announce_trips(self, runtime: DriveRuntime, interlocks: list[str]) -> None:
+        """Raise the alarm of each tripped interlock and publish the stop request, unless that is done already."""
+        announced = self._announced_trips.setdefault(runtime.id, set())
+        new = [id for id in interlocks if id not in announced]
+        announced.update(new)
+        for id in new:
+            self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=id)
+        if new:
+            self._publish_stop(runtime, "plant.stopped_interlock", interlock=new[0])
 
     def stop_drive(self, runtime: DriveRuntime, key: str, **params: str) -> None:
         """Stop a drive in the name of the service."""
+        self._publish_stop(runtime, key, **params)
+        self._start_stop(runtime)
+
+    def _publish_stop(self, runtime: DriveRuntime, key: str, **params: str) -> None:
         self.plant.publish_event("stop", runtime.id, key, actor=self.service_actor.name, **params)
+
+    def _start_stop(self, runtime: DriveRuntime) -> None:
         task = asyncio.create_task(self._send_stop(runtime), name=f"policy stop {runtime.id}")
         self._stopping[runtime.id] = task
         task.add_done_callback(lambda done: self._on_stop_done(runtime.id, done))

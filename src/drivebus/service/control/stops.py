@@ -16,7 +16,7 @@ from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
-from drivebus.service.control.drive_commands import DriveCommands
+from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -69,7 +69,7 @@ class StopCommands:
         outcomes: Json = {}
         for address, outcome in report.outcomes:
             runtime = by_address[address]
-            outcomes[runtime.id] = outcome_json(outcome, self.plant.command_id("stop"))
+            outcomes[runtime.id] = outcome_json(repeated_stop(runtime, outcome), self.plant.command_id("stop"))
             self.plant.stop_counters.count_outcome(outcome)
             if outcome.succeeded:
                 runtime.end_motion()
