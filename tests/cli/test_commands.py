@@ -479,6 +479,13 @@ def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
     assert "c320, c300 count 0.01 Hz; e300, e500, e550 count 0.1 Hz" in " ".join(text.split())
 
 
+def test_scan_without_models_names_a_drive_of_a_less_common_make() -> None:
+    """Regression: the default knew 15 models, and a Goodrive 10 was a VC660 without doubt."""
+    words = ("scan", "sim://gd10@2?drives=19200-8E1", "--addresses", "2", "--listen-seconds", "0")
+    [drive] = run_json(*words)["found"]
+    assert drive["models"] == ["gd10"] and not drive["doubtful"]
+
+
 @pytest.mark.parametrize("model", ["fr_a700", "dzb100"])
 def test_a_scan_of_all_models_takes_no_drive_for_the_first_of_those_that_answer_alike(model: str) -> None:
     """Regression: a FR-A700 was found as a FR-E500, without a note."""

@@ -13,7 +13,7 @@ from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
-from drivebus.cli.scanning import print_scan
+from drivebus.cli.scanning import note_assumed_models, print_scan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
@@ -123,6 +123,42 @@ def test_a_scan_notes_how_models_that_look_alike_count_their_frequency(
     print_scan("x", ScanProgress(total_s=1.0, found=[drive]), None, ExitCode.DONE)
     shown = " ".join(capsys.readouterr().out.split())
     assert ("alike" in shown) is doubtful and "".join(note.split()) in "".join(shown.split())
+
+
+@pytest.mark.parametrize(
+    ("models", "fits_partly", "note"),
+    [
+        ((), False, "a device of this protocol (modbus) answers and rejects the reads of every model searched for"),
+        (("vc660",), True, "answers the status register, but not with a state of this model"),
+    ],
+)
+def test_a_scan_notes_a_device_that_no_model_fits(
+    capsys: pytest.CaptureFixture[str], models: tuple[str, ...], fits_partly: bool, note: str
+) -> None:
+    drive = DetectedDrive(
+        models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=3, fits_partly=fits_partly,
+        settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
+    print_scan("x", ScanProgress(total_s=1.0, found=[drive]), None, ExitCode.DONE)
+    shown = "".join(capsys.readouterr().out.split())
+    assert note.replace(" ", "") in shown and "noise" not in shown
+    assert (models[0] if models else "noknownmodel") in shown
+
+
+def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be(capsys: pytest.CaptureFixture[str]) -> None:
+    def detected(models: tuple[str, ...], *, fits_partly: bool = False) -> DetectedDrive:
+        return DetectedDrive(
+            models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=3, fits_partly=fits_partly,
+            settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+        )  # fmt: skip
+
+    note_assumed_models(
+        [detected(("gd10",)), detected(("shihlin_se2", "svd_p")), detected(("vc660",), fits_partly=True)]
+    )
+    shown = capsys.readouterr().err
+    assert "gd10" not in shown
+    assert "shihlin_se2 is assumed. The bus can't tell it from svd_p" in shown
+    assert "vc660 is assumed, but it does not answer as it should" in shown
 
 
 def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest.CaptureFixture[str]) -> None:

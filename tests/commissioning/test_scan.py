@@ -11,15 +11,18 @@ import pytest
 
 from drivebus import ports, profiles
 from drivebus.bus import Bus
-from drivebus.commissioning import scan
-from drivebus.commissioning import scan as scan_plan
-from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress
+from drivebus.cli.scanning import ScanRequest
+from drivebus.commissioning import scan, scan_plan
+from drivebus.commissioning.scan import DetectedDrive, ScanProgress
+from drivebus.commissioning.scan_plan import ScanPass
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.profiles.load import included_models
+from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Effect
-from drivebus.protocols.family import default_scan_models
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing import virtual_time
+from drivebus.testing.bus_script import ScriptedPort
 
 ROOT = Path(__file__).resolve().parents[2]
 ALL = ("c320", "dzb100", "vc660", "df800")
@@ -33,6 +36,11 @@ def benches() -> Any:
 
 def plan(*models: str, **options: Any) -> list[ScanPass]:
     return scan_plan.plan_scan([profiles.load(model) for model in models or ALL], **options)
+
+
+def default_plan(**options: Any) -> list[ScanPass]:
+    """Return the passes of a scan without options."""
+    return ScanRequest(port="sim://vc660@1", **options).plan()
 
 
 def walk(link: str, passes: list[ScanPass], **options: Any) -> tuple[list[DetectedDrive], ScanProgress]:
@@ -82,7 +90,7 @@ LIKELY_LIMIT_S = 180.0
 
 
 def test_the_likely_settings_and_addresses_come_first_and_take_less_than_three_minutes() -> None:
-    passes = plan(*default_scan_models())
+    passes = default_plan()
     likely_s, total_s = scan_plan.durations_s(passes)
     assert likely_s < LIKELY_LIMIT_S < total_s
     first = [one for one in passes if one.is_likely]
@@ -108,10 +116,10 @@ def test_the_likely_settings_and_addresses_come_first_and_take_less_than_three_m
 
 
 def test_the_readme_announces_the_duration_of_a_scan() -> None:
-    likely_s, total_s = scan_plan.durations_s(plan(*default_scan_models()))
+    likely_s, total_s = scan_plan.durations_s(default_plan())
     minutes = math.ceil(total_s / 60)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert f"settings; 1 min to {minutes} min" in readme and likely_s < 62
+    assert f"settings; 1 min to {minutes} min" in readme and likely_s < 75
 
 
 def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None:
@@ -338,3 +346,113 @@ def test_the_series_code_names_a_vf_s15(model: str, named: tuple[str, ...]) -> N
     link = f"sim://{model}@1?drives=9600-8N1&baud=9600&format=8N1&name=series"
     (found,), _ = scan_9600(tuple(profiles.models()), link, [1], encodings=["rtu"])
     assert found.models == named
+
+
+@pytest.fixture(scope="module")
+def passes_at_2() -> list[ScanPass]:
+    return default_plan(addresses=(2,))
+
+
+@pytest.mark.parametrize("model", included_models())
+def test_a_scan_without_options_names_each_model_at_its_factory_setting(
+    model: str, passes_at_2: list[ScanPass]
+) -> None:
+    """The default knew two Modbus models and named 27 others as one of them."""
+    line = profiles.load(model).serial
+    found, _ = walk(f"sim://{model}@2?name=own&drives={line.baud}-{line.format}", passes_at_2)
+    named = [one for one in found if one.models]
+    assert [model in one.models for one in named] == [True]
+    assert named[0].doubtful or named[0].models == (model,)
+
+
+def test_a_scan_without_options_keeps_to_the_settings_of_common_models_and_factory_settings() -> None:
+    """Every setting of every model took 80 minutes instead of 40."""
+    likely_s, total_s = scan_plan.durations_s(default_plan())
+    assert likely_s < 75 and total_s < 50 * 60
+    settings = {(one.candidates[0].encoding, str(one.settings)) for one in default_plan()}
+    assert ("rtu", "115200 8N1") in settings and ("rtu", "57600 8N1") not in settings
+    assert ("ascii", "9600 7N2") in settings and ("ascii", "19200 7N2") not in settings
+    named = {str(one.settings) for one in default_plan(models=("acs550",))}
+    assert "57600 8N1" in named
+
+
+def test_common_models_are_asked_for_first() -> None:
+    first = {one.candidates[0].kind: one.candidates[0].profile.model for one in default_plan()}
+    assert first[("modbus", "rtu")] == "vc660" and first[("modbus", "ascii")] == "df800"
+    assert first[("sunfar", "ascii")] == "c320"
+
+
+def test_binary_frames_are_not_sent_with_7_data_bits() -> None:
+    passes = plan("ms300")
+    assert {one.candidates[0].encoding for one in passes if one.settings.data_bits == 7} == {"ascii"}
+    assert {one.candidates[0].encoding for one in passes} == {"ascii", "rtu"}
+
+
+def test_a_probe_waits_for_the_slowest_model_searched_for() -> None:
+    """A DF800 may take 100 ms; the probe of the VC660 before it waited for 24 ms."""
+    settings = SerialSettings.parse(9600, "8N1")
+    [both] = plan("vc660", "df800", addresses=(1,), encodings=("rtu",), fixed=settings)
+    [one] = plan("df800", addresses=(1,), fixed=settings, encodings=("rtu",))
+    assert both.duration_s == pytest.approx(one.duration_s, rel=0.01)
+    dialect = create_dialect(profiles.load("vc660"), 1, encoding="rtu")
+    assert both.station_config(dialect).timing.reply_delay_s == profiles.load("df800").timing.reply_delay_s
+
+
+def scan_device(reply: Any, **options: Any) -> tuple[list[DetectedDrive], int]:
+    """Scan address 2 at 9600 8N1 without options; ``reply`` makes the device's bytes of a request to it.
+
+    Return what was found, and the number of requests.
+    """
+    settings = SerialSettings.parse(9600, "8N1")
+    passes = scan_plan.plan_scan(*options.pop("models"), **options, addresses=(2,), encodings=("rtu",), fixed=settings)
+
+    def wire(frame: bytes, ended_at: float) -> list[tuple[float, bytes]]:
+        return [(ended_at + 0.01, reply(frame))]
+
+    port = ScriptedPort(wire, settings)
+    found = virtual_time.run(scan.scan(passes, lambda line: port, ScanProgress(total_s=1.0)))
+    return found, len(port.sent)
+
+
+def modbus_plan() -> dict[str, Any]:
+    common, others = scan_plan.default_models()
+    keep = [[one for one in models if one.family == "modbus"] for models in (common, others)]
+    return {"models": (keep[0],), "others": keep[1]}
+
+
+def test_an_exception_to_every_read_is_a_device_of_another_model_and_no_noise() -> None:
+    """Regression: 02 83 02 30 F1, the well-formed exception of an unknown Modbus device, was called noise."""
+
+    def refuse(frame: bytes) -> bytes:
+        head = bytes([frame[0], frame[1] | 0x80, 2])
+        return head + crc16(head).to_bytes(2, "little")
+
+    (found,), requests = scan_device(refuse, **modbus_plan())
+    assert found.valid_reply and found.doubtful and found.models == () and requests > 20
+    assert found.exchange[1] == bytes.fromhex("02 83 02 30 F1")
+
+
+def test_noise_at_an_address_ends_its_probes_after_four() -> None:
+    (found,), requests = scan_device(lambda frame: b"\x55\xaa\x00", **modbus_plan())
+    assert not found.valid_reply and found.models == () and requests == scan.MAX_UNREADABLE_REPLIES == 4
+
+
+def test_a_model_that_fits_only_partly_is_not_named_without_doubt() -> None:
+    """Its status register answers, its other registers don't: it was the only one of those searched for."""
+
+    def status_only(frame: bytes) -> bytes:
+        is_status = frame[1:6] == bytes.fromhex("03 30 00 00 01")
+        head = bytes([2, 3, 2, 0, 1]) if is_status else bytes([2, frame[1] | 0x80, 2])
+        return head + crc16(head).to_bytes(2, "little")
+
+    (found,), _ = scan_device(status_only, models=([profiles.load("vc660")],))
+    assert found.models == ("vc660",) and found.fits_partly and found.doubtful
+
+
+def test_the_announced_time_of_a_device_that_answers_is_kept() -> None:
+    """It is asked for every model."""
+    [one] = default_plan(addresses=(2,), encoding="rtu", bauds=(9600,), formats=("8N1",))[:1]
+    assert one.candidates[0].profile.family == "modbus"
+    link = "sim://vc660@2?drives=9600-8N1&baud=9600&format=8N1&name=announced"
+    seconds = scan_9600(tuple(profiles.models()), link, [2], encodings=["rtu"])[1]
+    assert seconds <= scan_plan.device_duration_s(one) + one.duration_s < 6

@@ -25,7 +25,7 @@ from drivebus.errors import CapabilityError, LimitError
 from drivebus.ports import open_port
 from drivebus.protocols.family import (
     clear_registry,
-    default_scan_models,
+    common_scan_models,
     protocol_families,
     protocol_family,
     register,
@@ -133,7 +133,7 @@ def test_the_registry_finds_the_family_by_its_entry_point(installed: None) -> No
         "toy",
     ]
     assert protocol_family("toy").max_error_rate == 0.005
-    assert default_scan_models()[-1] == "toy1"
+    assert common_scan_models()[-1] == "toy1"
 
 
 def test_a_family_can_be_registered_without_an_entry_point_but_not_replace_a_built_in_one(installed: None) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 
 from drivebus import profiles
 from drivebus.bus import Bus
-from drivebus.commissioning.scan import ScanProgress, plan_scan, scan
+from drivebus.commissioning.scan import ScanProgress, scan
+from drivebus.commissioning.scan_plan import plan_scan
 from drivebus.drives import Drive, MemoryStore, create_dialect
 from drivebus.errors import DrivebusError
 from drivebus.serial_settings import SerialSettings
@@ -214,7 +215,7 @@ class StatementSession:
         found = self.loop.run_until_complete(scan(passes, lambda settings: self.line, progress))
         replied = any(e.reaction is not None for e in self.line.exchanges)
         for one in found:
-            key = "scan.found" if one.valid_reply else "scan.no_valid_reply"
+            key = "scan.found" if one.models else "scan.rejected" if one.valid_reply else "scan.no_valid_reply"
             self.campaign_run.count(f"scan: {key}")
             self.campaign_run.trace(f"{self.kind.name}/{self.number} {key} {one.address}")
             statement = _scan_statement(key)

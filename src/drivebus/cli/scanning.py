@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +16,8 @@ from drivebus.cli.output import ProgressBar, format_duration
 from drivebus.types import Json
 
 if TYPE_CHECKING:
-    from drivebus.commissioning.scan import DetectedDrive, ScanPass, ScanProgress, SniffResult
+    from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
+    from drivebus.commissioning.scan_plan import ScanPass
     from drivebus.ports import Port
     from drivebus.serial_settings import SerialSettings
 
@@ -47,12 +49,9 @@ def parse_formats(text: str) -> tuple[str, ...]:
 
 def search_options() -> list[click.Parameter]:
     """Return ``--models``, ``--addresses``, ``--bauds`` and ``--formats``: what a scan looks for."""
-    from drivebus.protocols.family import default_scan_models
-
     models = options.ParsedType("models", parse_words, "cli.expect.models")
-    default = ",".join(default_scan_models())
     return [
-        Option(["--models"], default=default, type=models, metavar="M,...", example="--models c320,vc660"),
+        Option(["--models"], type=models, metavar="M,...", example="--models c320,vc660"),
         Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
         Option(
             ["--bauds"],
@@ -80,10 +79,10 @@ def listen_option() -> click.Option:
 
 @dataclass(frozen=True, kw_only=True)
 class ScanRequest:
-    """Port and range of a scan; None stands for every value that the models have."""
+    """Port and range of a scan; None stands for every value that the models have, and for every included model."""
 
     port: str
-    models: tuple[str, ...]
+    models: tuple[str, ...] | None = None
     addresses: tuple[int, ...] | None = None
     bauds: tuple[int, ...] | None = None
     formats: tuple[str, ...] | None = None
@@ -92,12 +91,20 @@ class ScanRequest:
     def plan(self) -> list[ScanPass]:
         """Return the passes. ``?baud=`` and ``&format=`` of the URL, and a raw TCP server, fix the settings."""
         from drivebus import ports, profiles
-        from drivebus.commissioning.scan import FIXED_SETTINGS_SCHEMES, plan_scan, with_look_alikes
+        from drivebus.commissioning.scan_plan import (
+            FIXED_SETTINGS_SCHEMES,
+            default_models,
+            plan_scan,
+            with_look_alikes,
+        )
 
+        named = None if self.models is None else with_look_alikes([profiles.load(model) for model in self.models])
+        models, others = default_models() if named is None else (named, [])
         parsed = ports.parse_port_url(self.port)
         fixed = ports.open_port(self.port).settings if parsed.scheme in FIXED_SETTINGS_SCHEMES else None
         return plan_scan(
-            with_look_alikes([profiles.load(model) for model in self.models]),
+            models,
+            others=others,
             addresses=self.addresses,
             bauds=self.bauds or ((parsed.settings.baud,) if "baud" in parsed.explicit else None),
             formats=self.formats or ((parsed.settings.format,) if "format" in parsed.explicit else None),
@@ -113,7 +120,7 @@ class ScanRequest:
 
 
 async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] | None:
-    """Listen, then scan; return the drives with a valid reply, or None if another master is active.
+    """Listen, then scan; return the drives that a model fits, or None if another master is active.
 
     Raises PortUnavailable.
     """
@@ -129,7 +136,7 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
     progress = scan.ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
     with ScanProgressBar() as bar:
         await scan.scan(passes, request.open_port, progress, bar.on_progress)
-    return [drive for drive in progress.found if drive.valid_reply]
+    return [drive for drive in progress.found if drive.models]
 
 
 def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive], None]) -> list[DetectedDrive]:
@@ -148,6 +155,16 @@ def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive],
         if drive.address not in alike:
             left_out(drive)
     return [alike[address] for address in sorted(alike)]
+
+
+def note_assumed_models(drives: list[DetectedDrive]) -> None:
+    """Print a note on each drive whose model the bus can't tell; the first one that fits is taken."""
+    for drive in drives:
+        if drive.fits_partly:
+            output.print_note("scan.assumed_partly", address=drive.address, models="/".join(drive.models))
+        elif drive.doubtful:
+            first, *others = drive.models
+            output.print_note("scan.assumed", address=drive.address, model=first, others=", ".join(others))
 
 
 # --- output -------------------------------------------------------------------------------------------------------
@@ -176,7 +193,7 @@ class ScanProgressBar(ProgressBar):
 
 def _device_params(drive: DetectedDrive) -> dict[str, Any]:
     return {
-        "models": "/".join(drive.models),
+        "models": "/".join(drive.models) or output.text("scan.unknown"),
         "address": drive.address,
         "settings": str(drive.settings),
         "encoding": drive.encoding,
@@ -218,6 +235,7 @@ def device_json(drive: DetectedDrive) -> Json:
         "format": drive.settings.format,
         "doubtful": drive.doubtful,
         "valid_reply": drive.valid_reply,
+        "fits_partly": drive.fits_partly,
         "setpoint_steps_hz": dict(drive.setpoint_steps_hz),
         "sent": drive.exchange[0],
         "received": drive.exchange[1],
@@ -228,6 +246,10 @@ def _note(drive: DetectedDrive) -> str:
     """Return why the model is in doubt; empty where it is not."""
     if not drive.valid_reply:
         return output.text("scan.no_valid_reply")
+    if not drive.models:
+        return output.text("scan.rejected", family=drive.family)
+    if drive.fits_partly:
+        return output.text("scan.partly")
     if not drive.doubtful:
         return ""
     models_by_step: dict[float | None, list[str]] = {}
@@ -251,7 +273,7 @@ def _scan_table(found: list[DetectedDrive]) -> str:
     rows = [
         [
             str(drive.address),
-            " / ".join(drive.models),
+            " / ".join(drive.models) or output.text("scan.unknown"),
             drive.encoding,
             str(drive.settings),
             _note(drive),
@@ -262,17 +284,19 @@ def _scan_table(found: list[DetectedDrive]) -> str:
 
 
 def duration_params(passes: list[ScanPass]) -> dict[str, str]:
-    """Return the announced durations: of the likely settings and addresses, and of all."""
-    from drivebus.commissioning.scan import durations_s
+    """Return the announced durations: of the likely settings and addresses, of all, and of a device that answers."""
+    from drivebus.commissioning.scan_plan import device_duration_s, durations_s
 
     likely, total = durations_s(passes)
-    return {"likely": format_duration(likely), "time": format_duration(total)}
+    usual = [each for each in passes if each.is_likely and each.has_factory_settings]
+    device = max(map(device_duration_s, usual or passes[:1]), default=0.0)
+    return {"likely": format_duration(likely), "time": format_duration(total), "device_s": f"{ceil(device)}"}
 
 
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
     """Print the first request of each pass, byte for byte, and the number of requests."""
     from drivebus.cli.dry_run import plan_frames
-    from drivebus.commissioning.scan import durations_s, probe_request
+    from drivebus.commissioning.scan_plan import durations_s, probe_request
     from drivebus.drives.dialects.create import create_dialect
 
     documents = []

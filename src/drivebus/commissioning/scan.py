@@ -1,7 +1,7 @@
 """Search for drives on a bus: protocol family, address and serial settings, by reads only.
 
-``plan_scan`` decides without a port what to probe, in which order, and how long it takes if no drive answers. ``scan``
-runs the plan on real buses, with one opening of the port per pass; ``sniff`` listens before anything is sent.
+``scan`` runs a plan (``scan_plan``) on real buses, with one opening of the port per pass; ``sniff`` listens before
+anything is sent.
 """
 
 from __future__ import annotations
@@ -11,167 +11,19 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivebus import profiles
 from drivebus.bus import Bus
-from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
+from drivebus.commissioning.scan_plan import ScanCandidate, ScanPass, further_reads, probe_frame, probe_request
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
-from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP
 from drivebus.errors import PortError, PortLost
 from drivebus.ports import Port
-from drivebus.profiles.model import DriveProfile
-from drivebus.protocols.codec import Effect
-from drivebus.protocols.family import protocol_family
 from drivebus.serial_settings import SerialSettings
 
-FIXED_SETTINGS_SCHEMES = frozenset({"tcp", "memory", "replay"})
-"""Port schemes whose serial settings can't be changed: they get one pass."""
-LIKELY_BAUDS = (9600, 19200, 4800, 38400)
-LIKELY_ADDRESSES = range(9)
-"""Searched first: nearly every drive is found there, long before the rest."""
+MAX_UNREADABLE_REPLIES = 4
+"""Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
 PARAMETER_NUMBERS = 1000
 """Registers below it are parameters in many drives, so that a status register there proves little."""
-
-
-@dataclass(frozen=True, slots=True)
-class ScanCandidate:
-    """Model in one encoding that may be on the bus."""
-
-    profile: DriveProfile
-    encoding: str
-
-    @property
-    def kind(self) -> tuple[str, str]:
-        """Family and encoding: candidates with the same frames are probed together."""
-        return self.profile.family, self.encoding
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScanPass:
-    """Scan with a single serial setting: candidates and addresses."""
-
-    settings: SerialSettings
-    candidates: tuple[ScanCandidate, ...]
-    addresses: tuple[int, ...]
-    has_factory_settings: bool
-    """The setting is the factory setting of a candidate."""
-    is_likely: bool
-    """Part of the first search, of ``LIKELY_BAUDS`` and ``LIKELY_ADDRESSES``."""
-    duration_s: float
-    """Duration in seconds if no drive answers."""
-
-    @property
-    def probe_count(self) -> int:
-        return len(self.addresses)
-
-
-def with_look_alikes(wanted: Sequence[DriveProfile]) -> list[DriveProfile]:
-    """Add the models of a family that a scan can't tell from a wanted one and that count in another step."""
-    families = {profile.family for profile in wanted if SETPOINT_STEP in profile.options}
-    known = {profile.model for profile in wanted}
-    names = [name for family in sorted(families) for name in protocol_family(family).scan_models if name not in known]
-    return [*wanted, *(profile for profile in map(profiles.load, names) if SETPOINT_STEP in profile.options)]
-
-
-def plan_scan(
-    models: Sequence[DriveProfile],
-    *,
-    addresses: Sequence[int] | None = None,
-    bauds: Sequence[int] | None = None,
-    formats: Sequence[str] | None = None,
-    encodings: Sequence[str] | None = None,
-    fixed: SerialSettings | None = None,
-) -> list[ScanPass]:
-    """Return the passes: likely ones first, factory settings first among them.
-
-    ``fixed`` is the only setting of a port that has no choice.
-    """
-    kinds: dict[tuple[str, str], list[ScanCandidate]] = {}
-    for profile in models:
-        for encoding in profile.encodings:
-            if encodings is None or encoding in encodings:
-                kinds.setdefault((profile.family, encoding), []).append(ScanCandidate(profile, encoding))
-    passes: list[ScanPass] = []
-    for candidates in kinds.values():
-        for settings in _serial_settings(candidates, bauds, formats, fixed):
-            passes += _build_passes(candidates, settings, addresses)
-    return sorted(passes, key=_search_order)
-
-
-def _search_order(scan_pass: ScanPass) -> tuple[bool, bool, int, int]:
-    baud = scan_pass.settings.baud
-    rank = LIKELY_BAUDS.index(baud) if baud in LIKELY_BAUDS else len(LIKELY_BAUDS)
-    return not scan_pass.is_likely, not scan_pass.has_factory_settings, rank, -baud
-
-
-def _serial_settings(
-    candidates: Sequence[ScanCandidate],
-    bauds: Sequence[int] | None,
-    formats: Sequence[str] | None,
-    fixed: SerialSettings | None,
-) -> list[SerialSettings]:
-    """Return the serial settings that a candidate can have, each once."""
-    if fixed is not None:
-        return [fixed]
-    found: dict[SerialSettings, None] = {}
-    for candidate in candidates:
-        line = candidate.profile.serial
-        for baud in bauds or (line.baud, *line.bauds):
-            for format in formats or (line.format, *line.formats):
-                found[SerialSettings.parse(baud, format)] = None
-    return list(found)
-
-
-def _build_passes(
-    candidates: Sequence[ScanCandidate], settings: SerialSettings, addresses: Sequence[int] | None
-) -> list[ScanPass]:
-    """Return one pass over the likely addresses and one over the others, where there are any."""
-    low = min(candidate.profile.addresses[0] for candidate in candidates)
-    high = max(candidate.profile.addresses[1] for candidate in candidates)
-    broadcasts = {candidate.profile.broadcast for candidate in candidates}
-    wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
-    factory = any(str(settings) == f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates)
-    usual = settings.baud in LIKELY_BAUDS
-    likely = tuple(address for address in wanted if usual and address in LIKELY_ADDRESSES)
-    others = tuple(address for address in wanted if address not in likely)
-    probe_s = probe_duration_s(candidates[0], settings)
-    return [
-        ScanPass(
-            settings=settings,
-            candidates=tuple(candidates),
-            addresses=part,
-            has_factory_settings=factory,
-            is_likely=part is likely,
-            duration_s=len(part) * probe_s,
-        )
-        for part in (likely, others)
-        if part
-    ]
-
-
-def durations_s(passes: Sequence[ScanPass]) -> tuple[float, float]:
-    """Return the seconds of the likely passes and of all passes if no drive answers."""
-    return sum(each.duration_s for each in passes if each.is_likely), sum(each.duration_s for each in passes)
-
-
-def probe_duration_s(candidate: ScanCandidate, settings: SerialSettings) -> float:
-    """Return the seconds of a probe without reply: gap, frame, reply timeout."""
-    dialect = create_dialect(candidate.profile, max(1, candidate.profile.addresses[0]), encoding=candidate.encoding)
-    request = probe_request(dialect)
-    codec, timing = dialect.station_config.codec, dialect.station_config.timing
-    sent = settings.seconds(len(codec.encode_request(request)))
-    return timing.gap_s(settings) + sent + timing.timeout_s(settings, codec.largest_reply(request))
-
-
-def probe_request(dialect: Dialect) -> Any:
-    """Return the probe of an address: the read of the status alone, or of one signal where the drive reports none.
-
-    Raises ValueError if its bytes could do more than read.
-    """
-    request = dialect.echo_test_read()
-    if dialect.station_config.effect_of(dialect.station_config.codec.encode_request(request)) is not Effect.NONE:
-        raise ValueError(f"{request} is not a read")
-    return request
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +31,10 @@ class DetectedDrive:
     """Station that answered a probe."""
 
     models: tuple[str, ...]
-    """Models that fit, the most likely first; related models with the same frames can't be distinguished."""
+    """Models that fit, the most likely first; related models with the same frames can't be distinguished.
+
+    Empty without a valid reply, and for a device that rejects the reads of every model.
+    """
     setpoint_steps_hz: Mapping[str, float | None]
     """Model to the step in Hz in which it counts its frequency; None for a share of its maximum frequency."""
     family: str
@@ -190,11 +45,13 @@ class DetectedDrive:
     """Request and reply."""
     valid_reply: bool = True
     """False: bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
+    fits_partly: bool = False
+    """The status register answers, but not with a state of these models, or not their other registers."""
 
     @property
     def doubtful(self) -> bool:
         """Whether the bus can't tell which model it is."""
-        return not self.valid_reply or len(self.models) > 1
+        return not self.valid_reply or len(self.models) != 1 or self.fits_partly
 
 
 @dataclass(slots=True, kw_only=True)
@@ -313,6 +170,49 @@ def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int)
     )
 
 
+@dataclass(slots=True, kw_only=True)
+class _ProbedAddress:
+    """Replies of one address to the probes of a pass; each request is sent once."""
+
+    bus: Bus
+    scan_pass: ScanPass
+    replies: dict[tuple[bytes, int], Any] = field(default_factory=dict)
+    """Probe and size of its reply to the reply, None where it was rejected or missing."""
+    received: BusResult | None = None
+    """First exchange with bytes of the station."""
+    rejected: BusResult | None = None
+    """First valid frame that rejects a probe."""
+    answered: BusResult | None = None
+    """First reply with what was asked for."""
+    unreadable: int = 0
+    """Exchanges with bytes that are no valid frame."""
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether there were enough damaged replies, and no valid frame, to ask no further."""
+        return not (self.rejected or self.answered) and self.unreadable >= MAX_UNREADABLE_REPLIES
+
+    async def reply_to(self, dialect: Dialect, request: Any) -> Any | None:
+        """Return the reply to a request; None where it was rejected or missing."""
+        probe = probe_frame(dialect, request)
+        if probe not in self.replies:
+            result = await _probe(self.bus, self.scan_pass.station_config(dialect), request)
+            is_rejected = result.reply is not None and dialect.rejection(result.reply) is not None
+            self.replies[probe] = None if is_rejected else result.reply
+            if result.received:
+                self.received = self.received or result
+                self.unreadable += result.reply is None
+            if is_rejected:
+                self.rejected = self.rejected or result
+            elif result.reply is not None:
+                self.answered = self.answered or result
+        return self.replies[probe]
+
+    async def answers_all(self, dialect: Dialect) -> bool:
+        """Return whether the registers of state and identity of a model are answered."""
+        return all([await self.reply_to(dialect, read) is not None for read in further_reads(dialect)])
+
+
 async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
     """Probe an address with the first candidate, and with the others only if bytes are received.
 
@@ -320,47 +220,28 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     models whose status has the value that was read, and whose other registers of state and identity were answered, are
     named, if there are any.
     """
+    probed = _ProbedAddress(bus=bus, scan_pass=scan_pass)
     fits: list[ScanCandidate] = []
-    doubtful: set[str] = set()
-    answered: dict[tuple[bytes, int], Any] = {}  # probe, size of its reply: the reply, None if rejected or missing
-    first: BusResult | None = None
-    good: BusResult | None = None
-
-    async def reply_to(dialect: Dialect, request: Any) -> Any | None:
-        nonlocal first, good
-        probe = dialect.codec.encode_request(request), dialect.codec.reply_size(request)
-        if probe not in answered:
-            result, rejected = await _probe(bus, dialect, request)
-            answered[probe] = None if rejected else result.reply
-            if result.received:
-                first = first or result
-            if answered[probe] is not None:
-                good = good or result
-        return answered[probe]
-
-    async def answers_all(dialect: Dialect) -> bool:
-        further = [*dialect.state_reads()[:1], dialect.model_check()]
-        return all([await reply_to(dialect, read) is not None for read in further if read is not None])
-
+    partly: list[ScanCandidate] = []
     for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
             continue
         dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
         request = probe_request(dialect)
-        reply = await reply_to(dialect, request)
-        if first is None:
+        reply = await probed.reply_to(dialect, request)
+        if probed.received is None:
             return None
         if reply is not None:
-            fits.append(candidate)
-            if _is_foreign_status(dialect, request, reply) or not await answers_all(dialect):
-                doubtful.add(candidate.profile.model)
-    if first is None:
+            is_foreign = _is_foreign_status(dialect, request, reply) or not await probed.answers_all(dialect)
+            (partly if is_foreign else fits).append(candidate)
+        if probed.is_noise:
+            break
+    answer = probed.answered or probed.rejected or probed.received
+    if answer is None:
         return None
-    answer = good or first
-    fits = [candidate for candidate in fits if candidate.profile.model not in doubtful] or fits
-    candidates = _prefer_status_register(fits) if fits else list(scan_pass.candidates)
-    if good is not None and fits:
-        candidates = await _named_by_code(candidates, address, reply_to) or candidates
+    candidates = _prefer_status_register(fits or partly)
+    if candidates:
+        candidates = await _named_by_code(candidates, address, probed.reply_to) or candidates
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
         setpoint_steps_hz={
@@ -374,7 +255,8 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         address=address,
         settings=scan_pass.settings,
         exchange=(answer.sent, answer.received),
-        valid_reply=bool(fits),
+        valid_reply=answer is not probed.received or answer.reply is not None,
+        fits_partly=bool(partly) and not fits,
     )
 
 
@@ -401,32 +283,41 @@ def _is_foreign_status(dialect: Dialect, request: Any, reply: Any) -> bool:
 def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate]:
     """Prefer models whose status register answered to those of a parameter that many drives have.
 
-    A model without status register stays beside them where all of these registers may be parameters of its own; models
-    whose status register has a number that is a parameter in many drives come last.
+    A model without status register stays beside them where its own register is none of these parameters, or where all
+    of their registers may be parameters of its own; models whose status register may be a parameter come last.
     """
     registers = [status.register for candidate in fits if (status := candidate.profile.status) is not None]
 
-    def stays(profile: DriveProfile) -> bool:
-        highest = -1 if profile.notation.style == "register" else profile.notation.highest
-        return profile.status is not None or max(registers, default=-1) <= highest
+    def stays(candidate: ScanCandidate) -> bool:
+        profile = candidate.profile
+        if profile.status is not None or _probe_register(candidate) >= PARAMETER_NUMBERS:
+            return True
+        highest = PARAMETER_NUMBERS - 1 if profile.notation.style == "register" else profile.notation.highest
+        return max(registers, default=-1) <= highest
 
     def may_be_a_parameter(candidate: ScanCandidate) -> bool:
         status = candidate.profile.status
         return status is not None and status.register < PARAMETER_NUMBERS
 
-    return sorted((one for one in fits if stays(one.profile)), key=may_be_a_parameter)
+    return sorted(filter(stays, fits), key=may_be_a_parameter)
 
 
-async def _probe(bus: Bus, dialect: Dialect, request: Any) -> tuple[BusResult, bool]:
-    """Send one probe; the second value is True if the drive rejected it."""
-    bus.add_station(dialect.station_config)
+def _probe_register(candidate: ScanCandidate) -> int:
+    """Return the register that a probe reads; 0 in a protocol without registers."""
+    address = max(1, candidate.profile.addresses[0])
+    request = probe_request(create_dialect(candidate.profile, address, encoding=candidate.encoding))
+    return getattr(request, "register", 0)
+
+
+async def _probe(bus: Bus, station: StationConfig, request: Any) -> BusResult:
+    """Send one probe. Raises PortUnavailable, PortLost."""
+    bus.add_station(station)
     try:
         result = await bus.transact(
-            BusRequest(station=dialect.address, request=request, priority=RequestPriority.PROBE)
+            BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE)
         )
     finally:
-        bus.remove_station(dialect.address)
+        bus.remove_station(station.address)
     if isinstance(result.error, PortError):
         raise result.error
-    rejected = result.reply is not None and dialect.rejection(result.reply) is not None
-    return result, rejected
+    return result

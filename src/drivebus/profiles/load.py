@@ -70,7 +70,12 @@ def models() -> list[str]:
     own: list[str] = []
     with suppress(ProfileError):  # the directory may be unreadable
         own = sorted(_user_files())
-    return [*_builtin_files(), *_family_files(), *own]
+    return [*included_models(), *own]
+
+
+def included_models() -> list[str]:
+    """Return the built-in models and those of other families, without the user's."""
+    return [*_builtin_files(), *_family_files()]
 
 
 def load(model: str | Path) -> m.DriveProfile:

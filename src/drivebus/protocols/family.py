@@ -87,7 +87,9 @@ class ProtocolFamily:
     profile_simulator: Any = None
     """``model -> simulator.models.SimulatedModel | None``, for a profile without a simulated drive of its own."""
     scan_models: tuple[str, ...] = ()
-    """Default models of a scan."""
+    """Common models: a scan looks for them first, and at every serial setting that they can have."""
+    binary_encodings: frozenset[str] = frozenset()
+    """Encodings whose bytes need 8 data bits."""
     profiles: Path | None = None
     """Folder of the TOML profiles that come with the family; None: they are with the built-in ones."""
     catalogues: Path | None = None
@@ -121,8 +123,8 @@ def protocol_families() -> tuple[ProtocolFamily, ...]:
     return tuple(found.values())
 
 
-def default_scan_models() -> tuple[str, ...]:
-    """Return the default models of a scan."""
+def common_scan_models() -> tuple[str, ...]:
+    """Return the common models of every family, those that a scan looks for first."""
     return tuple(model for family in protocol_families() for model in family.scan_models)
 
 

@@ -154,6 +154,22 @@ def test_a_scan_writes_the_stations_that_replied(tmp_path: Path) -> None:
     assert (bus.baud, bus.format) == (9600, "8N1")
 
 
+def test_a_scan_writes_the_model_of_a_less_common_make_and_notes_what_it_can_not_tell(tmp_path: Path) -> None:
+    """Regression: a Goodrive 10 was written as a VC660."""
+    path = tmp_path / "plant.toml"
+    words = ["--scan", "--addresses", "2", "--listen-seconds", "0", "-o", path]
+    assert init("sim://gd10@2?drives=19200-8E1", *words).exit_code == 0
+    assert [drive.model for drive in config.load(path).drives] == ["gd10"]
+    result = init("sim://svd_p@2?drives=9600-8N2", *words, "--force")
+    assert "shihlin_se2 is assumed" in result.output and "svd_p" in path.read_text(encoding="utf-8")
+
+
+def test_a_model_that_fits_only_partly_is_written_with_its_doubt() -> None:
+    drives = (DriveAnswer(1, "vc660", is_doubtful=True), DriveAnswer(2, "vc660"))
+    text = plant_toml(PlantAnswers("x", (BusAnswer("tcp://127.0.0.1:1", drives),)), "en")
+    assert text.count("check the nameplate") == 1 and "in doubt" in text
+
+
 def test_a_scan_without_a_reply_writes_nothing(tmp_path: Path) -> None:
     words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen-seconds", "0", "-o", tmp_path / "plant.toml"]
     result = init("sim://vc660@1?drives=1200-8N1&baud=38400&format=8N1", *words)

@@ -13,7 +13,14 @@ import click
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.scanning import ScanRequest, listen_option, search, search_options, select_alike
+from drivebus.cli.scanning import (
+    ScanRequest,
+    listen_option,
+    note_assumed_models,
+    search,
+    search_options,
+    select_alike,
+)
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive
@@ -24,7 +31,7 @@ def _init(
     ports: tuple[str, ...],
     scan: bool,
     answers: str | None,
-    models: tuple[str, ...],
+    models: tuple[str, ...] | None,
     addresses: tuple[int, ...] | None,
     bauds: tuple[int, ...] | None,
     formats: tuple[str, ...] | None,
@@ -110,9 +117,17 @@ def _bus_answer(port: str, found: list[DetectedDrive]) -> BusAnswer:
         models = "/".join(drive.models)
         output.print_note("plant_init.left_out", link=port, address=drive.address, models=models)
 
+    chosen = select_alike(found, left_out)
+    note_assumed_models(chosen)
     drives = tuple(
-        DriveAnswer(drive.address, drive.models[0], encoding=drive.encoding, others=drive.models[1:])
-        for drive in select_alike(found, left_out)
+        DriveAnswer(
+            drive.address,
+            drive.models[0],
+            encoding=drive.encoding,
+            others=drive.models[1:],
+            is_doubtful=drive.fits_partly,
+        )
+        for drive in chosen
     )
     return BusAnswer(port, drives, found[0].settings.baud, found[0].settings.format)
 

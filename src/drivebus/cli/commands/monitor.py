@@ -10,7 +10,7 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.drive_command import RemoteCommand, reject_local_options
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.scanning import ScanRequest, print_scan_plan, search, select_alike
+from drivebus.cli.scanning import ScanRequest, note_assumed_models, print_scan_plan, search, select_alike
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -44,17 +44,11 @@ class MonitorOptions:
     def is_capture(self) -> bool:
         return self.source.endswith(".dbcap")
 
-    @property
-    def models(self) -> tuple[str, ...]:
-        from drivebus.protocols.family import default_scan_models
-
-        return (self.model,) if self.model else tuple(default_scan_models())
-
     def scan_request(self) -> ScanRequest:
         """Return the scan that finds the drives that the options do not name."""
         return ScanRequest(
             port=self.source,
-            models=self.models,
+            models=(self.model,) if self.model else None,
             addresses=self.addresses,
             bauds=(self.baud,) if self.baud else None,
             formats=(self.format,) if self.format else None,
@@ -90,9 +84,10 @@ def _play_capture(chosen: MonitorOptions) -> ExitCode:
     from drivebus import profiles
     from drivebus.capture.dbcap import read_capture
     from drivebus.cli.tui.capture_source import CaptureRowSource
+    from drivebus.protocols.family import common_scan_models
 
     capture = read_capture(chosen.source)
-    models = [profiles.load(name) for name in chosen.models]
+    models = [profiles.load(name) for name in ((chosen.model,) if chosen.model else common_scan_models())]
     candidates = [(one, each) for one in models for each in one.encodings if chosen.encoding in (None, each)]
     title = output.text(
         "monitor.title_file", file=chosen.source, serial=capture.header.settings, speed=f"{chosen.speed:g}"
@@ -115,10 +110,10 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
         if not found:
             output.print_message("scan.nothing")
             return ExitCode.FAILED
-        stations = [
-            (profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address)
-            for drive in select_alike(found, _report_left_out)
-        ]
+        alike = select_alike(found, _report_left_out)
+        if chosen.model is None:
+            note_assumed_models(alike)
+        stations = [(profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address) for drive in alike]
         baud, format = found[0].settings.baud, found[0].settings.format
     port = open_port(chosen.source, stations[0][0], baud, format)
     title = output.text("monitor.title", port=chosen.source, serial=port.settings, count=len(stations))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 def _scan(
     port: str,
-    models: tuple[str, ...],
+    models: tuple[str, ...] | None,
     addresses: tuple[int, ...] | None,
     bauds: tuple[int, ...] | None,
     formats: tuple[str, ...] | None,

@@ -53,6 +53,7 @@ FAMILY: Final = ProtocolFamily(
     dialect="drivebus.families.huanyang.dialect:HuanyangDialect",
     simulated_models=("drivebus.families.huanyang.station:MODELS",),
     scan_models=("huanyang_hy",),
+    binary_encodings=frozenset({"rtu"}),
     profiles=_FOLDER / "profiles",
     catalogues=_FOLDER / "texts",
 )

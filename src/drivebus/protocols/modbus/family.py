@@ -114,4 +114,5 @@ FAMILY: Final = ProtocolFamily(
     simulated_models=("drivebus.simulator.models.vc660:MODELS", "drivebus.simulator.models.df800:MODELS"),
     profile_simulator="drivebus.commissioning.profile_simulator:simulated_model",
     scan_models=("vc660", "df800"),
+    binary_encodings=frozenset({"rtu"}),
 )

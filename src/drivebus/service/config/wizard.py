@@ -22,13 +22,14 @@ from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictM
 
 @dataclass(frozen=True, slots=True)
 class DriveAnswer:
-    """Drive of a bus. ``others``: sister models that would answer alike."""
+    """Drive of a bus. ``others``: models that would answer alike; ``is_doubtful``: it answers unlike its model."""
 
     address: int
     model: str
     title: str = ""
     encoding: str | None = None
     others: tuple[str, ...] = ()
+    is_doubtful: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +175,9 @@ def _bus_lines(index: int, bus: BusAnswer, language: str) -> Iterator[str]:
 
 def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
     yield from (f"[drive.{id}]", f'bus = "{bus}"', f"address = {drive.address}")
-    sisters = trailing_comment("sisters", language, models=", ".join(drive.others)) if drive.others else ""
-    yield f"model = {toml_string(drive.model)}{sisters}"
+    comment = trailing_comment("sisters", language, models=", ".join(drive.others)) if drive.others else ""
+    comment = trailing_comment("doubtful", language) if drive.is_doubtful and not drive.others else comment
+    yield f"model = {toml_string(drive.model)}{comment}"
     profile = profiles.load(drive.model)
     steps_hz = possible_steps_hz(profile, profile.options)
     if len(steps_hz) > 1:
