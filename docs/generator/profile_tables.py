@@ -184,13 +184,13 @@ def _start_words(commands: CommandMap, language: str) -> str:
     if commands.unlock is not None:
         place, value = f"{commands.unlock.register:04X}H", f"{commands.unlock.value:04X}H"
         made += f"\n{localized(UNLOCK, language).format(place=place, value=value)}\n"
-    fixed = ", ".join(_word(step.word) for step in commands.preparation if step.when is None)
+    fixed = ", ".join(_word(step.word, commands.values.values()) for step in commands.preparation if step.when is None)
     if fixed:
         made += f"\n{localized(EVERY_START, language).format(words=fixed)}\n"
     if commands.status_steps:
         heads = [term(head, language) for head in ("before", "value", "after")]
         rows = [
-            (_match(step.when, language), _word(step.word), _match(step.until, language))
+            (_match(step.when, language), _word(step.word, commands.values.values()), _match(step.until, language))
             for step in commands.status_steps
         ]
         made += f"\n{localized(PREPARATION, language)}\n\n" + table(heads, rows)
@@ -207,9 +207,9 @@ def _match(match: WordMatch | None, language: str) -> str:
     return localized(MATCH, language).format(mask=f"{match.mask:04X}H", value=f"{match.value:04X}H")
 
 
-def _word(value: int) -> str:
-    """Return a whole word: numbers of a list in decimal, words of bits in hexadecimal, as manuals print them."""
-    return str(value) if value <= LAST_LISTED_NUMBER else f"{value:04X}H"
+def _word(value: int, listed: Iterable[int]) -> str:
+    """Return one of the listed words: numbers in decimal, words of bits in hexadecimal, as manuals print them."""
+    return str(value) if max(listed) <= LAST_LISTED_NUMBER else f"{value:04X}H"
 
 
 def _command_value(commands: CommandMap, value: int) -> str:
@@ -217,7 +217,7 @@ def _command_value(commands: CommandMap, value: int) -> str:
     if commands.written_to == "coil":
         return f"{commands.register + value:04X}H"
     if commands.words == 1:
-        return _word(value)
+        return _word(value, commands.values.values())
     return " ".join(f"{value >> 16 * place & 0xFFFF:04X}H" for place in reversed(range(commands.words)))
 
 
@@ -240,7 +240,10 @@ def _status_word(profile: DriveProfile, language: str) -> str:
     if status is None:
         return f"\n{term('no_status', language)}\n"
     rows = [(f"`{name}`", localized(BITS[name], language), f"{mask:04X}H") for name, mask in status.bits.items()]
-    rows += [(f"`{name}`", _value_meaning(name, language), _word(value)) for value, name in status.values.items()]
+    rows += [
+        (f"`{name}`", _value_meaning(name, language), _word(value, status.values))
+        for value, name in status.values.items()
+    ]
     heads = [term(head, language) for head in ("name", "meaning", "value" if status.values else "mask")]
     if status.space in BIT_SPACES:
         place = _coils(status.register, status.bit_count, language)

@@ -1,11 +1,14 @@
-"""Values of a drive: readings with their quality, the scaling of 16-bit words to quantities, and bilingual texts."""
+"""Values of a drive: readings with their quality, the scaling of 16-bit words to quantities, and texts by language."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
+
+from drivebus.i18n import LANGUAGES
 
 Coding = Literal["binary", "signed", "bcd"]
 HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4})[hH]", re.ASCII)
@@ -21,10 +24,42 @@ def parse_hex_word(text: str) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """Text in both languages; as a parameter of a message, ``i18n.text`` picks the language."""
+    """Text in English, Chinese and further languages; as a parameter of a message, ``i18n.text`` picks the language."""
 
     en: str
     zh: str
+    others: tuple[tuple[str, str], ...] = ()
+    """Code and text of each further language."""
+
+    @classmethod
+    def from_mapping(cls, by_language: Mapping[str, str]) -> Text:
+        """Return the text of a mapping from language to text; its first text stands in for en or zh.
+
+        Raises ValueError for an empty mapping.
+        """
+        if not by_language:
+            raise ValueError("a text needs one language at least")
+        others = tuple((language, text) for language, text in by_language.items() if language not in ("en", "zh"))
+        first = next(iter(by_language.values()))
+        en = by_language.get("en") or by_language.get("zh") or first
+        return cls(en, by_language.get("zh") or en, others)
+
+    @classmethod
+    def per_language(cls, make: Callable[[str], str]) -> Text:
+        """Return the text that ``make`` returns for the code of each language of the catalogues."""
+        return cls.from_mapping({language: make(language) for language in LANGUAGES})
+
+    def by_language(self) -> dict[str, str]:
+        """Return the texts by the code of their language."""
+        return {"en": self.en, "zh": self.zh, **dict(self.others)}
+
+    def in_language(self, language: str) -> str:
+        """Return the text in a language, in English where it has none."""
+        return self.by_language().get(language, self.en)
+
+    def replace(self, old: str, new: str) -> Text:
+        """Return the text with a part replaced in every language."""
+        return Text.from_mapping({language: text.replace(old, new) for language, text in self.by_language().items()})
 
 
 class Quality(StrEnum):

@@ -15,16 +15,18 @@ from drivebus.bus import Bus
 from drivebus.drives import Drive
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import ProfileError
+from drivebus.i18n import LANGUAGES as LANGUAGES_OF_CATALOGUES
 from drivebus.ports import open_port
 from drivebus.profiles import toml_file
 from drivebus.profiles.load import DATA_DIRECTORY
-from drivebus.profiles.schema import BilingualTextIn
+from drivebus.service.live.views import text_json
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to"
 MOST_LINES = 25
-LANGUAGES = set(BilingualTextIn.model_fields)
+LANGUAGES = set(LANGUAGES_OF_CATALOGUES)
 TEXT_KEYS = {"maker", "title", "text", "help", "cause", "remedy", "reason", "procedure", "keypad", "wiring"}
 
 
@@ -60,6 +62,27 @@ def test_a_plain_string_serves_both_languages(mill: Path) -> None:
 def test_a_text_in_chinese_alone_serves_english_too(mill: Path) -> None:
     mill.write_text(mill.read_text().replace('"Acme V1 of the mill"', '{ zh = "磨床变频器" }'), encoding="utf-8")
     assert profiles.load("mill").title == Text("磨床变频器", "磨床变频器")
+
+
+def test_a_third_language_is_data(mill: Path) -> None:
+    """It reaches whoever shows the text, and stands in for English where there is no other."""
+    table = '{ en = "mill", zh = "磨床", de = "Mühle" }'
+    mill.write_text(mill.read_text().replace('"Acme V1 of the mill"', table), encoding="utf-8")
+    title = profiles.load("mill").title
+    assert text_json(title) == {"en": "mill", "zh": "磨床", "de": "Mühle"}
+    assert (title.in_language("de"), title.in_language("fr")) == ("Mühle", "mill")
+    mill.write_text(mill.read_text().replace(table, '{ de = "Mühle" }'), encoding="utf-8")
+    assert profiles.load("mill").title.by_language() == {"en": "Mühle", "zh": "Mühle", "de": "Mühle"}
+
+
+@pytest.mark.parametrize("language", ["German", "d", "de_DE", "title"])
+def test_a_key_that_is_no_language_code_is_rejected(mill: Path, language: str) -> None:
+    table = f'{{ en = "mill", {language} = "Mühle" }}'
+    mill.write_text(mill.read_text().replace('"Acme V1 of the mill"', table), encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        profiles.load("mill")
+    (found,) = caught.value.params["complaints"]
+    assert found.key == f"title.{language}" and found.line is not None
 
 
 def test_a_plain_string_replaces_both_languages_of_the_base(mill: Path) -> None:

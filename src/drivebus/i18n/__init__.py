@@ -76,8 +76,9 @@ def known(key: str) -> bool:
 
 def _localized(value: Any, language: str) -> Any:
     """Return a value in one language: a ``Text`` of a profile, or the sentence of an error or an outcome."""
-    if hasattr(value, "en") and hasattr(value, "zh"):
-        return getattr(value, language)
+    in_language = getattr(value, "in_language", None)
+    if callable(in_language):
+        return in_language(language)
     sentence = getattr(value, "text", None)
     return sentence(language) if callable(sentence) else value
 

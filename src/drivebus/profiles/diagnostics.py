@@ -128,7 +128,7 @@ def profile_error(complaints: Sequence[Diagnostic]) -> ProfileError:
 def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
     """Return the parameters of a configuration error: those of the first fault, and all ``complaints``."""
     first = complaints[0]
-    everything = Text(*("\n".join(c.text(language) for c in complaints) for language in i18n.LANGUAGES))
+    everything = Text.per_language(lambda language: "\n".join(c.text(language) for c in complaints))
     return {
         "file": first.file,
         "line": first.line,
@@ -143,8 +143,8 @@ def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
 
 
 def bilingual_text(key: str, /, **params: Any) -> Text:
-    """Return a text of the catalogues in both languages."""
-    return Text(i18n.text(key, "en", **params), i18n.text(key, "zh", **params))
+    """Return a text of the catalogues in their languages."""
+    return Text.per_language(lambda language: i18n.text(key, language, **params))
 
 
 def dotted_key(path: Sequence[str | int]) -> str:

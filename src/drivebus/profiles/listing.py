@@ -39,7 +39,7 @@ def model_summary(name: str, profile: DriveProfile) -> dict[str, Any]:
 
 
 def matches_search(summary: dict[str, Any], search: str) -> bool:
-    """Return whether model, maker and title, in either language, contain every word of a search."""
-    texts = [summary["model"], *(text for name in ("maker", "title") for text in (summary[name].en, summary[name].zh))]
+    """Return whether model, maker and title, in any language, contain every word of a search."""
+    texts = [summary["model"], *(text for name in ("maker", "title") for text in summary[name].by_language().values())]
     joined = " ".join(texts).casefold()
     return all(word in joined for word in search.casefold().split())

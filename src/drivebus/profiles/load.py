@@ -34,7 +34,6 @@ from drivebus.profiles.diagnostics import (
 )
 from drivebus.profiles.schema import (
     NEWEST_FORMAT,
-    BilingualTextIn,
     BitIn,
     CommandsIn,
     IdentityIn,
@@ -295,8 +294,8 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
     parameters, unplaced = _build_parameters(parsed)
     return m.DriveProfile(
         model=parsed.model,
-        maker=_build_text(parsed.maker),
-        title=_build_text(parsed.title),
+        maker=Text.from_mapping(parsed.maker),
+        title=Text.from_mapping(parsed.title),
         family=parsed.family,
         grade=parsed.grade,
         encodings=tuple(parsed.encodings),
@@ -314,7 +313,9 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         comm_loss=m.CommLossParameters(
             parsed.comm_loss.time, parsed.comm_loss.action, tuple(parsed.comm_loss.trips_values)
         ),
-        caveats=tuple(m.Caveat(i, _build_text(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()),
+        caveats=tuple(
+            m.Caveat(i, Text.from_mapping(c.text), parse_evidence(c.evidence)) for i, c in parsed.caveats.items()
+        ),
         options=option_values(parsed),
         setpoint_scale=_build_setpoint_scale(parsed.setpoint),
         setpoint_share=_build_setpoint_share(parsed),
@@ -326,8 +327,8 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         identity_codes=_build_identity_codes(parsed.identity),
         group_sizes=dict(parsed.group_sizes),
         ramp_notations=(parsed.ramp[0], parsed.ramp[1]) if parsed.ramp else None,
-        keypad=tuple(_build_text(step) for step in parsed.keypad),
-        wiring=_build_text(parsed.wiring) if parsed.wiring else None,
+        keypad=tuple(Text.from_mapping(step) for step in parsed.keypad),
+        wiring=Text.from_mapping(parsed.wiring) if parsed.wiring else None,
         source=source,
         format_version=parsed.format,
         open_questions=_build_open_questions(parsed),
@@ -335,7 +336,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
         unplaced=unplaced,
         roles=dict(cast("dict[str, str]", parsed.roles)),
         fault_label=parsed.unknown_fault.label if parsed.unknown_fault else "",
-        fault_text=_build_text(parsed.unknown_fault.text) if parsed.unknown_fault else None,
+        fault_text=Text.from_mapping(parsed.unknown_fault.text) if parsed.unknown_fault else None,
         evidence=_section_evidence(parsed),
     )
 
@@ -351,11 +352,6 @@ def parse_evidence(line: str) -> m.Evidence:
     """Split ``manual §4.2`` into kind and source."""
     kind, _, source = line.partition(" ")
     return m.Evidence(cast("Any", kind.rstrip(",:")), source)
-
-
-def _build_text(parsed: BilingualTextIn) -> Text:
-    """Return a text in both languages; the schema requires one of them."""
-    return Text(parsed.en or parsed.zh or "", parsed.zh or parsed.en or "")
 
 
 def _build_scale(parsed: ScaleIn) -> Scale:
@@ -396,7 +392,7 @@ def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
         name=name,
         notation=parsed.notation,
         locator=locator,
-        text=_build_text(parsed.text),
+        text=Text.from_mapping(parsed.text),
         unit=parsed.unit,
         scale=_build_scale(parsed),
         period_s=parsed.period_s,
@@ -428,15 +424,15 @@ def _build_parameter(notation: str, parsed: ParameterIn, locator: Locator, maxim
     return m.Parameter(
         notation=notation,
         locator=locator,
-        text=_build_text(parsed.text),
+        text=Text.from_mapping(parsed.text),
         unit=parsed.unit,
         scale=_build_scale(parsed),
         minimum=parsed.minimum,
         maximum=maximum,
         writable=parsed.writable,
-        choices={int(raw): _build_text(choice) for raw, choice in parsed.choices.items()},
+        choices={int(raw): Text.from_mapping(choice) for raw, choice in parsed.choices.items()},
         choices_complete=parsed.choices_complete,
-        help=_build_text(parsed.help) if parsed.help else None,
+        help=Text.from_mapping(parsed.help) if parsed.help else None,
         caveat=parsed.caveat,
         factory=parsed.factory,
         evidence=parse_evidence(parsed.evidence),
@@ -452,17 +448,17 @@ def _uncertain_reason(parsed: ValueIn) -> str | None:
 def _build_preconditions(parsed: ProfileIn, unplaced: Mapping[str, m.UnplacedParameter]) -> tuple[m.Precondition, ...]:
     reasons = {notation: one.reason for notation, one in unplaced.items()}
     return tuple(
-        m.Precondition(notation, tuple(wanted.accepted), _build_text(wanted.keypad), reasons.get(notation))
+        m.Precondition(notation, tuple(wanted.accepted), Text.from_mapping(wanted.keypad), reasons.get(notation))
         for notation, wanted in parsed.preconditions.items()
     )
 
 
 def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
-    cause, remedy = (_build_text(text) if text else None for text in (parsed.cause, parsed.remedy))
+    cause, remedy = (Text.from_mapping(text) if text else None for text in (parsed.cause, parsed.remedy))
     return m.FaultEntry(
         code=code,
         label=parsed.label,
-        text=_build_text(parsed.text),
+        text=Text.from_mapping(parsed.text),
         cause=cause,
         remedy=remedy,
         evidence=parse_evidence(parsed.evidence),
@@ -560,9 +556,9 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
             name=name,
             value=option.value,
             choices=tuple(option.choices),
-            text=_build_text(option.text),
-            reason=_build_text(option.reason),
-            procedure=_build_text(option.procedure),
+            text=Text.from_mapping(option.text),
+            reason=Text.from_mapping(option.reason),
+            procedure=Text.from_mapping(option.procedure),
             span=_build_span(option),
         )
         for name, option in parsed.options.items()
@@ -573,9 +569,9 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
             name=name,
             value=question.assumed,
             choices=(),
-            text=_build_text(question.text),
-            reason=_build_text(question.reason),
-            procedure=_build_text(question.procedure),
+            text=Text.from_mapping(question.text),
+            reason=Text.from_mapping(question.reason),
+            procedure=Text.from_mapping(question.procedure),
             where=question.where,
         )
         for name, question in parsed.open_questions.items()

@@ -504,11 +504,11 @@ class DriveProfile:
         known = self.faults.get(code)
         if known is not None:
             return known
-        text = self.fault_text or Text(*(i18n.text("profiles.fault_undescribed", side) for side in ("en", "zh")))
+        text = self.fault_text or Text.per_language(lambda language: i18n.text("profiles.fault_undescribed", language))
         return FaultEntry(
             code=code,
             label=self.fault_label.replace("{code}", str(code)),
-            text=Text(text.en.replace("{code}", str(code)), text.zh.replace("{code}", str(code))),
+            text=text.replace("{code}", str(code)),
         )
 
     @property

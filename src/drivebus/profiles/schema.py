@@ -7,9 +7,9 @@ preconditions by notation, faults by code, caveats by id), so that ``extends`` i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 from pydantic_core import PydanticKnownError
 
 from drivebus.protocols.family import ProtocolFamily, protocol_families
@@ -114,6 +114,8 @@ Space = Literal["holding", "input", "coil", "discrete"]
 """Modbus: read by functions 03, 04, 01 and 02."""
 Baud = Annotated[int, Field(ge=50, le=4_000_000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
+LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$")]
+"""BCP 47: ``en``, ``zh``, ``pt-BR``."""
 Sentence = Annotated[str, StringConstraints(min_length=1)]
 EvidenceLine = Annotated[
     str, StringConstraints(pattern=r"^(manual|computed|sister|program|assumed|user|measured)([,:]? \S.*)?$")
@@ -127,22 +129,14 @@ class StrictTable(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class BilingualTextIn(StrictTable):
-    """Text by language. A plain string, or a table of one language, serves for both."""
+def _table_of_string(text: Any) -> Any:
+    if text == {}:
+        raise PydanticKnownError("missing", {})
+    return {"en": text} if isinstance(text, str) else text
 
-    en: Sentence | None = None
-    zh: Sentence | None = None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _table_of_string(cls, text: Any) -> Any:
-        return {"en": text} if isinstance(text, str) else text
-
-    @model_validator(mode="after")
-    def _require_language(self) -> Self:
-        if self.en is None and self.zh is None:
-            raise PydanticKnownError("missing", {})
-        return self
+LocalizedText = Annotated[dict[LanguageCode, Sentence], BeforeValidator(_table_of_string)]
+"""Text by language. A plain string, or a table of one language, serves for all."""
 
 
 class ScaleIn(StrictTable):
@@ -183,7 +177,7 @@ class SetpointIn(StrictTable):
 
 
 class ValueIn(ScaleIn):
-    text: BilingualTextIn
+    text: LocalizedText
     register_: Annotated[Word | None, Field(alias="register")] = None
     """Register address, where the notation does not give it (register-based families)."""
     space: Space = "holding"
@@ -206,29 +200,29 @@ class ParameterIn(ValueIn):
     readable: bool = True
     maximum_option: Name | None = None
     """Option that holds the maximum, where the user supplies it."""
-    choices: dict[str, BilingualTextIn] = {}
+    choices: dict[str, LocalizedText] = {}
     choices_complete: bool = True
     """False where the manual names the choices as examples only."""
-    help: BilingualTextIn | None = None
+    help: LocalizedText | None = None
     caveat: str | None = None
     factory: float | None = None
 
 
 class PreconditionIn(StrictTable):
     accepted: Annotated[list[Word], Field(min_length=1)]
-    keypad: BilingualTextIn
+    keypad: LocalizedText
 
 
 class FaultIn(StrictTable):
     label: str = ""
-    text: BilingualTextIn
-    cause: BilingualTextIn | None = None
-    remedy: BilingualTextIn | None = None
+    text: LocalizedText
+    cause: LocalizedText | None = None
+    remedy: LocalizedText | None = None
     evidence: EvidenceLine = "user"
 
 
 class CaveatIn(StrictTable):
-    text: BilingualTextIn
+    text: LocalizedText
     evidence: EvidenceLine
 
 
@@ -239,9 +233,9 @@ class OptionIn(StrictTable):
     choices: list[OptionValue] = []
     span: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     """Any whole number from the first to the second is allowed as well."""
-    text: BilingualTextIn | None = None
-    reason: BilingualTextIn | None = None
-    procedure: BilingualTextIn | None = None
+    text: LocalizedText | None = None
+    reason: LocalizedText | None = None
+    procedure: LocalizedText | None = None
     """How the value is determined."""
 
 
@@ -251,9 +245,9 @@ class OpenQuestionIn(StrictTable):
     assumed: OptionValue
     where: str
     """Part of the profile that holds the answer, such as ``[timing]``; "-" where none does."""
-    text: BilingualTextIn
-    reason: BilingualTextIn
-    procedure: BilingualTextIn
+    text: LocalizedText
+    reason: LocalizedText
+    procedure: LocalizedText
 
 
 class BitIn(StrictTable):
@@ -424,7 +418,7 @@ class NotationIn(StrictTable):
 
 class UnknownFaultIn(StrictTable):
     label: str = ""
-    text: BilingualTextIn
+    text: LocalizedText
 
 
 class ProfileIn(StrictTable):
@@ -432,8 +426,8 @@ class ProfileIn(StrictTable):
 
     format: int
     model: Name
-    maker: BilingualTextIn
-    title: BilingualTextIn
+    maker: LocalizedText
+    title: LocalizedText
     family: FamilyName
     grade: Literal["draft", "simulated", "verified"]
     encodings: Annotated[list[Encoding], Field(min_length=1)]
@@ -462,5 +456,5 @@ class ProfileIn(StrictTable):
     commands: CommandsIn | None = None
     status: StatusIn | None = None
     identity: IdentityIn | None = None
-    keypad: list[BilingualTextIn] = []
-    wiring: BilingualTextIn | None = None
+    keypad: list[LocalizedText] = []
+    wiring: LocalizedText | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import sqlite3
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as historian_module
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import WriteQueue
+from drivebus.values import Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, samples_of, trend
 
 HOUR = 3_600_000
@@ -199,6 +201,32 @@ async def test_tables_of_another_version_are_left_alone(database: HistoryDatabas
         with pytest.raises(ServiceUnavailable):
             await historian.flush()
         assert named in historian.status()["problem"]
+
+
+async def test_labels_of_the_version_with_two_languages_are_kept(database: HistoryDatabase) -> None:
+    """That version had a column for each language; the samples beside them are as they are now."""
+    async with database.historian() as historian:
+        historian.append(samples([1.0, 2.0]))
+        await historian.flush()
+        connection = historian.writer._store.connection  # type: ignore[attr-defined]
+        changes = (
+            "ALTER TABLE tag DROP COLUMN text",
+            "ALTER TABLE tag ADD COLUMN en TEXT NOT NULL DEFAULT 'speed'",
+            "ALTER TABLE tag ADD COLUMN zh TEXT NOT NULL DEFAULT '转速'",
+            "UPDATE meta SET value = 2 WHERE key = 'schema'",
+        )
+        for change in changes:
+            await historian._on_writer_thread(partial(connection.execute, change))
+    label = ("Hz", Text("speed", "转速", (("de", "Drehzahl"),)))
+    async with database.historian() as historian:
+        (tag,) = historian.queries.tags()["tags"]
+        assert tag["text"] == {"en": "speed", "zh": "转速"}
+        historian.set_labels({tag["tag"]: label})
+        historian.append(samples([3.0]))
+        await historian.flush()
+    async with database.historian() as historian:
+        (tag,) = historian.queries.tags()["tags"]
+        assert (tag["unit"], tag["text"]) == ("Hz", label[1].by_language())
 
 
 async def test_a_damaged_block_is_named_and_hides_nothing_else(database: HistoryDatabase) -> None:

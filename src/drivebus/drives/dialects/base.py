@@ -19,6 +19,7 @@ from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import LimitError, ProtocolError
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete
 from drivebus.types import Json
@@ -55,7 +56,7 @@ class Rejection:
     @property
     def text(self) -> Text:
         """The sentence in both languages."""
-        return Text(*(i18n.text(self.key, language, code=self.code) for language in i18n.LANGUAGES))
+        return bilingual_text(self.key, code=self.code)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
-from drivebus import i18n
 from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
@@ -19,6 +18,7 @@ from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
 from drivebus.errors import DrivebusError, Expired, NotPermitted, PortLost, StartInhibited, Superseded
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols.codec import Effect
 from drivebus.values import Text
 
@@ -168,9 +168,9 @@ class OperationContext:
         else:
             return None
         if isinstance(result.error, DrivebusError):
-            return UnconfirmedModel(both_texts(result.error.key, **result.error.params), answered=False)
+            return UnconfirmedModel(bilingual_text(result.error.key, **result.error.params), answered=False)
         rejection = None if result.reply is None else self.dialect.rejection(result.reply)
-        return UnconfirmedModel(rejection.text if rejection else both_texts("drives.foreign_status"), answered=True)
+        return UnconfirmedModel(rejection.text if rejection else bilingual_text("drives.foreign_status"), answered=True)
 
     def start_clock(self) -> DriveOperation[None]:
         """Start the time limit of the checks, unless the request or an enclosing operation has started it."""
@@ -401,11 +401,6 @@ def frame_exchange(result: BusResult) -> FrameExchange:
     )
     error = result.error
     return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
-
-
-def both_texts(key: str, /, **params: Any) -> Text:
-    """Return a sentence in both languages."""
-    return Text(*(i18n.text(key, language, **params) for language in i18n.LANGUAGES))
 
 
 def _as_drivebus_error(error: Exception) -> DrivebusError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from drivebus import i18n
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.preparation import release_reset
@@ -12,7 +11,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import DriveState
 from drivebus.errors import StartInhibited
-from drivebus.values import Text
+from drivebus.profiles.diagnostics import bilingual_text
 
 FAULT_STATES = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})
 RESET_CONFIRM_TIMEOUT_S = 2.0  # a fault that is still reported after this was not reset, or came back
@@ -49,7 +48,7 @@ def _has_fault(op: OperationContext) -> DriveOperation[bool]:
         raise StartInhibited("drives.reset_while_turning", state=op.derived.state)
     if can_tell and op.derived.state is DriveState.UNKNOWN:
         reason = op.derived.reason or "drives.disagree"
-        why = Text(*(i18n.text(reason, language) for language in i18n.LANGUAGES))
+        why = bilingual_text(reason)
         raise StartInhibited("drives.fault_unknown", why=why)
     return not can_tell or op.derived.state in FAULT_STATES or op.derived.fault_code is not None
 

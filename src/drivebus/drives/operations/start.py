@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from drivebus import i18n
 from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
@@ -151,7 +150,7 @@ def _send_start(
 
 def _refused_outcome(refused: Outcome, key: str, **params: Any) -> Outcome:
     """Return a rejection with the frame that the drive rejected named by the sentence of ``key``."""
-    why = Text(*(refused.text(language) for language in i18n.LANGUAGES))
+    why = Text.per_language(refused.text)
     return replace(refused, key=key, params={**params, "code": refused.params["code"], "why": why})
 
 

@@ -12,11 +12,12 @@ from typing import Any
 
 from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.context import OperationContext, both_texts
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import PortLost
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
@@ -201,7 +202,7 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
 
 def _port_lost_outcome(op: OperationContext, error: PortLost) -> Outcome:
     """Return the outcome of a stop whose last transaction failed because of the port."""
-    params: dict[str, Any] = {"why": both_texts(error.key, **error.params)}
+    params: dict[str, Any] = {"why": bilingual_text(error.key, **error.params)}
     if not op.stops_sent:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_sent_port", **params)
     params["sent"] = op.stops_sent
@@ -214,7 +215,7 @@ def _port_lost_outcome(op: OperationContext, error: PortLost) -> Outcome:
 
 def _reported_text(state: DriveState, output_hz: float | None) -> Text:
     """Format ``running at 25.0 Hz``, without a frequency that the drive does not report as good."""
-    return both_texts(
+    return bilingual_text(
         "drives.reported" if output_hz is None else "drives.reported_at", state=state, output_hz=output_hz
     )
 

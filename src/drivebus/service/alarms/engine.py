@@ -153,8 +153,8 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
     code = fault.get("code")
     label = str(fault.get("label") or ("" if code in (None, UNNAMED_FAULT_CODE) else code))
     text = fault.get("text") or {}
-    meanings = [str(text.get(language) or "") for language in ("en", "zh")]
-    return Text(*(one if label in one else f"{label} {one}".strip() for one in meanings))
+    meanings = {language: str(text.get(language) or "") for language in i18n.LANGUAGES}
+    return Text.per_language(lambda language: one if label in (one := meanings[language]) else f"{label} {one}".strip())
 
 
 def _fault_remedy(found: Mapping[str, Any]) -> Text | None:

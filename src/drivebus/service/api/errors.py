@@ -31,8 +31,8 @@ def to_plain(value: Any) -> Any:
         return {str(name): to_plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [to_plain(one) for one in value]
-    if hasattr(value, "en") and hasattr(value, "zh"):
-        return {"en": value.en, "zh": value.zh}
+    if isinstance(value, Text):
+        return value.by_language()
     text = getattr(value, "text", None)
     return {language: text(language) for language in i18n.LANGUAGES} if callable(text) else str(value)
 
@@ -78,10 +78,10 @@ def error_from_json(found: Json) -> DrivebusError:
 
 
 def _param_from_json(name: str, value: Any) -> Any:
-    """Return the parameter of a sentence: a right and a text in both languages are objects there."""
+    """Return the parameter of a sentence: a right and a text by language are objects there."""
     if name == "right":
         return next((right for right in Right if right == value), value)
-    return Text(**value) if isinstance(value, dict) and value.keys() == {"en", "zh"} else value
+    return Text.from_mapping(value) if isinstance(value, dict) and value.keys() >= {"en", "zh"} else value
 
 
 # --- wrong parameters -------------------------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ def _translate(found: Mapping[str, Any], path: str) -> Json:
 
 def params_error(operation: str, faults: list[Json]) -> InvalidParameters:
     """Return the error whose sentence names every fault."""
-    problems = Text(*("; ".join(_fault_sentence(one, language) for one in faults) for language in i18n.LANGUAGES))
+    problems = Text.per_language(lambda language: "; ".join(_fault_sentence(one, language) for one in faults))
     return InvalidParameters("plant.params", operation=operation, problems=problems, faults=faults)
 
 

@@ -97,8 +97,8 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
     alarm = params.get("alarm_title")
     if isinstance(alarm, Mapping):
         of = _named_drives(params.get("drives"), titles)
-        return Text(
-            *(" · ".join(filter(None, (getattr(of, language), alarm.get(language)))) for language in ("en", "zh"))
+        return Text.per_language(
+            lambda language: " · ".join(filter(None, (of.in_language(language), alarm.get(language))))
         )
     drives = params.get("drives")
     if not target and isinstance(drives, list) and len(drives) > 1:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
-from drivebus import i18n, ports
+from drivebus import ports
 from drivebus.bus.compatibility import protocol_of
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.prepared_request import Poll
@@ -78,7 +78,7 @@ def _parse_bus_link(bus: BusTable) -> PortUrl:
 
 def error_text(error: DrivebusError) -> Text:
     """Return an error's message in both languages."""
-    return Text(*(error.text(language) for language in i18n.LANGUAGES))
+    return Text.per_language(error.text)
 
 
 def device_of(link: PortUrl) -> tuple[str, ...]:

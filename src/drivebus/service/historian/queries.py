@@ -124,4 +124,4 @@ def check_time_order(from_ms: int, to_ms: int) -> None:
 
 def _tag_json(tag: Tag) -> Json:
     drive, _, signal = tag.name.partition(".")
-    return {"tag": tag.name, "drive": drive, "signal": signal, "unit": tag.unit, "text": {"en": tag.en, "zh": tag.zh}}
+    return {"tag": tag.name, "drive": drive, "signal": signal, "unit": tag.unit, "text": tag.text.by_language()}

@@ -6,6 +6,7 @@ unknown whether the write was done; opening the store again shows it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,9 +14,12 @@ from functools import wraps
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from drivebus.service.historian.points import ResolutionLevel
+from drivebus.values import Text
 
-SCHEMA_VERSION = 2
-"""Version of the tables and of the encoding of their rows; a store of another version is not touched."""
+SCHEMA_VERSION = 3
+"""Version of the tables and of the encoding of their rows; others are not touched, but ``TEXT_COLUMNS_VERSION``."""
+TEXT_COLUMNS_VERSION = 2
+"""Version whose tags had a column for each of two languages; opened for writing, it is changed to the present one."""
 
 
 class StoreError(Exception):
@@ -30,8 +34,7 @@ class Tag:
     name: str
     """``<drive>.<signal>``."""
     unit: str = ""
-    en: str = ""
-    zh: str = ""
+    text: Text = Text("", "")
     first_uncompacted: int = 0
     """Number of the first sample that is not in a block."""
 
@@ -120,8 +123,8 @@ SqlRow = Sequence[Any]
 
 CREATE_TABLES = (
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value BIGINT NOT NULL)",
-    "CREATE TABLE tag (id BIGINT PRIMARY KEY, name TEXT NOT NULL UNIQUE, unit TEXT NOT NULL, en TEXT NOT NULL, "
-    "zh TEXT NOT NULL, first_uncompacted BIGINT NOT NULL DEFAULT 0)",
+    "CREATE TABLE tag (id BIGINT PRIMARY KEY, name TEXT NOT NULL UNIQUE, unit TEXT NOT NULL, text TEXT NOT NULL, "
+    "first_uncompacted BIGINT NOT NULL DEFAULT 0)",
     "CREATE TABLE journal (id {id}, data {bytes} NOT NULL)",
     "CREATE TABLE block (id {id}, level BIGINT NOT NULL, tag BIGINT NOT NULL, start_ms BIGINT NOT NULL, "
     "number BIGINT NOT NULL, stored_ms BIGINT NOT NULL, data {bytes} NOT NULL)",
@@ -132,8 +135,8 @@ CREATE_TABLES = (
     "CREATE INDEX event_drive ON event (drive, time_ms, id)",
     "CREATE TABLE document (kind TEXT NOT NULL, id TEXT NOT NULL, data TEXT NOT NULL, PRIMARY KEY (kind, id))",
 )
-_PUT_TAG = """INSERT INTO tag (id, name, unit, en, zh) VALUES (?, ?, ?, ?, ?)
-ON CONFLICT (id) DO UPDATE SET unit = excluded.unit, en = excluded.en, zh = excluded.zh"""
+_PUT_TAG = """INSERT INTO tag (id, name, unit, text) VALUES (?, ?, ?, ?)
+ON CONFLICT (id) DO UPDATE SET unit = excluded.unit, text = excluded.text"""
 _PUT_BATCH = "INSERT INTO journal VALUES (?, ?) ON CONFLICT DO NOTHING"
 _PUT_EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?) ON CONFLICT DO NOTHING"
 _PUT_DOCUMENT = "INSERT INTO document VALUES (?, ?, ?) ON CONFLICT (kind, id) DO UPDATE SET data = excluded.data"
@@ -174,6 +177,14 @@ class SqlConnection(Protocol):
         ...
 
 
+def _text_to_json(text: Text) -> str:
+    return json.dumps(text.by_language(), ensure_ascii=False)
+
+
+def _text_from_json(stored: str) -> Text:
+    return Text.from_mapping(json.loads(stored) or {"en": ""})
+
+
 def _raises_store_error(method: Callable[Concatenate[HistoryStore, P], R]) -> Callable[Concatenate[HistoryStore, P], R]:
     """Translate the database errors of a method to StoreError."""
 
@@ -200,17 +211,20 @@ class HistoryStore:
         version = self.connection.version()
         if version > SCHEMA_VERSION:
             raise StoreError(f"made by a later version of drivebus (tables {version}, known {SCHEMA_VERSION})")
-        if 0 < version < SCHEMA_VERSION:
+        if version == TEXT_COLUMNS_VERSION and not self._reader:
+            self._merge_text_columns()
+        elif 0 < version < SCHEMA_VERSION:
             raise StoreError(
                 f"made by an earlier version of drivebus (tables {version}, known {SCHEMA_VERSION}): move it away, "
                 "and a new history begins"
             )
         if version == 0 and not self._reader:
             self._make_tables()
-        columns = ("id", "name", "unit", "en", "zh", "first_uncompacted")
         tags = [
-            Tag(**dict(zip(columns, row, strict=True)))
-            for row in self.connection.fetch(f"SELECT {', '.join(columns)} FROM tag ORDER BY id")
+            Tag(id=id, name=name, unit=unit, text=_text_from_json(text), first_uncompacted=first)
+            for id, name, unit, text, first in self.connection.fetch(
+                "SELECT id, name, unit, text, first_uncompacted FROM tag ORDER BY id"
+            )
         ]
         last = self.connection.fetch("SELECT coalesce(max(id), 0) FROM event")[0][0]
         meta = {row[0]: row[1] for row in self.connection.fetch("SELECT key, value FROM meta")}
@@ -220,6 +234,17 @@ class HistoryStore:
         with self.connection.transaction(writing=True):
             for statement in CREATE_TABLES:
                 self.connection.execute(statement.format(**self.connection.type_names))
+            self.connection.execute(_PUT_META, "schema", SCHEMA_VERSION)
+
+    def _merge_text_columns(self) -> None:
+        """Replace the columns ``en`` and ``zh`` of an earlier version by one with a JSON object of all languages."""
+        with self.connection.transaction(writing=True):
+            rows = self.connection.fetch("SELECT id, en, zh FROM tag")
+            self.connection.execute("ALTER TABLE tag ADD COLUMN text TEXT NOT NULL DEFAULT '{}'")
+            texts = [(_text_to_json(Text(en, zh)), id) for id, en, zh in rows]
+            self.connection.execute_many("UPDATE tag SET text = ? WHERE id = ?", texts)
+            for column in ("en", "zh"):
+                self.connection.execute(f"ALTER TABLE tag DROP COLUMN {column}")
             self.connection.execute(_PUT_META, "schema", SCHEMA_VERSION)
 
     @_raises_store_error
@@ -233,7 +258,9 @@ class HistoryStore:
     @_raises_store_error
     def write_batch(self, batch: Batch) -> None:
         with self.connection.transaction(writing=True):
-            self.connection.execute_many(_PUT_TAG, [(tag.id, tag.name, tag.unit, tag.en, tag.zh) for tag in batch.tags])
+            self.connection.execute_many(
+                _PUT_TAG, [(tag.id, tag.name, tag.unit, _text_to_json(tag.text)) for tag in batch.tags]
+            )
             if batch.samples is not None:
                 self.connection.execute(_PUT_BATCH, batch.id, batch.samples)
             self.connection.execute_many(

@@ -190,7 +190,7 @@ class BatchBuilder:
             free += tag.id == free
             if name in self._labels:
                 unit, text = self._labels[name]
-                tag = replace(tag, unit=unit, en=text.en, zh=text.zh)
+                tag = replace(tag, unit=unit, text=text)
             if self.tags.get(name) != tag:
                 found.append(tag)
         return found

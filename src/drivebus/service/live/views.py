@@ -17,7 +17,7 @@ from drivebus.values import Quality, Reading, Text
 
 
 def text_json(text: Text | None) -> Json | None:
-    return None if text is None else {"en": text.en, "zh": text.zh}
+    return None if text is None else text.by_language()
 
 
 def fault_json(fault: Fault | FaultEntry | None) -> Json | None:
