@@ -33,7 +33,7 @@ class Text:
 
     @classmethod
     def from_mapping(cls, by_language: Mapping[str, str]) -> Text:
-        """Return the text of a mapping from language to text; its first text stands in for en or zh.
+        """Return the text of a mapping from language to text; its first text replaces a missing one of en or zh.
 
         Raises ValueError for an empty mapping.
         """
