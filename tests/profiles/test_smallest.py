@@ -65,7 +65,7 @@ def test_a_text_in_chinese_alone_serves_english_too(mill: Path) -> None:
 
 
 def test_a_third_language_is_data(mill: Path) -> None:
-    """It reaches whoever shows the text, and is the English text where there is no other."""
+    """The text of every language reaches programs, and the first one is the English text where there is no other."""
     table = '{ en = "mill", zh = "磨床", de = "Mühle" }'
     mill.write_text(mill.read_text().replace('"Acme V1 of the mill"', table), encoding="utf-8")
     title = profiles.load("mill").title
