@@ -250,7 +250,7 @@ class ProfileStation(SimulatedStation):
     def _shows_motion(self, status: StatusMap) -> bool:
         """Return whether the word shows motion; where it does not show standstill, a ramp down is without."""
         motor = self.displayed_motor
-        return motor.energised and not (motor.stopping and status.standstill != "status")
+        return motor.energised and not (motor.stopping and status.standstill_signal is not None)
 
     def _prepared_status(self) -> int:
         """Return the status of a drive that stands, after the words before a start that it has taken."""

@@ -97,6 +97,7 @@ class DerivedState:
     fault_code: int | None = None
     reason: str | None = None  # i18n key of why the state is UNKNOWN
     further_fault_codes: tuple[int, ...] = ()  # where a drive reports several faults at once
+    by_frequency: bool = False  # decelerating by the output frequency alone: the status word shows no motion
 
 
 STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")

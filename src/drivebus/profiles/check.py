@@ -133,9 +133,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         for state in ("running", *fault, *(("stopped",) if profile.status and profile.status.values else ())):
             if state not in states:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
-    if profile.status and profile.status.standstill not in {"status", *profile.signals}:
-        what = f"[signals.{profile.status.standstill}]"
-        yield issue("needs", ("status", "standstill"), profile.status.standstill, what=what)
+    yield from _check_standstill(profile)
     if profile.commands is None:
         return
     table, offered = offered_commands(profile.commands)
@@ -144,6 +142,23 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         for name in required[capability]:
             if name not in offered:
                 yield issue("needs", ("capabilities",), capability, what=f"{table} {name}")
+
+
+def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that the signal of the standstill exists, and that one which counts for nothing has its source."""
+    status = profile.status
+    if status is None:
+        return
+    is_alone = status.standstill == "status_alone"
+    signal = "output_frequency" if is_alone else status.standstill
+    if signal not in {"status", *profile.signals}:
+        yield issue("needs", ("status", "standstill"), status.standstill, what=f"[signals.{signal}]")
+    source = status.standstill_evidence
+    if is_alone and (source is None or source.startswith("assumed")):
+        yield issue("standstill_evidence", ("status", "standstill"), status.standstill)
+    if source is not None and not is_alone:
+        path = ("status", "standstill_evidence")
+        yield issue("no_effect_without", path, source, other='standstill = "status_alone"')
 
 
 def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:

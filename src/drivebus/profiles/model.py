@@ -244,10 +244,16 @@ class StatusMap:
     """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
     fault_mask: int = 0xFFFF
     """Field of the number; its lowest bit counts 1."""
-    standstill: Literal["status", "output_frequency", "output_speed"] = "status"
-    """output_frequency: a word without motion means decelerating until the signal output_frequency reads 0."""
+    standstill: Literal["status", "output_frequency", "output_speed", "status_alone"] = "status"
+    """output_frequency: a word without motion means decelerating until the signal output_frequency reads 0. status:
+    that signal need not be read, but contradicts such a word; status_alone: it does not, being not 0 at rest."""
     space: Literal["holding", "input", "coil", "discrete"] = "holding"
     """Space of the status word; the bits of one of coils are those from ``register`` on."""
+
+    @property
+    def standstill_signal(self) -> str | None:
+        """Signal that must read 0 before the drive counts as stopped; None where the word alone can show that."""
+        return None if self.standstill in ("status", "status_alone") else self.standstill
 
     @property
     def bit_count(self) -> int:

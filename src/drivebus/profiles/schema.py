@@ -326,9 +326,11 @@ class StatusIn(StrictTable):
     """A fault register has a bit for each fault, or the number of one fault and 0 for none."""
     fault_mask: Annotated[int, Field(ge=1, le=0xFFFF)] = 0xFFFF
     """Field of the fault register that is the number; its lowest bit counts 1."""
-    standstill: Literal["status", "output_frequency", "output_speed"] = "status"
+    standstill: Literal["status", "output_frequency", "output_speed", "status_alone"] = "status"
     """What shows that the drive stands: the word, or the signal of this name as well, where the word drops its run bit
-    while the drive still ramps down."""
+    while the drive still ramps down. The signal output_frequency may contradict it, except with status_alone."""
+    standstill_evidence: EvidenceLine | None = None
+    """Source that the signal output_frequency is not 0 at rest, for ``standstill = "status_alone"``."""
     hides_faults: bool = False
     """The source names no register of a fault: a tripped drive is shown in the state that it reports."""
     evidence: EvidenceLine

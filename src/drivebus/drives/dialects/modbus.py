@@ -108,6 +108,8 @@ class ModbusDialect:
         self._is_status_shown = False
         status = profile.status
         self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
+        output = profile.signals.get("output_frequency")
+        self._output_step_hz = output.scale.factor if output is not None else 0.0
         self.state_names = state_names(status, self._fault_names) if status else ("state",)
         self.station_config = StationConfig(
             address=address,
@@ -221,8 +223,8 @@ class ModbusDialect:
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
             return ()
-        names = ("set_frequency", "output_frequency", self.status_map.standstill)
-        requests = [request for request, _ in self.polls(names)]
+        names = ("set_frequency", "output_frequency", self.status_map.standstill_signal)
+        requests = [request for request, _ in self.polls(tuple(name for name in names if name is not None))]
         status = self._status_span  # first: a frequency from before the word does not show that the drive stands
         return tuple(sorted(requests, key=lambda one: status is None or not request_span(one).covers(status)))
 
@@ -311,7 +313,9 @@ class ModbusDialect:
         return found
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        return None if self.status_map is None else derive_state(self.status_map, readings, self._fault_names)
+        if self.status_map is None:
+            return None
+        return derive_state(self.status_map, readings, self._fault_names, self._output_step_hz)
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         return True

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DerivedState, Direction, DriveState
@@ -60,55 +62,73 @@ def _split_value(status: StatusMap, raw: int) -> tuple[DriveState, Direction | N
 
 def state_names(status: StatusMap, fault_names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the readings that the state follows from; a word without faults needs the fault registers."""
-    output = () if status.standstill == "status" else (status.standstill,)
-    return ("state", *output, *(() if status.shows_fault else fault_names))
+    output = status.standstill_signal
+    return ("state", *((output,) if output else ()), *(() if status.shows_fault else fault_names))
 
 
-def derive_state(status: StatusMap, readings: ReadingPairs, fault_names: tuple[str, ...]) -> DerivedState | None:
-    """Return the state of two status words that agree; of two different turning states the newer one counts."""
-    words, states = readings.raw_pair("state"), _state_pair(status, readings)
+def derive_state(
+    status: StatusMap, readings: ReadingPairs, fault_names: tuple[str, ...], output_step_hz: float = 0.0
+) -> DerivedState | None:
+    """Return the state of two status words that agree; of two different turning states the newer one counts.
+
+    ``output_step_hz``: step of the signal output_frequency, which contradicts a word without motion when it is above.
+    """
+    words, states = readings.raw_pair("state"), _state_pair(status, readings, output_step_hz)
     if words is None or states is None:
         return None
     older, newer = states
     if older is not newer and not (older.turning and newer.turning):
         return None
-    direction = status_direction(status, words[1]) if newer.turning else None
+    by_frequency = newer is not status_state(status, words[1])
+    direction = status_direction(status, words[1]) if newer.turning and not by_frequency else None
     codes = _fault_codes(status, readings, fault_names)
     if not status.shows_fault:
-        return _with_polled_fault(newer, direction, codes)
+        return _with_polled_fault(DerivedState(newer, direction, by_frequency=by_frequency), codes)
     if not status.reports_fault(words[1]):
-        return DerivedState(newer, direction)
+        return DerivedState(newer, direction, by_frequency=by_frequency)
     first, *further = codes or [UNNAMED_FAULT_CODE]
-    return DerivedState(newer, direction, first, further_fault_codes=tuple(further))
+    return DerivedState(newer, direction, first, further_fault_codes=tuple(further), by_frequency=by_frequency)
 
 
-def _state_pair(status: StatusMap, readings: ReadingPairs) -> tuple[DriveState, DriveState] | None:
-    """Return the last two states, older first; without motion only where the output is at 0, if that counts too."""
+def _state_pair(
+    status: StatusMap, readings: ReadingPairs, output_step_hz: float
+) -> tuple[DriveState, DriveState] | None:
+    """Return the last two states, older first: without motion only where no output contradicts that.
+
+    The signal of the standstill must have been read as 0. Of every other drive the output frequency counts where it
+    was read: a wrong list of values would otherwise confirm a stop while the motor runs.
+    """
     words = readings.raw_pair("state")
     if words is None:
         return None
     older, newer = (status_state(status, word) for word in words)
-    if status.standstill == "status" or (older.turning and newer.turning):
+    if status.standstill == "status_alone" or (older.turning and newer.turning):
         return older, newer
-    output = readings.raw_pair(status.standstill)
-    if output is None or not readings.is_since(status.standstill, "state"):
-        return None
-    return _ramping_down(older, output[0]), _ramping_down(newer, output[1])
+    required = status.standstill_signal
+    if required is not None:
+        output = readings.raw_pair(required)
+        if output is None or not readings.is_since(required, "state"):
+            return None
+        older, newer = _ramping_down(older, output[0] != 0), _ramping_down(newer, output[1] != 0)
+    frequencies = readings.pair("output_frequency")
+    if frequencies is not None and readings.is_since("output_frequency", "state"):
+        first, second = (isinstance(one.value, int | float) and abs(one.value) > output_step_hz for one in frequencies)
+        older, newer = _ramping_down(older, first), _ramping_down(newer, second)
+    return older, newer
 
 
-def _ramping_down(state: DriveState, output: int) -> DriveState:
-    return DriveState.DECELERATING if output and not state.turning else state
+def _ramping_down(state: DriveState, is_output_on: bool) -> DriveState:
+    return DriveState.DECELERATING if is_output_on and not state.turning else state
 
 
-def _with_polled_fault(state: DriveState, direction: Direction | None, codes: list[int] | None) -> DerivedState | None:
+def _with_polled_fault(derived: DerivedState, codes: list[int] | None) -> DerivedState | None:
     """Add the fault of a model whose status word shows none: unknown until its fault register was read."""
     if codes is None:
         return None
     if not codes:
-        return DerivedState(state, direction)
-    return DerivedState(
-        state if state.turning else DriveState.FAULT, direction, codes[0], further_fault_codes=tuple(codes[1:])
-    )
+        return derived
+    state = derived.state if derived.state.turning else DriveState.FAULT
+    return replace(derived, state=state, fault_code=codes[0], further_fault_codes=tuple(codes[1:]))
 
 
 def _fault_codes(status: StatusMap, readings: ReadingPairs, names: tuple[str, ...]) -> list[int] | None:

@@ -44,13 +44,20 @@ def _has_fault(op: OperationContext) -> DriveOperation[bool]:
     error = (yield from op.read_verified_state()) if can_tell else (yield from op.sync())
     if error is not None:
         raise error
-    if op.derived.state.turning:
+    if op.derived.state.turning and not _is_in_fault(op):
         raise StartInhibited("drives.reset_while_turning", state=op.derived.state)
     if can_tell and op.derived.state is DriveState.UNKNOWN:
         reason = op.derived.reason or "drives.disagree"
         why = bilingual_text(reason)
         raise StartInhibited("drives.fault_unknown", why=why)
-    return not can_tell or op.derived.state in FAULT_STATES or op.derived.fault_code is not None
+    return not can_tell or _is_in_fault(op) or op.derived.fault_code is not None
+
+
+def _is_in_fault(op: OperationContext) -> bool:
+    """Return whether the drive reports a fault without motion; its frequency may remain that before the trip."""
+    derived = op.derived
+    remains = derived.by_frequency and op.reading_pairs.agreed_raw("output_frequency") is not None
+    return derived.state in FAULT_STATES or (remains and derived.fault_code is not None)
 
 
 def _wait_until_cleared(
@@ -62,9 +69,9 @@ def _wait_until_cleared(
         yield from wait(COMMAND_SETTLE_S)
         error = yield from op.read_verified_state()
         now = yield from op.check_not_superseded(command)
-        if error is None and op.derived.state is not DriveState.UNKNOWN and op.derived.state not in FAULT_STATES:
+        if error is None and op.derived.state is not DriveState.UNKNOWN and not _is_in_fault(op):
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.reset_confirmed", state=op.derived.state)
-        still = error is None and op.derived.state in FAULT_STATES
+        still = error is None and _is_in_fault(op)
         if (
             still
             and not answered
@@ -75,5 +82,6 @@ def _wait_until_cleared(
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
         elif now > command.created_at + RESET_CONFIRM_TIMEOUT_S:
             if still:
-                return op.outcome(OutcomeStatus.FAILED, "drives.fault_remains", state=op.derived.state)
+                state = DriveState.FAULT if op.derived.by_frequency else op.derived.state
+                return op.outcome(OutcomeStatus.FAILED, "drives.fault_remains", state=state)
             return op.outcome(OutcomeStatus.UNKNOWN, "drives.reset_unknown")

@@ -43,7 +43,8 @@ class StopProgress:
 
     def update(self, now: float) -> bool:
         """Return whether the drive has decelerated since the last update, by its frequency or its state."""
-        if self._op.derived.state in (DriveState.DECELERATING, DriveState.BRAKING):
+        derived = self._op.derived
+        if derived.state in (DriveState.DECELERATING, DriveState.BRAKING) and not derived.by_frequency:
             self._decelerating_at = now
         before, self._checked_progress_at = self._checked_progress_at, self._last_progress_at
         return self._checked_progress_at > before
