@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 
 from drivebus import profiles, stop_bus
+from drivebus.bus.core import SILENCE_TIMEOUT_S
 from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.errors import NoReply
+from drivebus.profiles.schema import MAX_GAP_S, MAX_WAIT_S
 from drivebus.serial_settings import StationTiming
 from fixtures.drives import SimulatedDrives, run_virtual
 
@@ -96,3 +98,32 @@ def test_a_time_that_is_none_or_never_ends_is_refused(name: str, value: float) -
     """The override of one drive must not delay the stops of all."""
     with pytest.raises(ValueError, match=name):
         replace(FACTORY, **{name: value})
+
+
+def test_the_longest_waits_of_a_profile_are_far_below_the_time_after_which_a_bus_is_never_silent(tmp_path: Any) -> None:
+    slowest = [profiles.load(name) for name in profiles.models()]
+    assert max(one.timing.gap_floor_s for one in slowest) <= MAX_GAP_S <= SILENCE_TIMEOUT_S / 4
+    assert max(one.timing.reply_delay_s for one in slowest) <= MAX_WAIT_S
+    path = tmp_path / "slowest.toml"
+    path.write_text(
+        'format = 1\nextends = "c320"\n[timing]\n'
+        f"gap_floor_s = {MAX_GAP_S}\ngap_characters = 27.2\nreply_delay_s = 0.5\nreply_delay_characters = 54.5\n"
+    )
+    assert profiles.load(path).timing.gap_floor_s == MAX_GAP_S
+
+
+def test_a_silent_drive_with_the_longest_reply_delay_holds_back_the_stop_of_another_for_little_more_than_that() -> None:
+    async def scenario() -> float:
+        async with SimulatedDrives("c320", "1-2") as bench:
+            slow = replace(FACTORY, reply_delay_s=MAX_WAIT_S, reply_delay_characters=0.0, gap_floor_s=MAX_GAP_S)
+            silent, other = bench.drive(1, timing=slow), bench.drive(2)
+            bench.station(1).faults.silent = True
+            waiting = asyncio.ensure_future(bench.bus.transact(ask(silent)))
+            await asyncio.sleep(0.05)
+            begun = bench.bus.now()
+            sent = watched(bench)
+            await other.stop()
+            await waiting
+            return next(one.time for one in sent if one.kind is TraceKind.SENT and one.time > begun) - begun
+
+    assert run_virtual(scenario()) < MAX_WAIT_S + 0.1

@@ -15,7 +15,15 @@ from drivebus.profiles.check_words import check_words, is_word, offered_commands
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, NotationRule
 from drivebus.profiles.notation import parse_notation
-from drivebus.profiles.schema import OptionIn, ParameterIn, ProfileIn, SignalIn, ValueIn
+from drivebus.profiles.schema import (
+    MAX_GAP_S,
+    MAX_WAIT_S,
+    OptionIn,
+    ParameterIn,
+    ProfileIn,
+    SignalIn,
+    ValueIn,
+)
 from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import SerialSettings
@@ -33,6 +41,7 @@ REQUIRED_VALUES = _SAME_IN_BOTH | {
     "jog": ("jog_forward", "stop"),
 }
 """The same for a command word that is a number."""
+BITS_OF_A_CHARACTER = 11  # with parity or two stop bits: the longest
 
 
 def check_profile(profile: ProfileIn) -> Iterator[Issue]:
@@ -68,9 +77,22 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("not_in", ("serial", "format"), serial.format, choices=_join(serial.formats))
     if serial.baud not in serial.bauds:
         yield issue("not_in", ("serial", "baud"), serial.baud, choices=_join(serial.bauds))
-    gap = protocol_family(profile.family).gap_characters
-    if profile.timing.gap_characters < gap:
-        yield issue("range", ("timing", "gap_characters"), profile.timing.gap_characters, bound=f">= {gap}")
+    yield from _check_waits(profile)
+
+
+def _check_waits(profile: ProfileIn) -> Iterator[Issue]:
+    """Check that no wait counted in characters is longer at the lowest baud rate than one in seconds may be."""
+    timing, gap = profile.timing, protocol_family(profile.family).gap_characters
+    if timing.gap_characters < gap:
+        yield issue("range", ("timing", "gap_characters"), timing.gap_characters, bound=f">= {gap}")
+    per_second = min(profile.serial.bauds) / BITS_OF_A_CHARACTER
+    most = max(gap, MAX_GAP_S * per_second)
+    if timing.gap_characters > most:
+        yield issue("range", ("timing", "gap_characters"), timing.gap_characters, bound=f"<= {most:.3g}")
+    most = (MAX_WAIT_S - timing.reply_delay_s) * per_second
+    if timing.reply_delay_characters > most:
+        path, related = ("timing", "reply_delay_characters"), (("timing", "reply_delay_s"),)
+        yield issue("range", path, timing.reply_delay_characters, related=related, bound=f"<= {most:.3g}")
 
 
 def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
@@ -127,12 +149,14 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         if getattr(profile, section) is None:
             yield issue("missing_key", (section,), "-", name=section)
     yield from _check_modbus(profile)
-    if "status" in able:
+    if "status" in able or profile.status:  # a status word is read, and confirms a stop, without the capability too
         table, states = offered_states(profile)
         fault = () if profile.status and profile.status.hides_faults else ("fault",)
         for state in ("running", *fault, *(("stopped",) if profile.status and profile.status.values else ())):
-            if state not in states:
+            if state not in states and "status" in able:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
+            elif state not in states:
+                yield issue("missing_key", ("status",), "-", name=f"{table} {state}")
     yield from _check_standstill(profile)
     if profile.commands is None:
         return

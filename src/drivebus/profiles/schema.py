@@ -117,6 +117,8 @@ Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$")]
 """BCP 47: ``en``, ``zh``, ``pt-BR``."""
 Sentence = Annotated[str, StringConstraints(min_length=1)]
+MAX_GAP_S = 0.25  # far below the 1 s after which a bus counts as never silent: a longer gap would never be found
+MAX_WAIT_S = 1.0  # ten times the slowest of the included models, at 0.1 s
 EvidenceLine = Annotated[
     str, StringConstraints(pattern=r"^(manual|computed|sister|program|assumed|user|measured)([,:]? \S.*)?$")
 ]
@@ -363,12 +365,14 @@ class SerialIn(StrictTable):
 
 
 class TimingIn(StrictTable):
+    """Waits of a station. Each of them delays the stops of all drives on its bus."""
+
     gap_characters: Annotated[float, Field(ge=0, le=100)] = 3.5
-    gap_floor_s: Annotated[float, Field(ge=0, le=10)] = 0.0
-    reply_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.1
+    gap_floor_s: Annotated[float, Field(ge=0, le=MAX_GAP_S)] = 0.0
+    reply_delay_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.1
     reply_delay_characters: Annotated[float, Field(ge=0, le=100)] = 0.0
-    adapter_latency_s: Annotated[float, Field(ge=0, le=10)] = 0.02
-    turnaround_s: Annotated[float, Field(ge=0, le=10)] = 0.1
+    adapter_latency_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.02
+    turnaround_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.1
     max_reply_lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
     tolerate_leading_noise: bool = False
     evidence: EvidenceLine
