@@ -225,7 +225,7 @@ async def test_a_killed_gateway_is_restarted_and_disturbs_nothing_else(killed: s
 async def test_a_frozen_gateway_delays_neither_the_service_nor_the_other_gateway(tmp_path: Path) -> None:
     async with running_plant(tmp_path) as plant, httpx.AsyncClient(base_url=plant.page) as client:
         pids = {name: one["pid"] for name, one in (await plant.gateways()).items()}
-        assert arguments_of(pids["toy"]) == ["-m", "drivebus_toy_gateway"], "no settings in the list of processes"
+        assert arguments_of(pids["toy"]) == ["-P", "-m", "drivebus_toy_gateway"], "no settings in the list of processes"
         await wait_for_growth(tmp_path / "toy.jsonl")
         os.kill(pids["toy"], signal.SIGSTOP)
         await plant.check_service_works()

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from fnmatch import fnmatchcase
 
 from drivebus.errors import DrivebusError
 from drivebus.gateways.cache import TopicCache
-from drivebus.gateways.fanout import FanoutGroup, Patterns, Subscriber
+from drivebus.gateways.fanout import FanoutGroup, Patterns, Subscriber, matches_topic
 from drivebus.service.auth.actor import Actor
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.live.hub import FRAMES_PREFIX, STATE_STREAM
@@ -69,13 +68,18 @@ class UpstreamFeed:
         """Return the streams of the patterns; one of frames stands for the known buses, or for one that it names."""
         if not self._groups:
             return set()
-        patterns = {pattern for group in self._groups.values() for pattern in group.patterns}
+        patterns = {
+            pattern
+            for group in self._groups.values()
+            for pattern in group.patterns
+            if pattern.startswith((FRAMES_PREFIX, "*"))
+        }
         buses = [
             topic.replace("buses/", FRAMES_PREFIX, 1) for topic in self._cache.topics if topic.startswith("buses/")
         ]
-        named = {pattern for pattern in patterns if pattern.startswith(FRAMES_PREFIX) and "*" not in pattern}
+        named = {pattern for pattern in patterns if "*" not in pattern}
         streams = [f"{FRAMES_PREFIX}{bus}" for bus in buses]
-        known = {stream for stream in streams if any(fnmatchcase(stream, pattern) for pattern in patterns)}
+        known = {stream for stream in streams if any(matches_topic(stream, pattern) for pattern in patterns)}
         return {STATE_STREAM} | named | known
 
     async def _read(self, stream: str) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 from collections.abc import Awaitable, Callable
+from fnmatch import fnmatchcase
 from typing import Any, cast
 
 import pytest
 from starlette.websockets import WebSocket
 
 from drivebus.errors import ControlNotHeld, ServiceUnavailable
-from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES
+from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES, matches_topic
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.testing import virtual_time
 from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
@@ -430,6 +432,49 @@ def test_renewals_of_300_drives_are_permitted_and_a_flood_of_them_ends_the_conne
         await asyncio.gather(*tasks)
 
     run_endpoint(scenario)
+
+
+@pytest.mark.parametrize("alphabet", ["a*", "ab*"])
+def test_a_star_stands_for_any_characters(alphabet: str) -> None:
+    """Compared with the standard library, which compiles each pattern that a client invents."""
+    for length in range(6):
+        for letters in itertools.product(alphabet, repeat=length):
+            pattern = "".join(letters)
+            for topic in ("", "a", "b", "ab", "ba", "aab", "abab", "aaaa"):
+                assert matches_topic(topic, pattern) is fnmatchcase(topic, pattern), (topic, pattern)
+
+
+def test_subscriptions_of_many_clients_leave_turns_of_the_loop_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of one viewer with 40 connections, all handled in one turn, delayed a stop over the page by 20 s."""
+
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
+        turn, turns = 0, []
+        join = UpstreamFeed.join
+
+        def note_turn(feed: UpstreamFeed, *arguments: Any) -> Any:
+            turns.append(turn)
+            return join(feed, *arguments)
+
+        sockets = [FakeWebSocket() for _ in range(20)]
+        tasks = [begin(live, socket) for socket in sockets]
+        await asyncio.sleep(1)
+        monkeypatch.setattr(UpstreamFeed, "join", note_turn)
+        for socket in sockets:
+            socket.incoming.put_nowait('{"subscribe": ["drives/*a*"]}')
+        for turn in range(200):  # noqa: B007  note_turn reads it
+            await asyncio.sleep(0)
+        assert len(turns) == len(set(turns)) == len(sockets)
+        for socket in sockets:
+            socket.incoming.put_nowait(None)
+        await asyncio.gather(*tasks)
+
+    run_endpoint(scenario)
+
+
+def test_a_message_with_many_topics_counts_as_several() -> None:
+    assert parse_message('{"subscribe": ["plant"]}').cost == 1.0
+    topics = [f"drives/{number}" for number in range(100)]
+    assert parse_message(json.dumps({"subscribe": topics})).cost == 5.0
 
 
 def test_too_many_messages_end_the_connection() -> None:

@@ -11,7 +11,7 @@ from drivebus.service.api.strict_json import parse_json
 MAX_MESSAGE_CHARS = 16_384
 MAX_PATTERNS = 100
 MAX_RENEWALS = 200  # drives of one message; with the longest ids it is shorter than MAX_MESSAGE_CHARS
-RENEWALS_PER_MESSAGE = 20  # of the rate limit: 200 drives count as ten messages; the page renews 300 every 3 s
+ITEMS_PER_MESSAGE = 20  # drives or topics of the rate limit: 200 count as ten; the page renews 300 drives every 3 s
 DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", "events")
 DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
 
@@ -29,8 +29,8 @@ class ClientMessage:
 
     @property
     def cost(self) -> float:
-        """Messages that it counts as: each renewal is a request to the service."""
-        return max(1.0, len(self.renew) / RENEWALS_PER_MESSAGE)
+        """Messages that it counts as: each renewal is a request to the service, each pattern a search in all topics."""
+        return max(1.0, len(self.renew) / ITEMS_PER_MESSAGE, len(self.subscribe or ()) / ITEMS_PER_MESSAGE)
 
 
 def parse_message(text: str) -> ClientMessage:

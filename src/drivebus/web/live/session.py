@@ -12,6 +12,7 @@ from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.service.api.errors import error_to_json, localized
 from drivebus.service.api.operations.control import LEASE_RENEW
 from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.service.runtime.fairness import yield_to_loop
 from drivebus.types import Json
 from drivebus.web.context import credential_of
 from drivebus.web.live.messages import ClientMessage, MessageRateLimit, parse_message
@@ -74,6 +75,7 @@ class WebSocketSession:
 
     async def _handle(self, message: ClientMessage) -> None:
         if message.subscribe is not None:
+            await yield_to_loop()  # a snapshot of many drives takes 30 ms: one of all clients, then the others' stops
             self._subscribe(message.subscribe)
         if message.renew:
             answers = {drive: await self._renew_lease(drive) for drive in message.renew}
