@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from drivebus.testing.virtual_time import Deadlock, run
+from drivebus.testing.virtual_time import Deadlock, VirtualLoop, run
 
 
 def test_a_virtual_day_passes_at_once_and_exactly() -> None:
@@ -74,3 +74,51 @@ def test_an_error_in_the_coroutine_is_raised() -> None:
 
     with pytest.raises(KeyError):
         run(main())
+
+
+def test_a_timer_can_cancel_another_one_of_the_same_instant() -> None:
+    async def main() -> list[str]:
+        loop = asyncio.get_running_loop()
+        calls: list[str] = []
+        second: list[asyncio.TimerHandle] = []
+        loop.call_at(1.0, lambda: (calls.append("first"), second[0].cancel()))
+        second.append(loop.call_at(1.0, calls.append, "second"))
+        loop.call_at(1.0, calls.append, "third")
+        await asyncio.sleep(2)
+        return calls
+
+    assert run(main()) == ["first", "third"]
+
+
+def test_a_call_soon_of_a_timer_comes_after_the_other_timers_of_its_instant() -> None:
+    async def main() -> list[str]:
+        loop = asyncio.get_running_loop()
+        calls: list[str] = []
+        loop.call_at(1.0, loop.call_soon, calls.append, "soon")
+        loop.call_at(1.0, calls.append, "timer")
+        await asyncio.sleep(2)
+        return calls
+
+    assert run(main()) == ["timer", "soon"]
+
+
+def test_a_timer_that_is_set_in_the_past_runs_now_and_time_does_not_go_back() -> None:
+    async def main() -> list[float]:
+        loop = asyncio.get_running_loop()
+        times: list[float] = []
+        await asyncio.sleep(5)
+        loop.call_at(1.0, lambda: times.append(loop.time()))
+        loop.call_at(6.0, lambda: times.append(loop.time()))
+        await asyncio.sleep(2)
+        return times
+
+    assert run(main()) == [5.0, 6.0]
+
+
+def test_running_until_a_time_leaves_later_timers_and_ends_at_that_time() -> None:
+    loop = VirtualLoop()
+    times: list[float] = []
+    for when in (1.0, 2.0, 2.5):
+        loop.call_at(when, lambda: times.append(loop.time()))
+    loop.run_until(2.0)
+    assert (times, loop.time(), loop.next_at()) == ([1.0, 2.0], 2.0, 2.5)

@@ -82,20 +82,20 @@ class VirtualLoop(_EventLoop):
         return self._now
 
     def call_soon(self, callback: Callable[..., object], *args: Any, context: Context | None = None) -> Any:
-        timer = VirtualTimer(callback, args, self._now)
         if context is not None:
-            timer = VirtualTimer(context.run, (callback, *args), self._now)
+            callback, args = context.run, (callback, *args)
+        timer = VirtualTimer(callback, args, self._now)
         self._ready.append(timer)
         return timer
 
     call_soon_threadsafe = call_soon
 
     def call_at(self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None) -> Any:
-        timer = VirtualTimer(callback, args, when)
         if context is not None:
-            timer = VirtualTimer(context.run, (callback, *args), when)
-        self._count += 1
-        heappush(self._heap, (when, self._count, timer))
+            callback, args = context.run, (callback, *args)
+        timer = VirtualTimer(callback, args, when)
+        self._count = count = self._count + 1
+        heappush(self._heap, (when, count, timer))
         return timer
 
     def call_later(
@@ -204,22 +204,28 @@ class VirtualLoop(_EventLoop):
             heappush(self._heap, (when + seconds if stands_still(timer) else when, number, timer))
 
     def _step(self, until: float) -> bool:
-        """Run all that is ready, or the next timer; False where there is neither by ``until``."""
+        """Run all that is ready, or what the next timer brings; False where there is neither by ``until``."""
         ready, heap = self._ready, self._heap
-        while heap and heap[0][0] <= self._now:
-            ready.append(heappop(heap)[2])
-        if ready:
-            for _ in range(len(ready)):
-                timer = ready.popleft()
+        if not ready:
+            while heap and heap[0][2].callback is None and heap[0][0] <= until:
+                heappop(heap)
+            if not heap or heap[0][0] > until:
+                return False
+            when, _, timer = heappop(heap)
+            if when > self._now:
+                self._now = when
+            if not heap or heap[0][0] > self._now:
                 if timer.callback is not None:
                     self._call(timer.callback, timer.args)
-            return True
-        while heap and heap[0][0] <= until:
-            if heap[0][2].callback is not None:
-                self._now = heap[0][0]
                 return True
-            heappop(heap)
-        return False
+            ready.append(timer)
+        while heap and heap[0][0] <= self._now:
+            ready.append(heappop(heap)[2])
+        for _ in range(len(ready)):
+            timer = ready.popleft()
+            if timer.callback is not None:
+                self._call(timer.callback, timer.args)
+        return True
 
     def _call(self, callback: Callable[..., object], arguments: tuple[Any, ...]) -> None:
         try:
