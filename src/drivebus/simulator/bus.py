@@ -16,7 +16,7 @@ from drivebus.simulator.framing import FrameReceiver, ReceivedFrame
 from drivebus.simulator.line_quality import LineQuality, parse_line_quality
 from drivebus.simulator.station import SimulatedStation
 from drivebus.simulator.timer import LoopTimer
-from drivebus.simulator.wire import Side, Transmission, Wire
+from drivebus.simulator.wire import TO_ALL, TO_STATIONS, Side, Transmission, Wire
 
 
 class BusMaster(Protocol):
@@ -29,6 +29,26 @@ class BusMaster(Protocol):
     def on_unplugged(self) -> None:
         """Handle the unplugging of the bus: the master is no longer attached."""
         ...
+
+
+class StationGroup:
+    """Stations with equal framing, which share one frame receiver."""
+
+    __slots__ = ("_broadcast_addresses", "_has_listeners", "receiver", "stations")
+
+    def __init__(self, receiver: FrameReceiver, stations: list[SimulatedStation]) -> None:
+        self.receiver = receiver
+        self.stations = stations
+        self._broadcast_addresses = {station.broadcast for station in stations}
+        self._has_listeners = any(
+            type(station).on_foreign_frame is not SimulatedStation.on_foreign_frame for station in stations
+        )
+
+    def stations_for(self, address: int) -> list[SimulatedStation]:
+        """Return the stations that a frame to this address concerns: all where one handles foreign frames."""
+        if self._has_listeners or address in self._broadcast_addresses:
+            return self.stations
+        return [station for station in self.stations if station.address == address]
 
 
 class SimulatedBus:
@@ -56,7 +76,7 @@ class SimulatedBus:
         """Tolerance of measured silences in seconds, higher on ports that the operating system delays."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._timer: LoopTimer | None = None
-        self._groups: list[tuple[FrameReceiver, list[SimulatedStation]]] = []
+        self._groups: list[StationGroup] = []
         self._group_stations()
 
     def station(self, address: int) -> SimulatedStation:
@@ -123,28 +143,28 @@ class SimulatedBus:
 
     def transmit(self, master: BusMaster, data: bytes) -> None:
         """Transmit bytes of a master, one after another from now on."""
-        sides: tuple[Side, ...] = (Side.STATIONS,)
-        if self.line_quality.echo or len(self.masters) > 1:
-            sides += (Side.MASTERS,)
+        sides = TO_ALL if self.wire.line_quality.echo or len(self.masters) > 1 else TO_STATIONS
         self.wire.transmit(master, data, self.now(), sides, master.settings)
         self._arm_timer()
 
     def _group_stations(self) -> None:
         """Create one frame receiver for all stations with equal framing."""
-        groups: dict[Any, tuple[FrameReceiver, list[SimulatedStation]]] = {}
+        groups: dict[Any, list[SimulatedStation]] = {}
         for station in self.stations:
             key = (station.rule, tuple((codec.family, codec.encoding) for codec in station.codecs))
-            if key not in groups:
-                groups[key] = (FrameReceiver(station.codecs, station.rule, self.settings, self.jitter_tolerance_s), [])
-            groups[key][1].append(station)
-        self._groups = list(groups.values())
-        self.wire.station_delays = tuple(sorted({receiver.decision_delay_s for receiver, _ in self._groups}))
+            groups.setdefault(key, []).append(station)
+        self._groups = []
+        for stations in groups.values():
+            first = stations[0]
+            receiver = FrameReceiver(first.codecs, first.rule, self.settings, self.jitter_tolerance_s)
+            self._groups.append(StationGroup(receiver, stations))
+        self.wire.station_delays = tuple(sorted({group.receiver.decision_delay_s for group in self._groups}))
 
     def set_jitter_tolerance(self, seconds: float) -> None:
         """Set the tolerance of measured silences: real ports are delayed by the operating system."""
         self.jitter_tolerance_s = seconds
-        for receiver, _ in self._groups:
-            receiver.tolerance_s = seconds
+        for group in self._groups:
+            group.receiver.tolerance_s = seconds
 
     def _switch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
         """Move to another event loop: the wire is cleared, the drives keep their state."""
@@ -187,7 +207,7 @@ class SimulatedBus:
         for master in list(self.masters):
             if not data or (master is transmission.source and not self.line_quality.echo):
                 continue
-            if master.settings is not None and master.settings != self.settings:
+            if self.wire.is_foreign(master.settings):
                 master.receive(self.rng.randbytes(len(data)), len(data))
             else:
                 master.receive(data, line_errors)
@@ -195,20 +215,20 @@ class SimulatedBus:
     def _deliver_to_stations(self, transmission: Transmission, wait: float, now: float) -> None:
         data, line_errors = transmission.received()
         over = self.wire.silent_since(now) <= transmission.end + 1e-9
-        for receiver, stations in self._groups:
+        for group in self._groups:
+            receiver = group.receiver
             if receiver.decision_delay_s != wait:
                 continue
             frames = receiver.feed(data, line_errors, transmission.silence_s)
             if receiver.rule.ends_by_silence and over:
                 frames = receiver.on_silence()
             for frame in frames:
-                self._dispatch(frame, stations, transmission, now)
+                if frame.address is not None:
+                    self._dispatch(frame, group.stations_for(frame.address), transmission, now)
 
     def _dispatch(
         self, frame: ReceivedFrame, stations: list[SimulatedStation], transmission: Transmission, now: float
     ) -> None:
-        if frame.address is None:
-            return
         for station in stations:
             is_broadcast = frame.address == station.broadcast
             if frame.address != station.address and not is_broadcast:

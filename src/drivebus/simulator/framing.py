@@ -7,11 +7,14 @@ frame. A frame after too little silence is counted, and ignored where the manual
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete
 from drivebus.serial_settings import SerialSettings
+
+DECODED_FRAMES = 1024  # distinct frames kept decoded: masters repeat their polls
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,9 +36,9 @@ class FramingRule:
         return max(line.seconds(self.gap_characters), self.gap_floor_s)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class ReceivedFrame:
-    """Received frame: its request, or the error of its decoding."""
+    """Received frame: its request, or the error of its decoding. Not frozen, which takes thrice as long to make."""
 
     codec: Codec
     message: Any
@@ -84,7 +87,8 @@ class FrameReceiver:
 
     def on_silence(self) -> list[ReceivedFrame]:
         """Return the frame that silence has ended, if its first to last byte are one request."""
-        frame, self._buffer = bytes(self._buffer), bytearray()
+        frame = bytes(self._buffer)
+        self._buffer.clear()
         if not frame or self._corrupted:
             return []
         received = self._decode(frame)
@@ -114,7 +118,7 @@ class FrameReceiver:
         """Decode the frame at offset 0; None while it is incomplete."""
         codec = self._codec_for(frame)
         try:
-            verdict = codec.decode_request(frame)
+            decoded = _decode_request(codec, frame)
         except ProtocolError as error:
             size = error.size or len(frame)
             return ReceivedFrame(
@@ -126,16 +130,14 @@ class FrameReceiver:
                 short_gap=self._short_gap,
                 silence_s=self._silence_s,
             )
-        if not isinstance(verdict, Complete):
+        if decoded is None:
             return None
-        message = verdict.message
-        request = getattr(message, "request", message)
-        address = codec.broadcast_address if getattr(request, "broadcast", False) else codec.address_of(request)
+        message, size, address = decoded
         return ReceivedFrame(
             codec=codec,
             message=message,
             error=None,
-            frame=frame[: verdict.size],
+            frame=frame[:size],
             address=address,
             short_gap=self._short_gap,
             silence_s=self._silence_s,
@@ -146,6 +148,17 @@ class FrameReceiver:
         if len(self.codecs) == 1:
             return self.codecs[0]
         return self.codecs[self.rule.start_bytes.index(frame[:1])]
+
+
+@lru_cache(DECODED_FRAMES)
+def _decode_request(codec: Codec, frame: bytes) -> tuple[Any, int, int | None] | None:
+    """Return message, size and address of the request at offset 0; None while it is incomplete."""
+    verdict = codec.decode_request(frame)
+    if not isinstance(verdict, Complete):
+        return None
+    request = getattr(verdict.message, "request", verdict.message)
+    address = codec.broadcast_address if getattr(request, "broadcast", False) else codec.address_of(request)
+    return verdict.message, verdict.size, address
 
 
 def _error_address(error: ProtocolError) -> int | None:

@@ -309,7 +309,8 @@ class Motor:
 
     def _update_thermal(self, current: float, dt: float) -> None:
         goal = self.ambient_c + _HEAT_RISE_C * current * current
-        self.temperature_c += (goal - self.temperature_c) * (1.0 - exp(-dt / _THERMAL_TIME_CONSTANT_S))
+        if self.temperature_c != goal:
+            self.temperature_c += (goal - self.temperature_c) * (1.0 - exp(-dt / _THERMAL_TIME_CONSTANT_S))
         self._overload = max(0.0, self._overload + (current * current - _CONTINUOUS_CURRENT**2) * dt)
         if self._overload >= _OVERLOAD_RESERVE:
             self.force_trip(Trip.OVERLOAD)

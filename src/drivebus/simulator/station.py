@@ -40,7 +40,7 @@ class InjectedFaults:
     """The station is rebooting until this time."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StationReply:
     """Reply and its delay from the last bit of the request to its first bit."""
 
@@ -139,17 +139,18 @@ class SimulatedStation(ABC):
     ) -> StationReply | None:
         """Handle a request that ended at ``now``. A broadcast is executed without reply."""
         self.advance(now)
-        if self.faults.silent or now < self.faults.rebooting_until:
+        faults = self.faults
+        if faults.silent or now < faults.rebooting_until:
             return None
         self.frame_count += 1
         reply = self.reply_to_error(error, codec) if error is not None else self.handle_request(message, codec)
-        if reply is None or is_broadcast or self.faults.mute or self.address == self.broadcast:
+        if reply is None or is_broadcast or faults.mute or self.address == self.broadcast:
             return None
         self.reply_count += 1
-        if self.faults.wrong_address is not None:
-            reply = replace(reply, address=self.faults.wrong_address)
-        late_s = self.faults.next_added_delays_s.pop(0) if self.faults.next_added_delays_s else 0.0
-        return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + self.faults.added_delay_s + late_s)
+        if faults.wrong_address is not None:
+            reply = replace(reply, address=faults.wrong_address)
+        late_s = faults.next_added_delays_s.pop(0) if faults.next_added_delays_s else 0.0
+        return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + faults.added_delay_s + late_s)
 
     def on_foreign_frame(self, now: float) -> None:
         """Handle a frame for another station that ended at ``now``."""
@@ -157,7 +158,8 @@ class SimulatedStation(ABC):
 
     def record_gap(self, silence_s: float, short: bool) -> None:
         """Record the silence before a request."""
-        self.shortest_gap_s = min(self.shortest_gap_s, silence_s)
+        if silence_s < self.shortest_gap_s:
+            self.shortest_gap_s = silence_s
         self.gap_violations += short
 
     def trip(self, trip: Trip) -> None:

@@ -26,6 +26,9 @@ class Side(Enum):
     STATIONS = "stations"
 
 
+TO_MASTERS, TO_STATIONS, TO_ALL = (Side.MASTERS,), (Side.STATIONS,), (Side.STATIONS, Side.MASTERS)
+
+
 class Transmission:
     """Characters of one source, without a pause between them."""
 
@@ -45,9 +48,9 @@ class Transmission:
 
     def received(self, first: int = 0, last: int | None = None) -> tuple[bytes, int]:
         """Return the characters first…last-1 as received, and the number of line errors among them."""
-        last = len(self.data) if last is None else last
         if not self.dropped and not self.marked:
             return bytes(self.data[first:last]), 0
+        last = len(self.data) if last is None else last
         indices = [index for index in range(first, last) if index not in self.dropped]
         return bytes(self.data[index] for index in indices), sum(index in self.marked for index in indices)
 
@@ -72,6 +75,8 @@ class Wire:
 
     def __init__(self, settings: SerialSettings, quality: LineQuality, rng: Rng) -> None:
         self.settings = settings
+        self._character_s = settings.character_s
+        self._pause_s = settings.seconds(_PAUSE_CHARACTERS)
         self.line_quality = quality
         self.station_delays: tuple[float, ...] = (0.0,)
         """Delays after which stations decide on a frame: RTU 3.5 characters, 0 where its length decides."""
@@ -104,33 +109,46 @@ class Wire:
         for recent in self._recent:
             if recent.source is source and recent.end > start:
                 start = recent.end
-        transmission = Transmission(
-            source, data, start, (settings or self.settings).character_s, self._silence_before(start)
-        )
-        self._impair(transmission, foreign=settings is not None and settings != self.settings)
-        self._collide(transmission)
+        foreign = self.is_foreign(settings)
+        character_s = settings.character_s if foreign and settings is not None else self._character_s
+        transmission = Transmission(source, data, start, character_s, start - self.silent_since(start))
+        quality = self.line_quality
+        if foreign or quality.flip or quality.cut_first or quality.cut_last:
+            self._impair(transmission, foreign)
+        if self._recent:
+            self._collide(transmission)
         self._recent.append(transmission)
         self.busy_s += transmission.end - transmission.start
-        if self.plugged and not self._chance(self.line_quality.loss):
+        if self.plugged and not (quality.loss and self._chance(quality.loss)):
             self._schedule(transmission, sides)
         return transmission
+
+    def is_foreign(self, settings: SerialSettings | None) -> bool:
+        """Return whether these serial settings of a master differ from those of the stations."""
+        return settings is not None and settings is not self.settings and settings != self.settings
 
     def transmit_reply(self, source: object, data: bytes, now: float, at: float) -> Transmission:
         """Transmit a reply at ``at``, subject to lateness, stray bytes and duplication; replies keep their order."""
         quality = self.line_quality
-        late = at + (self._rng.random() * quality.late_s if self._chance(quality.late) else 0.0)
-        if self._chance(quality.junk):
+        late = at
+        if quality.late and self._chance(quality.late):
+            late += self._rng.random() * quality.late_s
+        if quality.junk and self._chance(quality.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
-        pause = self.settings.seconds(_PAUSE_CHARACTERS)
-        at = max((recent.end + pause for recent in self._recent if recent.source is source), default=at)
-        transmission = self.transmit(source, data, now, (Side.MASTERS,), at=max(at, late))
-        if self._chance(quality.duplicate):
-            self.transmit(source, data, now, (Side.MASTERS,), at=transmission.end + pause)
+        if self._recent:
+            at = max((recent.end + self._pause_s for recent in self._recent if recent.source is source), default=at)
+        transmission = self.transmit(source, data, now, TO_MASTERS, at=max(at, late))
+        if quality.duplicate and self._chance(quality.duplicate):
+            self.transmit(source, data, now, TO_MASTERS, at=transmission.end + self._pause_s)
         return transmission
 
     def silent_since(self, now: float) -> float:
         """Return the time at which the last bit that began before ``now`` ends."""
-        return max((recent.end for recent in self._recent if recent.start < now - _EPSILON_S), default=self._last_end)
+        found: float | None = None
+        for recent in self._recent:
+            if recent.start < now - _EPSILON_S and (found is None or recent.end > found):
+                found = recent.end
+        return self._last_end if found is None else found
 
     def next_event_at(self) -> float | None:
         """Return the time of the next event."""
@@ -151,10 +169,8 @@ class Wire:
         self._events.clear()
         self._recent.clear()
 
-    def _silence_before(self, start: float) -> float:
-        return start - self.silent_since(start)
-
     def _chance(self, share: float) -> bool:
+        """Return whether an impairment of this probability happens; without one (0) no random number is drawn."""
         return share > 0.0 and self._rng.random() < share
 
     def _impair(self, transmission: Transmission, foreign: bool) -> None:
@@ -195,10 +211,11 @@ class Wire:
 
     def _drop_ended(self, now: float) -> None:
         """Drop ended transmissions, which can't collide any more."""
-        for old in self._recent:
-            if old.end <= now:
-                self._last_end = max(self._last_end, old.end)
-        self._recent = [recent for recent in self._recent if recent.end > now]
+        for recent in self._recent:
+            if recent.end <= now and recent.end > self._last_end:
+                self._last_end = recent.end
+        if self._recent:
+            self._recent = [recent for recent in self._recent if recent.end > now]
 
     def _schedule(self, transmission: Transmission, sides: tuple[Side, ...]) -> None:
         size = len(transmission.data)

@@ -56,7 +56,7 @@ def decode_steps(word: int, coding: WordCoding) -> int | None:
 
 def parameter_specs(address: int, parameter_coding: WordCoding) -> dict[int, ParameterSpec]:
     """Return parameters 00-80 of a commissioned drive. There is no RAM: every write is saved."""
-    table = {number: ParameterSpec() for number in range(LAST_PARAMETER + 1)}
+    table = dict.fromkeys(range(LAST_PARAMETER + 1), ParameterSpec())
     table |= {
         FREQUENCY_SOURCE: ParameterSpec(FREQUENCY_FROM_BUS, 0, 9, Access.LOCKED_WHILE_RUNNING),
         COMMAND_SOURCE: ParameterSpec(COMMANDS_FROM_BUS, 0, 9, Access.LOCKED_WHILE_RUNNING),

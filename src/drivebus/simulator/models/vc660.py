@@ -54,7 +54,7 @@ ACCEL_TIME, DECEL_TIME, JOG_HZ = parameter_index(0, 8), parameter_index(0, 9), p
 
 def parameter_specs() -> dict[int, ParameterSpec]:
     """Return the parameters of a commissioned drive: commands and frequency from the bus."""
-    table = {number: ParameterSpec() for number in range(PARAMETERS)}
+    table = dict.fromkeys(range(PARAMETERS), ParameterSpec())
     table |= {
         parameter_index(0, 0): ParameterSpec(5000, 0, 40000, Access.LOCKED_WHILE_RUNNING),
         FREQUENCY_SOURCE: ParameterSpec(4, 0, 9, Access.LOCKED_WHILE_RUNNING),
@@ -113,8 +113,9 @@ class VC660Station(SimulatedStation):
         return max(self.memory[REPLY_DELAY] / 1000.0, line.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
-        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
-        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        ram = self.memory.ram
+        self.motor.accel_s = ram[ACCEL_TIME] / 10.0
+        self.motor.decel_s = ram[DECEL_TIME] / 10.0
         super().elapse(dt)
         if self.emergency and not self.motor.energised:
             self.emergency = False
@@ -148,19 +149,13 @@ class VC660Station(SimulatedStation):
             return modbus.ExceptionReply(request.address, 3, ILLEGAL_VALUE)
         values: list[int] = []
         for register in range(request.register, request.register + request.count):
-            value = self._register(register)
-            if value is None:
+            if register < PARAMETERS:
+                values.append(self.memory[register])
+            elif 0x3000 <= register <= 0x3018:
+                values.append(self._monitor(register - 0x3000) & 0xFFFF)
+            else:  # write-only or in no table (200BH)
                 return modbus.ExceptionReply(request.address, 3, ILLEGAL_ADDRESS)
-            values.append(value)
         return modbus.RegisterValues(request.address, 3, tuple(values))
-
-    def _register(self, register: int) -> int | None:
-        """Return a parameter or a status register; None where it is write-only or in no table (200BH)."""
-        if register < PARAMETERS:
-            return self.memory[register]
-        if not 0x3000 <= register <= 0x3018:
-            return None
-        return self._monitor(register - 0x3000) & 0xFFFF
 
     def _monitor(self, number: int) -> int:
         motor = self.displayed_motor
@@ -198,20 +193,19 @@ class VC660Station(SimulatedStation):
         return sum(1 << n for n in range(3) if self.memory[FIRST_OUTPUT + n] == BUS_OUTPUT + n)
 
     def _status(self, motor: Motor) -> int:
-        running = motor.energised
-        bits = {
-            0: motor.ready and motor.trip is None,
-            1: motor.trip is not None,
-            2: not motor.ready,
-            3: running,
-            4: self.emergency,
-            5: self.paused,
-            7: motor.phase is OutputPhase.DC_BRAKING,
-            8: self.jogging and running,
-            14: self.reverse,
-            15: motor.output_hz < 0.0,
-        }
-        return sum(1 << bit for bit, on in bits.items() if on)
+        running, ready, tripped = motor.energised, motor.ready, motor.trip is not None
+        return (
+            (ready and not tripped) << 0
+            | tripped << 1
+            | (not ready) << 2
+            | running << 3
+            | self.emergency << 4
+            | self.paused << 5
+            | (motor.phase is OutputPhase.DC_BRAKING) << 7
+            | (self.jogging and running) << 8
+            | self.reverse << 14
+            | (motor.output_hz < 0.0) << 15
+        )
 
     # Writing.
 
