@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
-from drivebus.bus.prepared_request import PreparedRequest, priority_of
+from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest, priority_of
 from drivebus.bus.station import Station
+from drivebus.errors import ChecksumError
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import Effect
-from fixtures.bus import COMMAND, SETTINGS, START, STOP, TIMING, read_request, station_config
+from drivebus.protocols.codec import Complete, Effect, Incomplete
+from fixtures.bus import CODEC, COMMAND, SETTINGS, START, STOP, TIMING, read, read_request, station_config
 
 SPEED = 0x2001
 
@@ -133,3 +134,39 @@ def test_only_a_read_of_this_very_station_is_cached(codec: Any, request_: Any, p
     found = station(codec)
     assert found.encode(request_, SETTINGS).cacheable is plain
     assert (request_ in found.encode_cache) is plain
+
+
+class CountingCodec(modbus.ModbusRtuCodec):
+    decode_count = 0
+
+    def decode_reply(self, request: modbus.ModbusRequest, data: bytes, /) -> Any:
+        self.decode_count += 1
+        return super().decode_reply(request, data)
+
+
+def reply_with(first: int) -> bytes:
+    return CODEC.encode_reply(modbus.RegisterValues(1, 3, (first, 2, 3, 4)))
+
+
+def first_value(poll: PreparedPoll, data: bytes) -> int:
+    result = poll.decode_reply(data)
+    assert isinstance(result, Complete)
+    return int(result.message.values[0])
+
+
+def test_a_poll_decodes_a_repeated_reply_once_and_a_changed_one_again() -> None:
+    codec = CountingCodec()
+    poll = PreparedPoll(Poll(read(), 1.0), "token", station(codec), SETTINGS, 0.0)
+    assert [first_value(poll, reply_with(first)) for first in (7, 7, 8, 7)] == [7, 7, 8, 7]
+    assert codec.decode_count == 3
+
+
+def test_a_damaged_or_partial_reply_after_a_whole_one_is_no_reply() -> None:
+    poll = PreparedPoll(Poll(read(), 1.0), "token", station(), SETTINGS, 0.0)
+    whole = reply_with(7)
+    assert first_value(poll, whole) == 7
+    with pytest.raises(ChecksumError):
+        poll.decode_reply(whole[:-1] + bytes((whole[-1] ^ 1,)))
+    assert isinstance(poll.decode_reply(whole[:-1]), Incomplete)
+    assert isinstance(poll.decode_reply(b""), Incomplete)
+    assert first_value(poll, whole) == 7

@@ -318,8 +318,9 @@ class Bus:
     def _on_timer_after_readers(self) -> None:
         """Serve the timer after the readers that were ready when it fired."""
         assert self._clock is not None
-        if self._timer_at is not None and self._clock() >= self._timer_at:
-            self._perform(self.core.on_timer(self._clock()))
+        now = self._clock()
+        if self._timer_at is not None and now >= self._timer_at:
+            self._perform(self.core.on_timer(now))
         else:
             self._arm_timer()
 

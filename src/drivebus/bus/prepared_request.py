@@ -8,7 +8,7 @@ from typing import Any
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.bus.station import Station
 from drivebus.errors import NotPermitted, ProtocolError
-from drivebus.protocols.codec import Codec, Effect, Incomplete
+from drivebus.protocols.codec import Codec, Complete, DecodeResult, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
 READ_ATTEMPTS = 2  # a read is retried once
@@ -86,6 +86,10 @@ class PreparedRequest:
         policy = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
         return IDEMPOTENT_ATTEMPTS if policy is RetryPolicy.IDEMPOTENT else 1
 
+    def decode_reply(self, data: bytes) -> DecodeResult:
+        """Decode bytes as the reply to this request. Raises ProtocolError."""
+        return self.codec.decode_reply(self.request, data)
+
     def is_mirrorable(self) -> bool:
         """Return whether the request's own bytes could pass for the beginning of its reply."""
         try:
@@ -147,7 +151,7 @@ class Poll:
 class PreparedPoll(PreparedRequest):
     """A poll made ready for the wire; sent until it is cancelled."""
 
-    __slots__ = ("cancelled", "due_at", "period_s", "phase_at", "retry_queued")
+    __slots__ = ("_last_reply", "_last_result", "cancelled", "due_at", "period_s", "phase_at", "retry_queued")
 
     def __init__(self, poll: Poll, token: Any, station: Station, settings: SerialSettings, phase_at: float) -> None:
         bus_request = BusRequest(
@@ -159,6 +163,18 @@ class PreparedPoll(PreparedRequest):
         self.cancelled = False
         self.retry_queued = False
         """The second attempt waits in the queue: the poll is not due until that is done."""
+        self._last_reply = b""
+        """Last whole reply, and its message below."""
+        self._last_result: Complete | None = None
+
+    def decode_reply(self, data: bytes) -> DecodeResult:
+        """Decode as every request does, but only once where a drive at rest repeats its reply to the last bit."""
+        if self._last_result is not None and data == self._last_reply:
+            return self._last_result
+        result = super().decode_reply(data)
+        if type(result) is Complete:
+            self._last_reply, self._last_result = data, result
+        return result
 
     def skip_to(self, now: float) -> None:
         """Set the next due time after ``now``, in phase; missed polls are not made up for."""

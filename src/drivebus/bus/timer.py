@@ -24,7 +24,7 @@ from drivebus.timerfd import CLOCK_BOOTTIME, TimerFd
 NEVER = float("inf")
 TIMER_SLACK_S = 20e-6  # a timer due within this time is served now: arming the kernel timer would take as long
 SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after this: at once would block the loop
-KERNEL_TIMER_HORIZON_S = 0.01  # gaps (near) and deadlines (far) have a kernel timer each; setting one costs as much
+NEAR_TIMER_HORIZON_S = 0.01  # gaps (near) and deadlines (far) have a timer each; setting a kernel timer costs as much
 # as a whole transaction, so a gap must not replace the setting for the deadline, which is seldom reached
 
 
@@ -80,8 +80,7 @@ class TimerQueue:
                 self.precise = True
                 self.now = partial(time.clock_gettime, CLOCK_BOOTTIME)
                 return near, far
-        backend = _LoopTimer(loop, self._run_due)
-        return backend, backend
+        return _LoopTimer(loop, self._run_due), _LoopTimer(loop, self._run_due)
 
     def create_timer(self, callback: Callable[[], None]) -> BusTimer:
         return BusTimer(self, callback)
@@ -102,7 +101,7 @@ class TimerQueue:
     def _arm(self, when: float) -> None:
         """Wake the loop at ``when`` or before."""
         if when < self._near.armed_at and when < self._far.armed_at:
-            near = when < self.now() + KERNEL_TIMER_HORIZON_S
+            near = when < self.now() + NEAR_TIMER_HORIZON_S
             (self._near if near else self._far).arm(when)
 
     def _run_due(self) -> None:

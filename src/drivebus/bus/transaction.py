@@ -183,7 +183,7 @@ class Transaction:
         prepared = self.prepared
         while self.buffer:
             try:
-                result = prepared.codec.decode_reply(prepared.request, bytes(self.buffer))
+                result = prepared.decode_reply(bytes(self.buffer))
             except AddressError as error:
                 if not 0 < error.size <= len(self.buffer):
                     if self._skip_leading_noise():

@@ -50,14 +50,19 @@ DecodeResult = Incomplete | Complete | CompleteIfSilent
 class Codec(Protocol):
     """Encoding of a protocol, master and station side. A frame must begin at offset 0; nothing is searched.
 
-    Decoding raises only subclasses of ``drivebus.errors.ProtocolError``, for any bytes, and gives the same result whole
-    or byte by byte.
+    Decoding depends on its arguments alone: equal bytes for an equal request have one result, which may be cached. It
+    raises only subclasses of ``drivebus.errors.ProtocolError``, for any bytes, and gives the same result whole or byte
+    by byte.
     """
 
     family: str
     """Name of the ``ProtocolFamily``."""
     encoding: str
     """Name of the family's encoding, such as "ascii" or "rtu"."""
+
+    def __hash__(self) -> int:
+        """Return the hash of the codec, by identity unless it defines another."""
+        ...
 
     @property
     def broadcast_address(self) -> int | None:

@@ -209,6 +209,10 @@ def encode_reply(reply: ModbusReply, count_bytes: int = 1) -> bytes:
 
     Raises ValueError for a field out of range.
     """
+    if type(reply) is RegisterValues and count_bytes == 1:
+        address, function, values = reply.address, reply.function, reply.values
+        if 1 <= address <= 247 and 3 <= function <= 4 and 1 <= len(values) <= MAX_READ:
+            return bytes((address, function, 2 * len(values))) + pack_words(values)
     check_range("address", reply.address, ADDRESSES.start, ADDRESSES.stop - 1)
     match reply:
         case RegisterValues(address=address, function=function, values=values):
