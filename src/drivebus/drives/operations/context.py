@@ -106,6 +106,7 @@ class OperationContext:
         self.stops_sent = 0  # stops that were given to the port
         self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
+        self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
         self.motion_seen = False  # at least one reading showed that the drive turns
         self.may_be_running = False  # a frame that moves may have been sent, and no stop since
         self.last_motion_result: BusResult | None = None  # of the last frame that moves

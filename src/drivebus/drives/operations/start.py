@@ -16,6 +16,7 @@ from drivebus.drives.operations.preflight import ensure_preflight, recheck_maxim
 from drivebus.drives.operations.preparation import prepare_start
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import Direction, DriveState, DriveStatus
@@ -28,7 +29,7 @@ from drivebus.errors import (
     Superseded,
     TargetNotReached,
 )
-from drivebus.values import Text
+from drivebus.values import Quality, Text
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
 RAMP_FACTOR, RAMP_SLACK_S = 1.5, 2.0  # a ramp may take 1.5 times its set time and 2 s
@@ -36,7 +37,9 @@ DEFAULT_RAMP_TIMEOUT_S = 60.0  # where the model does not report its ramp
 SPEED_TOLERANCE = 0.005  # of the set frequency, but never less than two steps of what the drive reports
 COMMAND_SETTLE_S = 0.15  # pause before the first read: right after a start a C320 may still report "stopped" (2.4.6)
 START_CONFIRM_TIMEOUT_S = 3.0  # a drive that still stands after this did not execute the start
+OVERSPEED_SHARE, OVERSPEED_HZ = 0.2, 3.0  # above the set frequency; slip compensation and overshoot stay below 10 %
 WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
+_SPEEDING_STATES = (DriveState.RUNNING, DriveState.ACCELERATING)
 MAX_RESENDS = 2  # of an unanswered command, while it has not expired
 
 
@@ -137,12 +140,14 @@ def _send_start(
 ) -> DriveOperation[Outcome]:
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.START, conditions)
+    op.overspeed_hz = frequency_hz + max(OVERSPEED_SHARE * frequency_hz, OVERSPEED_HZ)
     frames = op.dialect.start(direction, word)
     answer = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(answer)
     if refused is not None:
         return _refused_outcome(refused, "drives.start_refused")
     outcome = yield from confirm_start(op, command, frames, direction, answer.error is None)
+    yield from _stop_at_overspeed(op, frequency_hz)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
         return (yield from _check_setpoint(op, outcome, word, frequency_hz))
     return outcome
@@ -303,6 +308,7 @@ def wait_at_speed(
             raise op.superseded_error()
         if on_progress is not None:
             on_progress(op.drive_status())
+        yield from _stop_at_overspeed(op, frequency_hz)
         wrong = _wrong_direction_outcome(op, direction)
         if wrong is not None:
             return wrong
@@ -315,6 +321,27 @@ def wait_at_speed(
         if state.output_off or conditions.now > until:
             raise _not_reached_error(op, frequency_hz, output, limit_s, error)
         yield from wait(SPEED_POLL_INTERVAL_S)
+
+
+def _stop_at_overspeed(op: OperationContext, frequency_hz: float) -> DriveOperation[None]:
+    """Stop a drive that was started from standstill and runs clearly faster than commanded, and raise TargetNotReached.
+
+    Two readings must show it, the later one no slower: a falling frequency is overshoot, or a motor that was still
+    turning and is caught by a speed search. A reading of uncertain scale shows nothing.
+    """
+    pair = op.reading_pairs.pair("output_frequency")
+    if op.overspeed_hz is None or pair is None or op.derived.state not in _SPEEDING_STATES:
+        return
+    values = [abs(one.value) for one in pair if isinstance(one.value, int | float) and one.quality is Quality.GOOD]
+    if len(values) < len(pair) or not op.overspeed_hz < values[0] <= values[1]:
+        return
+    stopped = yield from stop(op)
+    failure = TargetNotReached(
+        "drives.overspeed", expected_hz=frequency_hz, found_hz=values[1], ended=Text.per_language(stopped.text)
+    )
+    status = OutcomeStatus.FAILED if stopped.succeeded else OutcomeStatus.UNKNOWN
+    failure.outcome = op.outcome(status, failure.key, **failure.params)
+    raise failure
 
 
 def _output_hz(op: OperationContext) -> float | None:
