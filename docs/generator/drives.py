@@ -15,11 +15,20 @@ PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
 def shipped() -> list[DriveProfile]:
-    """Return the built-in profiles, without those of the user: four with a protocol page first, then by maker."""
+    """Return the built-in profiles, without those of the user, by maker.
+
+    The makers of the models with a protocol page come first, and these models first among those of their maker.
+    """
     package = profiles.load("c320").source.rsplit("/", 4)[0]
-    found = {name: profiles.load(name) for name in profiles.models()}
-    others = [one for name, one in found.items() if one.source.startswith(package) and name not in MODELS_WITH_PAGE]
-    return [found[name] for name in MODELS_WITH_PAGE] + sorted(others, key=lambda one: (one.maker.en, one.model))
+    found = [one for one in map(profiles.load, profiles.models()) if one.source.startswith(package)]
+    makers = [profiles.load(name).maker.en for name in MODELS_WITH_PAGE]
+
+    def place(profile: DriveProfile) -> tuple[int, str, bool, str]:
+        maker = profile.maker.en
+        rank = makers.index(maker) if maker in makers else len(makers)
+        return rank, maker, profile.model not in MODELS_WITH_PAGE, profile.model
+
+    return sorted(found, key=place)
 
 
 def table_of(found: list[DriveProfile], language: str, link: str) -> str:

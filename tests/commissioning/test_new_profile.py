@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -208,12 +210,97 @@ def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     assert invoke(str(file), "--force", answers=ANSWERS).exit_code == 0
 
 
-def test_a_file_that_is_not_valid_yet_is_kept_and_says_why(tmp_path: Path) -> None:
-    """Without loop-back and with no neighbouring registers a late reply can't be recognized."""
+NO_NEIGHBOURS = {"loopback": "no", "frequency_register": "2200", "fault_register": UNKNOWN}
+"""Without loop-back and with no neighbouring registers a late reply can't be recognized."""
+
+
+def with_neighbour(*texts: str, **changed: str) -> str:
+    """Return the input of a dialogue with these answers to the question for a neighbouring register."""
+    answers = ANSWERS | NO_NEIGHBOURS | changed
+    if answers["status_register"] == UNKNOWN:
+        left_out = {*STATUS_QUESTIONS, "runs_to_standstill"}
+        answers = {name: text for name, text in answers.items() if name not in left_out}
+    if answers["frequency_register"] == UNKNOWN:
+        answers = {name: text for name, text in answers.items() if name not in ("frequency_step", "runs_to_standstill")}
+    answers.pop("fault_coding", None)
+    names = [*answers]
+    at = names.index("readings_page")
+    lines = [*answers.values()]
+    return "\n".join([*lines[:at], *texts, *lines[at:]]) + "\n"
+
+
+STATUS_QUESTIONS = [question.name for question in QUESTIONS if question.name.startswith(("value_", "status_kind"))]
+STATUS_QUESTIONS += ["fault_register", "status_page"]
+
+
+@pytest.mark.parametrize(
+    ("texts", "changed", "registers"),
+    [
+        (("2201",), {}, [0x2201]),
+        (("20FF",), {}, [0x20FF]),
+        (("3000",), {"status_register": UNKNOWN, "frequency_register": UNKNOWN}, [0x3000, 0x3001]),
+    ],
+)
+def test_a_register_beside_a_known_one_is_asked_for_where_nothing_else_recognizes_a_late_reply(
+    tmp_path: Path, texts: tuple[str, ...], changed: dict[str, str], registers: list[int]
+) -> None:
+    """The file was not valid yet, and no question led out of that."""
     file = tmp_path / "acme.toml"
-    changed = ANSWERS | {"loopback": "no", "frequency_register": "2200", "fault_register": UNKNOWN}
-    del changed["fault_coding"]
-    result = invoke(str(file), answers=changed)
+    given = with_neighbour(*texts, **changed)
+    result = CliRunner().invoke(cli, ["profile", "new", str(file), "--lang", "en"], input=given)
+    assert result.exit_code == 0, result.output
+    signals = {signal.locator[1] for signal in profiles.load(file).signals.values()}
+    assert {*registers} <= signals
+
+
+def test_a_register_that_is_no_neighbour_or_a_command_is_asked_for_again(tmp_path: Path) -> None:
+    file = tmp_path / "acme.toml"
+    given = with_neighbour("2300", "2200", "2201")
+    result = CliRunner().invoke(cli, ["profile", "new", str(file), "--lang", "en"], input=given)
+    assert result.exit_code == 0, result.output
+    shown = " ".join(result.output.split())
+    assert shown.count("directly before or after one of: 2100H, 2200H") == 2
+
+
+@pytest.mark.parametrize(("loopback", "frequency"), [("yes", "2200"), ("no", "2101")])
+def test_no_neighbour_is_asked_for_where_a_late_reply_can_be_recognized(loopback: str, frequency: str) -> None:
+    answers = {**ANSWERS, "loopback": loopback, "frequency_register": frequency}
+    assert "neighbour_register" not in [question.name for question in open_questions(answers)]
+
+
+def test_a_step_that_the_manual_lacks_is_assumed_and_never_recorded_as_its_evidence(tmp_path: Path) -> None:
+    """Enter took 0.01 Hz, with the manual as its evidence, and ? was refused."""
+    steps = [question for question in QUESTIONS if question.name.endswith("_step")]
+    assert len(steps) == 3 and all(one.default is None and one.accepts_unknown for one in steps)
+    profile = written(tmp_path, {"setpoint_step": UNKNOWN})
+    assert profile.evidence["setpoint"].kind == "assumed"
+    assert profile.setpoint_scale.factor == 0.1, "of the usual steps the one that gives the lower word"
+    assert {one.name: one.value for one in profile.open_questions}["setpoint_step"] == "0.1"
+    assert written(tmp_path, {"setpoint_step": "0.01"}).evidence["setpoint"].kind == "manual"
+    signal = written(tmp_path, {"frequency_step": UNKNOWN}).signals["output_frequency"]
+    assert signal.uncertain == "profiles.scale_unpublished" and signal.unit == ""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_command_of_the_checklist_parses(tmp_path: Path, language: str) -> None:
+    """Step 6 had an option that does not exist."""
+    answers = ANSWERS | {"keypad": "K"}
+    given = "".join(f"{text}\n" for text in answers.values())
+    file = tmp_path / "acme.toml"
+    shown = CliRunner().invoke(cli, ["profile", "new", str(file), "--lang", language], input=given).output
+    lines = re.findall(r"drivebus ((?:status|set-frequency|run) PORT[^,:，：。\n]*?)(?=[,:，：。]|\n)", shown)
+    assert [line.split()[0] for line in lines] == ["status", "set-frequency", "run"]
+    for line in lines:
+        words = line.partition(". ")[0].replace("PORT", "sim://vc660@1").replace("address N", "address 1").split()
+        command = cli.get_command(click.Context(cli), words[0])
+        assert command is not None
+        command.make_context(words[0], words[1:])
+
+
+def test_a_file_that_is_not_valid_yet_is_kept_and_says_why(tmp_path: Path) -> None:
+    file = tmp_path / "acme.toml"
+    given = with_neighbour(UNKNOWN)
+    result = CliRunner().invoke(cli, ["profile", "new", str(file)], input=given)
     assert result.exit_code == 2 and file.exists()
     assert "no way to distinguish a late reply" in " ".join(result.output.split())
 

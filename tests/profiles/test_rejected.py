@@ -76,6 +76,7 @@ def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
 def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
     """Otherwise a parameter write would bypass the start permissives."""
     assert refusal(REFUSED / "command-as-parameter.toml").params["found"] == '"2000H"'
+    assert refusal(REFUSED / "eeprom-twin-on-the-command-word.toml").params["complaints"][0].kind == "duplicate"
     assert refusal(REFUSED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
 
 

@@ -345,14 +345,16 @@ def test_an_invalid_sim_url_is_rejected(link: str, key: str) -> None:
     assert caught.value.key == key
 
 
-def test_the_rejection_of_a_model_names_the_existing_ones() -> None:
+def test_a_model_without_simulated_drive_is_reported_with_near_names_and_the_list() -> None:
+    """The message named 15 of 107 models."""
     with pytest.raises(ConfigurationError) as caught:
-        open_port("sim://c999@1")
-    assert str(caught.value) == (
-        "there is no simulated drive c999: "
-        "expected one of c320, c300, e300, e500, e550, dzb100, vc660, df800, huanyang_hy, "
-        "fr_a500, fr_e500, fr_a700, fr_e700, fr_f700, fr_d700"
-    )
+        open_port("sim://gd11@1")
+    assert "gd10" in caught.value.params["near"].split(", ")
+    for language in ("en", "zh"):
+        assert "`drivebus models`" in caught.value.text(language) and "gd10" in caught.value.text(language)
+    with pytest.raises(ConfigurationError) as caught:
+        open_port("sim://zzzzzzzzzzzz@1")
+    assert caught.value.params["near"] == "-"
 
 
 @pytest.mark.parametrize(("text", "expected"), [("0-3,7", [0, 1, 2, 3, 7]), ("5", [5]), ("1,1-2", [1, 2]), ("3-1", [])])

@@ -373,7 +373,10 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
             registers = {index}
             if isinstance(entry, ParameterIn) and entry.readable and locator in block_registers(profile):
                 yield issue("duplicate", at, notation, related=(("modbus", "blocks"),), other="[modbus] blocks")
-            if mask and space == "holding" and isinstance(entry, ParameterIn) and entry.writable:
+            is_written = space == "holding" and isinstance(entry, ParameterIn) and entry.writable
+            if is_written:
+                registers.add(index | eeprom_bit)
+            if mask and is_written:
                 registers.add(index & ~mask)
                 if index & mask != mask:
                     yield issue("choice", at, f"{index:04X}H", choices=f"{index | mask:04X}H")

@@ -86,6 +86,8 @@ class ProtocolFamily:
     """Mappings of model name to ``simulator.models.SimulatedModel``."""
     profile_simulator: Any = None
     """``model -> simulator.models.SimulatedModel | None``, for a profile without a simulated drive of its own."""
+    similar_models: Any = None
+    """``name -> list of similar model names``, for a simulated drive that does not exist."""
     scan_models: tuple[str, ...] = ()
     """Common models: a scan looks for them first, and at every serial setting that they can have."""
     binary_encodings: frozenset[str] = frozenset()

@@ -77,7 +77,7 @@ def _read_answers(path: str) -> dict[str, str]:
             try:
                 check_answer(question, text, answers)
             except (ValueError, KeyError):
-                expected = _expected(question)
+                expected = _expected(question, answers)
                 raise ConfigurationError(
                     "profile_new.answers_value", file=path, key=name, found=text, expected=expected
                 ) from None
@@ -98,15 +98,23 @@ def _ask_all(answers: dict[str, str]) -> None:
                 check_answer(question, text, answers)
                 answers[question.name] = text
             except ValueError:
-                output.print_note("profile_new.wrong", found=text, expected=_expected(question))
+                output.print_note("profile_new.wrong", found=text, expected=_expected(question, answers))
 
 
-def _expected(question: Question) -> str:
+def _expected(question: Question, answers: dict[str, str]) -> str:
     """Return what a question expects."""
-    low, high = question.span
-    return output.text(
-        f"profile_new.expect_{question.kind}", choices=", ".join(question.choices), low=f"{low:g}", high=f"{high:g}"
-    )
+    from drivebus.commissioning.new_profile.questions import readable_registers
+
+    params: dict[str, object] = {}
+    match question.kind:
+        case "choice":
+            params["choices"] = ", ".join(question.choices)
+        case "number":
+            params["low"], params["high"] = (f"{bound:g}" for bound in question.span)
+        case "neighbour":
+            known = ", ".join(f"{register:04X}H" for register in sorted(readable_registers(answers)))
+            params["registers"] = known or output.text("profile_new.any_register")
+    return output.text(f"profile_new.expect_{question.kind}", **params)
 
 
 def _keep(answers: dict[str, str], file: str) -> ExitCode:

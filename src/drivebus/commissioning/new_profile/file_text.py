@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from drivebus import i18n
-from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, Answers, fact, is_known
+from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, Answers, fact, is_known, readable_registers
 from drivebus.commissioning.new_profile.register_table import TableRow
 from drivebus.profiles.toml_file import toml_string
 
@@ -19,6 +19,10 @@ STATUS_BITS = {"running_bit": "running", "reverse_bit": "output_reverse", "fault
 COMMANDS = ("start_forward", "start_reverse", "stop", "coast", "reset")
 LEAST_READ = 2
 """Registers in one read where the manual gives no number: the sync probe needs two."""
+ASSUMED_STEP_HZ = 0.1
+"""Step of the setpoint where the manual gives none: of the usual 0.1 and 0.01 the one that gives the lower word."""
+ASSUMED = {"max_read": LEAST_READ, "setpoint_step": ASSUMED_STEP_HZ}
+"""Question to what the profile assumes without an answer."""
 
 
 def profile_toml(answers: Answers, rows: Sequence[TableRow], language: str) -> str:
@@ -95,8 +99,12 @@ def _limits(answers: Answers, language: str) -> Iterator[str]:
         yield from ("[setpoint]", f"full_scale = {int(fact(answers, 'full_scale'))}")
         yield f"maximum_hz = {fact(answers, 'factory_maximum')}"
         yield f"highest_hz = {fact(answers, 'highest_maximum')}"
-    else:
+    elif is_known(answers, "setpoint_step"):
         yield from ("[setpoint]", f"factor = {fact(answers, 'setpoint_step')}", "decimals = 2")
+    else:
+        yield from _comment("assumed_step", language)
+        yield from ("[setpoint]", f"factor = {ASSUMED_STEP_HZ}", "decimals = 2", 'evidence = "assumed"')
+        return
     yield _evidence(answers, "setpoint_page")
 
 
@@ -138,11 +146,30 @@ def _values(answers: Answers, rows: Sequence[TableRow], language: str) -> Iterat
             yield f"[signals.{name}]"
             yield f'notation = "{fact(answers, f"{question}_register"):04X}H"'
             yield f"text = {toml_string(i18n.text(f'profile_new.{name}', language))}"
-            yield from (f'unit = "{unit}"', f"factor = {fact(answers, f'{question}_step')}", f"decimals = {decimals}")
+            if is_known(answers, f"{question}_step"):
+                yield from (
+                    f'unit = "{unit}"',
+                    f"factor = {fact(answers, f'{question}_step')}",
+                    f"decimals = {decimals}",
+                )
+            else:
+                yield "scale_published = false"
             yield from (_evidence(answers, "readings_page"), "")
+    for register in _neighbours(answers) - {row.register for row in rows}:
+        yield from (f"[signals.register_{register:04x}]", f'notation = "{register:04X}H"')
+        yield f"text = {toml_string(i18n.text('profile_new.neighbour', language))}"
+        yield from (_evidence(answers, "readings_page"), "")
     for row in rows:
         yield from row.toml_lines()
         yield from (_evidence(answers, "readings_page"), "")
+
+
+def _neighbours(answers: Answers) -> set[int]:
+    """Return the registers that are read to recognize a late reply: two, where no other reading is known."""
+    register = fact(answers, "neighbour_register")
+    if register is None:
+        return set()
+    return {register} if readable_registers(answers) else {register, register + 1}
 
 
 def _open_questions(answers: Answers, language: str) -> Iterator[str]:
@@ -150,7 +177,7 @@ def _open_questions(answers: Answers, language: str) -> Iterator[str]:
         if answers.get(question.name) == UNKNOWN and question.kind != "text":
             asked = i18n.text(f"profile_new.ask_{question.name}", language)
             yield f"[open_questions.{question.name}]"
-            yield f'assumed = "{LEAST_READ if question.name == "max_read" else "-"}"'
+            yield f'assumed = "{ASSUMED.get(question.name, "-")}"'
             yield 'where = "-"'
             yield f"text = {toml_string(i18n.text('profile_new.open_text', language, question=asked))}"
             yield f"reason = {toml_string(i18n.text('profile_new.open_reason', language))}"

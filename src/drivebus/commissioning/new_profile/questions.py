@@ -2,7 +2,7 @@
 
 An answer is kept as the text that the user wrote, so that an unfinished dialogue can be continued. ``UNKNOWN`` stands
 for a fact that the manual does not give: it becomes an open question of the profile, or a function that the profile
-lacks, and never a guess.
+lacks, and never a guess; only the step of the setpoint is assumed then, and marked so.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NUMBERING = ("hex", "decimal", "40001", "one")
 """How a manual numbers registers: hexadecimal or decimal as on the wire, or from 40001 or 1 for register 0."""
 FIRST_REGISTER = {"decimal": 0, "40001": 40001, "one": 1}
 
-Kind = Literal["name", "text", "format", "addresses", "choice", "register", "word", "bit", "number"]
+Kind = Literal["name", "text", "format", "addresses", "choice", "register", "neighbour", "word", "bit", "number"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,11 +36,17 @@ class Question:
     name: str
     kind: Kind
     default: str | None = None
-    """Offered answer; ``UNKNOWN`` where the manual may lack the fact."""
+    """Offered answer."""
+    may_be_unknown: bool = False
+    """The manual may lack the fact, although no answer is offered."""
     choices: tuple[str, ...] = ()
     span: tuple[float, float] = (0.0, 0.0)
     """Lowest and highest number."""
     is_asked: Callable[[Answers], bool] = lambda answers: True
+
+    @property
+    def accepts_unknown(self) -> bool:
+        return self.may_be_unknown or self.default == UNKNOWN
 
 
 def parse_word(text: str) -> int:
@@ -72,6 +78,12 @@ def parse_answer(question: Question, text: str, answers: Answers) -> Any:
             return parse_word(text)
         case "register":
             return parse_register(text, answers["numbering"])
+        case "neighbour":
+            register = parse_register(text, answers["numbering"])
+            known = readable_registers(answers)
+            own = {register} if known else {register, register + 1}
+            is_beside = not known or bool({register - 1, register + 1} & known)
+            return _require(register, is_beside and max(own) <= 0xFFFF and not own & (known | _written(answers)))
         case "number":
             return _require(float(text), question.span[0] <= float(text) <= question.span[1])
         case "bit":
@@ -111,6 +123,24 @@ def _has_state_and_frequency(answers: Answers) -> bool:
     return is_known(answers, "status_register") and is_known(answers, "frequency_register")
 
 
+def readable_registers(answers: Answers) -> set[int]:
+    """Return the registers that the answers name and that each poll may read."""
+    names = ("status_register", "frequency_register", "current_register")
+    return {fact(answers, name) for name in names if is_known(answers, name)}
+
+
+def _written(answers: Answers) -> set[int]:
+    names = ("command_register", "setpoint_register")
+    return {fact(answers, name) for name in names if is_known(answers, name)}
+
+
+def _lacks_neighbours(answers: Answers) -> bool:
+    """Return whether a late reply can be recognized neither by loop-back nor by a read of two known registers."""
+    known = readable_registers(answers)
+    reads_two = fact(answers, "max_read") != 1
+    return answers.get("loopback") != "yes" and reads_two and not any(one + 1 in known for one in known)
+
+
 def _status_is(kind: str) -> Callable[[Answers], bool]:
     return lambda answers: is_known(answers, "status_register") and answers.get("status_kind") == kind
 
@@ -139,7 +169,11 @@ QUESTIONS = (
     Question(name="setpoint_register", kind="register"),
     Question(name="setpoint_kind", kind="choice", choices=("step", "share"), default="step"),
     Question(
-        name="setpoint_step", kind="number", span=(0.001, 10), default="0.01", is_asked=_with("setpoint_kind", "step")
+        name="setpoint_step",
+        kind="number",
+        span=(0.001, 10),
+        may_be_unknown=True,
+        is_asked=_with("setpoint_kind", "step"),
     ),
     Question(
         name="full_scale", kind="number", span=(100, 0xFFFF), default="10000", is_asked=_with("setpoint_kind", "share")
@@ -162,7 +196,11 @@ QUESTIONS = (
     Question(name="status_page", kind="text", default=UNKNOWN, is_asked=_with("status_register")),
     Question(name="frequency_register", kind="register", default=UNKNOWN),
     Question(
-        name="frequency_step", kind="number", span=(0.001, 10), default="0.01", is_asked=_with("frequency_register")
+        name="frequency_step",
+        kind="number",
+        span=(0.001, 10),
+        may_be_unknown=True,
+        is_asked=_with("frequency_register"),
     ),
     Question(
         name="runs_to_standstill",
@@ -172,7 +210,14 @@ QUESTIONS = (
         is_asked=_has_state_and_frequency,
     ),
     Question(name="current_register", kind="register", default=UNKNOWN),
-    Question(name="current_step", kind="number", span=(0.0001, 10), default="0.1", is_asked=_with("current_register")),
+    Question(
+        name="current_step",
+        kind="number",
+        span=(0.0001, 10),
+        may_be_unknown=True,
+        is_asked=_with("current_register"),
+    ),
+    Question(name="neighbour_register", kind="neighbour", may_be_unknown=True, is_asked=_lacks_neighbours),
     Question(name="readings_page", kind="text", default=UNKNOWN),
     Question(name="keypad", kind="text", default=UNKNOWN),
 )
@@ -187,8 +232,8 @@ def open_questions(answers: Answers) -> Iterator[Question]:
 
 
 def check_answer(question: Question, text: str, answers: Answers) -> None:
-    """Raise ValueError for an answer that can't be read; ``UNKNOWN`` is one only where it is offered."""
-    if text != UNKNOWN or question.default != UNKNOWN:
+    """Raise ValueError for an answer that can't be read; ``UNKNOWN`` is one only where it is accepted."""
+    if text != UNKNOWN or not question.accepts_unknown:
         parse_answer(question, text, answers)
 
 

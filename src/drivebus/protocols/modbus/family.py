@@ -113,6 +113,7 @@ FAMILY: Final = ProtocolFamily(
     calibrations="drivebus.drives.operations.direction_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.vc660:MODELS", "drivebus.simulator.models.df800:MODELS"),
     profile_simulator="drivebus.commissioning.profile_simulator:simulated_model",
+    similar_models="drivebus.profiles.load:similar_models",
     scan_models=("vc660", "df800"),
     binary_encodings=frozenset({"rtu"}),
 )

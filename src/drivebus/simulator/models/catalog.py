@@ -36,7 +36,7 @@ def make_station(
     models = simulated_models()
     chosen = models.get(model) or _simulated_from_profile(model)
     if chosen is None:
-        raise ConfigurationError("sim.model", found=model, expected=", ".join(models))
+        raise ConfigurationError("sim.model", found=model, near=", ".join(_similar_models(model)) or "-")
     addresses = chosen.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
@@ -60,6 +60,18 @@ def _simulated_from_profile(model: str) -> SimulatedModel | None:
         if found is not None:
             return found
     return None
+
+
+def _similar_models(model: str) -> list[str]:
+    """Return the simulated drives whose names are nearest to a name."""
+    own = simulated_models()
+    found = [
+        name
+        for family in protocol_families()
+        if family.similar_models
+        for name in resolve(family.similar_models)(model)
+    ]
+    return [name for name in dict.fromkeys(found) if name in own or _simulated_from_profile(name) is not None]
 
 
 def make_stations(
