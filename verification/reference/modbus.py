@@ -4,7 +4,7 @@ tables)."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cache, lru_cache
 
 from verification.reference.frame_shapes import ANY, REMEMBERED_REQUESTS, Bytes, FrameShape, literal_places
@@ -47,6 +47,7 @@ class ModbusReference:
     ASCII frame."""
 
     encoding: str
+    _: KW_ONLY
     short: bool = False
     resync: int = 0
     marks: int = 0

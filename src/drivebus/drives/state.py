@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
 
 from drivebus import i18n
@@ -96,6 +96,7 @@ class DerivedState:
     direction: Direction | None = None
     fault_code: int | None = None
     reason: str | None = None  # i18n key of why the state is UNKNOWN
+    _: KW_ONLY
     further_fault_codes: tuple[int, ...] = ()  # where a drive reports several faults at once
     by_frequency: bool = False  # decelerating by the output frequency alone: the status word shows no motion
 

@@ -129,7 +129,7 @@ CAMPAIGN = FamilyCampaign(
         FuzzedCodec(
             name="df800-ascii",
             codec=ModbusAsciiCodec("short", 4),
-            reference=ModbusReference("ascii", True, marks=2),
+            reference=ModbusReference("ascii", short=True, marks=2),
             make_exchange=df800_exchange,
             alphabet=HEX_DIGITS,
             longest=LONGEST_ASCII,

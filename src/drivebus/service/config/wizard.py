@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -28,6 +28,7 @@ class DriveAnswer:
     model: str
     title: str = ""
     encoding: str | None = None
+    _: KW_ONLY
     others: tuple[str, ...] = ()
     is_doubtful: bool = False
 
