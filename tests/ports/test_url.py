@@ -53,17 +53,32 @@ def test_settings_that_are_not_specified_are_defaults_and_not_explicit() -> None
 
 
 def test_a_relative_path_to_a_device_needs_no_dot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``simulate --link run/bus04`` makes such a name."""
+    """``simulate --link run/bus04`` makes such a name. It stays a port URL while the adapter is pulled."""
     monkeypatch.chdir(tmp_path)
-    Path("run").mkdir()
-    with pytest.raises(PortUrlError):
-        parse_port_url("run/bus04")
-    Path("run/bus04").symlink_to("/dev/null")
-    link = parse_port_url("run/bus04?baud=19200")
-    assert (link.scheme, link.path, link.settings.baud) == ("serial", "run/bus04", 19200)
+    for path in ("run/bus04", "bus05"):
+        Path("run").mkdir(exist_ok=True)
+        if path == "bus05":
+            Path(path).symlink_to("/dev/null")
+        link = parse_port_url(f"{path}?baud=19200")
+        assert (link.scheme, link.path, link.settings.baud) == ("serial", path, 19200)
     Path("plant.toml").touch()
     with pytest.raises(PortUrlError, match="no port URL"):
         parse_port_url("plant.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("serial/by-id/usb-1a86-if00", "/dev/serial/by-id/usb-1a86-if00"),
+        ("captures/day.dbcap", "replay://captures/day.dbcap"),
+        ("tcp:/192.168.1.50:4001", "drivebus ports"),
+        ("192.168.1.50:4001/", "drivebus ports"),
+    ],
+)
+def test_a_slash_makes_no_path_of_another_port_url_that_is_mistyped(text: str, meant: str) -> None:
+    with pytest.raises(PortUrlError) as caught:
+        parse_port_url(text)
+    assert caught.value.params["hint"] == meant
 
 
 def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> None:

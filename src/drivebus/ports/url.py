@@ -27,6 +27,7 @@ PORT_URL_EXAMPLES = (
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _COM = re.compile(r"(?:\\\\\.\\)?COM\d{1,3}", re.IGNORECASE)
 _HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
+_NAME_IN_DEV = re.compile(r"tty|serial/by-|rfcomm|cu\.")
 _BOOLEAN_WORDS = {
     "on": True,
     "yes": True,
@@ -151,13 +152,20 @@ def _split_scheme(text: str) -> tuple[str, str]:
     if match := _SCHEME.match(text):
         return match[1].lower(), text[match.end() :]
     path = text.partition("?")[0]
-    if _COM.fullmatch(path) or path.startswith(("/", "./", "../")) or _is_device(path):
+    if _COM.fullmatch(path) or _is_path(path) or _is_device(path):
         return "serial", text
     raise PortUrlError("ports.link", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
 
 
+def _is_path(path: str) -> bool:
+    """Return whether a text is a path by its form. Whether it exists now is not asked: an adapter may be pulled."""
+    if path.startswith(("/", "./", "../")):
+        return True
+    return "/" in path and ":" not in path and not path.lower().endswith(".dbcap") and not _NAME_IN_DEV.match(path)
+
+
 def _is_device(path: str) -> bool:
-    """Return whether a relative path leads to a terminal device, such as the link that ``simulate --link`` makes."""
+    """Return whether a file name leads to a terminal device, such as the link that ``simulate --link`` makes."""
     try:
         return stat.S_ISCHR(Path(path).stat().st_mode)
     except (OSError, ValueError):
@@ -168,7 +176,7 @@ def _suggestion(text: str) -> str:
     """Return the port URL that was probably meant."""
     if text.lower().endswith(".dbcap"):
         return f"replay://{text}"
-    if text.startswith(("tty", "serial/by-", "rfcomm", "cu.")):
+    if _NAME_IN_DEV.match(text):
         return f"/dev/{text}"
     if _HOST_AND_PORT.fullmatch(text):
         return f"tcp://{text}"

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import tty
+from pathlib import Path
+
+import pytest
 
 from drivebus.service.config import loads
-from drivebus.service.config.model import BusConfig
+from drivebus.service.config.model import BusConfig, DriveConfig
+from drivebus.service.runtime.supervision import BUS_VIEW_CYCLES, CYCLE_S
 from drivebus.testing.virtual_time import run
-from fixtures.service import plant_config, running_service
+from fixtures.service import FAN_FILE, plant_config, running_service
 
 
 def test_a_bus_that_opens_with_the_service_publishes_no_event() -> None:
@@ -51,3 +57,35 @@ def test_a_drive_on_a_full_bus_states_the_interval_at_which_it_is_polled() -> No
 
     assert shown(1) == (0.5, 0.5)
     assert shown(30) == (15.0, 0.5)
+
+
+@pytest.mark.parametrize("link", ["run/bus", "bus"])
+def test_the_view_of_a_bus_on_a_relative_path_follows_its_adapter(
+    link: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once the adapter was pulled, every step of the supervision failed, and the bus stayed open on every surface."""
+    monkeypatch.chdir(tmp_path)
+    Path("run").mkdir()
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    Path(link).symlink_to(os.ttyname(slave))
+    buses = (BusConfig("a", link, 9600, "8N1"),)
+    plant = plant_config(buses=buses, drives=(DriveConfig(id="pump", bus="a", address=1, model="vc660"),), groups=())
+
+    async def scenario() -> None:
+        async with running_service(plant) as kit:
+            await asyncio.sleep(3 * BUS_VIEW_CYCLES * CYCLE_S)
+            assert (await kit.call("buses.get", bus="a"))["is_open"]
+            os.unlink(link)  # noqa: PTH108
+            os.close(slave)
+            os.close(master)
+            await asyncio.sleep(3 * BUS_VIEW_CYCLES * CYCLE_S)
+            assert not (await kit.call("buses.get", bus="a"))["is_open"]
+            assert [alarm.kind for alarm in kit.service.plant.alarms.active()].count("port_lost") == 1
+
+    asyncio.run(scenario())
+
+
+def test_a_plant_with_a_pulled_adapter_on_a_relative_path_passes_its_check() -> None:
+    plant = loads(FAN_FILE.replace("tcp://127.0.0.1:1", "run/bus"))
+    assert plant.buses[0].link.startswith("run/bus?")

@@ -44,19 +44,24 @@ def adapter_latencies(plant: PlantConfig) -> Iterator[AdapterLatency]:
     for bus in plant.buses:
         dialects = [(drive, dialect_of(drive)) for drive in plant.drives if drive.bus == bus.id]
         polls = [(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in dialects]
-        found = adapter_latency(bus.id, bus.link, polls, serial_settings_in(plant, bus.id))
+        found = adapter_latency(bus.id, serial_device(bus.link), polls, serial_settings_in(plant, bus.id))
         if found is not None:
             yield found
 
 
-def adapter_latency(
-    bus: str, link: str, polls: Sequence[tuple[StationConfig, Sequence[Poll]]], settings: SerialSettings
-) -> AdapterLatency | None:
-    """Return the cost of the adapter of a port URL; None where it is fast, unknown, or not of this machine."""
+def serial_device(link: str) -> str | None:
+    """Return the path of the serial device that a port URL names, None for another port. Raises PortUrlError."""
     port = parse_port_url(link)
-    if port.scheme != "serial":
+    return port.path if port.scheme == "serial" else None
+
+
+def adapter_latency(
+    bus: str, path: str | None, polls: Sequence[tuple[StationConfig, Sequence[Poll]]], settings: SerialSettings
+) -> AdapterLatency | None:
+    """Return the cost of the adapter of a serial device; None where it is fast, unknown, or not of this machine."""
+    if path is None:
         return None
-    device = os.path.realpath(port.path)
+    device = os.path.realpath(path)
     latency_ms = latency_timer.latency_ms(device)
     if latency_ms is None or latency_ms <= latency_timer.LOW_LATENCY_MS:
         return None

@@ -16,7 +16,7 @@ from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
-from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency
+from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import DriveRuntime
@@ -52,6 +52,8 @@ class BusRuntime:
         self.config, self._wall_ms, self._on_problem, self._on_frame = config, wall_ms, on_problem, on_frame
         settings = serial_settings_of(config, profile)
         self.bus: Bus = open_bus(config.link, baud=settings.baud, format=settings.format)
+        self._serial_device = serial_device(config.link)
+        """Read from the port URL once: a file name is no port URL while the adapter is pulled."""
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""
@@ -73,7 +75,7 @@ class BusRuntime:
     def adapter_latency(self) -> AdapterLatency | None:
         """Return what the adapter costs this bus while it holds received bytes back, None where it does not."""
         polled = [(runtime.drive.dialect.station_config, runtime.polls) for runtime in self.drives.values()]
-        return adapter_latency(self.config.id, self.config.link, polled, self.bus.settings)
+        return adapter_latency(self.config.id, self._serial_device, polled, self.bus.settings)
 
     def add_drive(
         self,
