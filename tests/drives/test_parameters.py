@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
+from drivebus import i18n, profiles
 from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
@@ -246,6 +246,34 @@ def test_the_refusal_of_a_write_gives_the_reason_and_the_way_out(model: str, nam
         check_write(dialect_for(model), name, 1.0)
     assert caught.value.key == key
     assert ("profile of your own" in caught.value.text()) is (key == "drives.not_described")
+
+
+MODBUS_MODELS = [model for model in profiles.models() if profiles.load(model).family == "modbus"]
+
+
+@pytest.mark.parametrize("model", MODBUS_MODELS)
+def test_a_write_to_the_command_word_or_the_set_frequency_names_the_commands_that_write_it(model: str) -> None:
+    profile = profiles.load(model)
+    keys = {"drives.register_is_setpoint": profile.setpoint_locators()}
+    if profile.commands is not None and profile.commands.space == "holding":
+        keys["drives.register_is_command"] = profile.command_locators()
+    for key, locators in keys.items():
+        assert locators
+        for _, register in locators:
+            with pytest.raises(CapabilityError) as caught:
+                check_write(dialect_for(model), f"0x{register:04X}", "0080H")
+            assert caught.value.key == key
+            assert "written by run" in caught.value.text("en") and "只由 run" in caught.value.text("zh")
+
+
+@pytest.mark.parametrize("save", [False, True])
+@pytest.mark.parametrize(("model", "name"), [("df800", "2000H"), ("df800", "2001H"), ("vc660", "2000H")])
+def test_a_write_to_a_command_register_is_named_before_its_memory(model: str, name: str, save: bool) -> None:
+    """DF800 writes to EEPROM only: its refusal does not ask for ``save`` first."""
+    desk = Desk(model, FakeModbus())
+    with pytest.raises(CapabilityError, match="is the command word|is the set frequency"):
+        desk.write({name: "0080H"}, save=save)
+    assert not desk.bus.requests
 
 
 def test_a_parameter_is_written_once_a_profile_of_its_own_describes_it(tmp_path: Path) -> None:

@@ -139,7 +139,8 @@ def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> Non
 
 @pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.STOPPED])
 def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> None:
-    check_withheld(StartInhibited, "drives.state_forbids", evidence=replace(STANDSTILL, derived=DerivedState(state)))
+    key = "drives.state_not_known" if state is DriveState.UNKNOWN else "drives.state_forbids"
+    check_withheld(StartInhibited, key, evidence=replace(STANDSTILL, derived=DerivedState(state)))
 
 
 @pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
@@ -260,7 +261,8 @@ def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> N
     if state in RUNNING:
         request_permit(setpoint, evidence=evidence)
     else:
-        check_withheld(StartInhibited, "drives.state_forbids", command=setpoint, evidence=evidence)
+        key = "drives.state_not_known" if state is DriveState.UNKNOWN else "drives.state_forbids"
+        check_withheld(StartInhibited, key, command=setpoint, evidence=evidence)
     check_withheld(
         StartInhibited,
         "drives.high_error_rate",

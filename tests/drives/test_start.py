@@ -521,3 +521,34 @@ def test_a_precondition_whose_read_is_rejected_is_no_wrong_setting() -> None:
     assert caught.value.key == "drives.preflight_refused"
     assert "the read of F0.1 was not answered with a value" in caught.value.text("en")
     assert "Set F0.1" not in caught.value.text("en") and not bus.effects()
+
+
+class RejectsStatus(FakeModbus):
+    """Fake Modbus registers whose status register 3000H is busy: exception 6."""
+
+    def __call__(self, request: Any) -> Any:
+        if isinstance(request, modbus.ReadRegisters) and request.register == 0x3000:
+            return modbus.ExceptionReply(request.address, 3, 6)
+        return super().__call__(request)
+
+
+@pytest.mark.parametrize(
+    ("station", "why"),
+    [
+        (RejectsStatus(), ("the drive rejects the read", "变频器拒绝该读取")),
+        (FakeModbus(), ("bits that must be 0 are set", "应为 0 的位被置位")),
+    ],
+    ids=["exception 6", "reserved bit 9"],
+)
+def test_a_start_in_an_unknown_state_names_the_reason_and_no_report_of_the_drive(
+    station: FakeModbus, why: tuple[str, str]
+) -> None:
+    bus, op = vc660(station)
+    station.registers[0x3000] = 0x0200
+    with pytest.raises(StartInhibited) as caught:
+        start(bus, op)
+    assert caught.value.key == "drives.state_not_known" and station.written == []
+    texts = caught.value.text("en"), caught.value.text("zh")
+    assert texts[0].startswith("no start is sent: the state of the drive is not known (")
+    assert texts[1].startswith("不发送启动：变频器状态未知（")
+    assert why[0] in texts[0] and why[1] in texts[1]

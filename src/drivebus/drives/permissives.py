@@ -114,6 +114,13 @@ def grant_permit(inputs: PermitInputs) -> Permit:
     )
 
 
+def state_inhibit(derived: DerivedState, kind: CommandKind) -> StartInhibited:
+    """Return the error of a command that the state of the drive forbids; an unknown state is no report of the drive."""
+    if derived.state is DriveState.UNKNOWN:
+        return StartInhibited("drives.state_not_known", kind=kind, why=derived.unknown_reason)
+    return StartInhibited("drives.state_forbids", state=derived.state, kind=kind)
+
+
 def _check_valid(command: DriveCommand, effect: Effect, conditions: BusConditions) -> None:
     if conditions.stop_epoch != command.stop_epoch:
         raise Superseded("drives.superseded")
@@ -159,6 +166,6 @@ def _check_drive_state(
         raise StartInhibited("drives.status_stale", age_s=age, limit_s=MAX_STATUS_AGE_S)
     allowed = _SETPOINT_STATES if command.kind is CommandKind.SETPOINT else _START_STATES
     if evidence.derived.state not in allowed:
-        raise StartInhibited("drives.state_forbids", state=evidence.derived.state, kind=command.kind)
+        raise state_inhibit(evidence.derived, command.kind)
     if effect is Effect.MOTION and not evidence.is_prepared:
         raise StartInhibited("drives.not_prepared")

@@ -100,6 +100,12 @@ class DerivedState:
     further_fault_codes: tuple[int, ...] = ()  # where a drive reports several faults at once
     by_frequency: bool = False  # decelerating by the output frequency alone: the status word shows no motion
 
+    @property
+    def unknown_reason(self) -> Text:
+        """Why the state is unknown."""
+        reason = self.reason or "drives.disagree"
+        return Text.per_language(lambda language: i18n.text(reason, language))
+
 
 STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")
 

@@ -534,12 +534,21 @@ class DriveProfile:
         """
         return self.commands is not None and (bool(self.commands.values) or self.grade == "draft")
 
+    def command_locators(self) -> frozenset[Locator]:
+        """Return the addresses of the command word; none where the family has frames of its own for commands."""
+        found = self.commands
+        return frozenset((found.space, found.register + n) for n in range(found.words)) if found else frozenset()
+
+    def setpoint_locators(self) -> frozenset[Locator]:
+        """Return the addresses of the set frequency beside the command word."""
+        found = self.commands
+        words = range(self.setpoint_scale.words)
+        return frozenset(("holding", found.setpoint_register + n) for n in words) if found else frozenset()
+
     def writable_registers(self) -> frozenset[int]:
         """Return the registers that may be written, without their EEPROM forms; no other register is ever written."""
         starts = [(*p.locator, p.scale.words) for p in self.parameters.values() if p.writable]
-        if self.commands is not None:
-            starts.append((self.commands.space, self.commands.register, self.commands.words))
-            starts.append(("holding", self.commands.setpoint_register, self.setpoint_scale.words))
+        starts += [(*locator, 1) for locator in (*self.command_locators(), *self.setpoint_locators())]
         if self.commands is not None:
             fixed = (one for one in (self.commands.reset, self.commands.unlock) if one is not None)
             starts += [("holding", one.register, 1) for one in fixed]

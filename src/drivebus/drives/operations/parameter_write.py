@@ -32,6 +32,7 @@ def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWri
     """
     model = dialect.profile.model
     parameter = find_entry(dialect.profile, name)
+    _check_no_command(dialect.profile, parameter)
     if isinstance(parameter, Signal):
         raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)
     if not parameter.writable or not parameter.listed:
@@ -114,6 +115,16 @@ def may_move(dialect: Dialect, wanted: ParameterWrite) -> bool:
 
 def _role(profile: DriveProfile, parameter: Parameter) -> str | None:
     return next((role for role, notation in profile.roles.items() if notation == parameter.notation), None)
+
+
+def _check_no_command(profile: DriveProfile, entry: Parameter | Signal) -> None:
+    """Raise CapabilityError for the command word and the set frequency: only the commands of drivebus write them."""
+    for key, locators in (
+        ("drives.register_is_command", profile.command_locators()),
+        ("drives.register_is_setpoint", profile.setpoint_locators()),
+    ):
+        if entry.locator in locators:
+            raise CapabilityError(key, model=profile.model, notation=entry.notation)
 
 
 def _check_address(profile: DriveProfile, wanted: ParameterWrite) -> ParameterWrite:

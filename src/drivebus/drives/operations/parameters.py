@@ -91,6 +91,7 @@ def write_values(
     ConfirmationRequired, EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every
     parameter.
     """
+    checked = [check_write(op.dialect, name, value) for name, value in values.items()]
     op.drive.require_capability("write")
     rule = op.dialect.profile.write_support
     if not save and not rule.ram:
@@ -100,7 +101,6 @@ def write_values(
     outcome = op.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
     yield from op.start_clock()
-    checked = [check_write(op.dialect, name, value) for name, value in values.items()]
     for wanted in checked:
         needed = confirmation_needed(op.dialect, wanted)
         if needed is not None and not force:

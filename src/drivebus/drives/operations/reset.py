@@ -11,7 +11,6 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
 from drivebus.drives.state import DriveState
 from drivebus.errors import StartInhibited
-from drivebus.profiles.diagnostics import bilingual_text
 
 FAULT_STATES = frozenset({DriveState.FAULT, DriveState.EMERGENCY_STOPPED})
 RESET_CONFIRM_TIMEOUT_S = 2.0  # a fault that is still reported after this was not reset, or came back
@@ -47,9 +46,7 @@ def _has_fault(op: OperationContext) -> DriveOperation[bool]:
     if op.derived.state.turning and not _is_in_fault(op):
         raise StartInhibited("drives.reset_while_turning", state=op.derived.state)
     if can_tell and op.derived.state is DriveState.UNKNOWN:
-        reason = op.derived.reason or "drives.disagree"
-        why = bilingual_text(reason)
-        raise StartInhibited("drives.fault_unknown", why=why)
+        raise StartInhibited("drives.fault_unknown", why=op.derived.unknown_reason)
     return not can_tell or _is_in_fault(op) or op.derived.fault_code is not None
 
 

@@ -18,7 +18,7 @@ from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequenc
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
-from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand
+from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand, state_inhibit
 from drivebus.drives.state import Direction, DriveState, DriveStatus
 from drivebus.errors import (
     CapabilityError,
@@ -76,7 +76,7 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
     yield from _require_state(op)
     state = op.derived.state
     if op.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
-        raise StartInhibited("drives.state_forbids", state=state, kind=CommandKind.START)
+        raise state_inhibit(op.derived, CommandKind.START)
     known = op.drive.preflight
     if (yield from ensure_preflight(op)) is not known:
         yield from _require_state(op)
