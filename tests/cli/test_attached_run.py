@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.cli import output
 from drivebus.cli.commands import run
 from drivebus.cli.commands.run import _progress_printer, _watch
@@ -18,6 +18,7 @@ from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
+from drivebus.errors import BusError, PortLost
 from drivebus.values import Text
 
 ATTACHED = "Attached: Ctrl-C stops the drive"
@@ -53,19 +54,22 @@ class FakeBus:
 
 
 class FakeDrive:
-    """Drive that reports these statuses one after the other."""
+    """Drive that reports these statuses, or fails with these errors, one after the other."""
 
     profile = profiles.load("c320")
 
-    def __init__(self, *statuses: DriveStatus) -> None:
+    def __init__(self, *statuses: DriveStatus | BusError) -> None:
         self._statuses = iter(statuses)
 
     async def status(self) -> DriveStatus:
-        return next(self._statuses)
+        found = next(self._statuses)
+        if isinstance(found, BusError):
+            raise found
+        return found
 
 
-def watch(*statuses: DriveStatus) -> ExitCode:
-    output.parse_global_options(["--lang", "en"])
+def watch(*statuses: DriveStatus | BusError, language: str = "en") -> ExitCode:
+    output.parse_global_options(["--lang", language])
     bus: Any = FakeBus()
     drive: Any = FakeDrive(*statuses)
     return asyncio.run(_watch(bus, drive, ShutdownSignal(), RunWatch(10.0, Direction.FORWARD)))
@@ -82,6 +86,25 @@ def test_a_drive_that_turns_round_is_remarked_on(capsys: pytest.CaptureFixture[s
     off = DriveStatus(state=DriveState.STOPPED)
     assert watch(reverse, off, off) is ExitCode.FAILED
     assert "commanded forward, the drive reports reverse" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("language", "expected"),
+    [
+        ("en", "It is not known whether the motor runs, and no stop can be sent. Use the hard-wired stop."),
+        ("zh", "电机是否在运行未知，也无法发送停机命令。请使用硬接线停机。"),
+    ],
+)
+def test_a_lost_port_says_once_that_the_motor_may_run_and_when_the_state_is_known_again(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, language: str, expected: str
+) -> None:
+    monkeypatch.setattr(run, "STATUS_PERIOD_S", 0.0)
+    lost = PortLost("ports.lost", port="/dev/ttyUSB0", reason="unplugged")
+    off = DriveStatus(state=DriveState.STOPPED)
+    assert watch(*[lost] * 16, off, off, language=language) is ExitCode.FAILED
+    shown = capsys.readouterr().out.replace("\n", "" if language == "zh" else " ")
+    assert (shown.count(expected), shown.count("/dev/ttyUSB0")) == (1, 1)
+    assert i18n.text("run.known_again", language, seconds=0.0) in shown
 
 
 def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from drivebus.cli.run_watch import RunWatch
 from drivebus.drives.state import Direction, DriveState, DriveStatus
+from drivebus.errors import DrivebusError, NoReply, PortLost
 from drivebus.values import Quality, Reading
 
 FORWARD, REVERSE = Direction.FORWARD, Direction.REVERSE
@@ -48,3 +49,50 @@ def test_a_drive_that_accelerates_slowly_or_reaches_its_speed_is_not_remarked_on
 def test_a_speed_that_is_not_certain_or_a_drive_that_does_not_run_is_not_remarked_on() -> None:
     assert remarks(RunWatch(10.0, FORWARD), *[status(1.0, quality=Quality.UNCERTAIN)] * 40) == []
     assert remarks(RunWatch(10.0, FORWARD), *[status(0.0, None, DriveState.STOPPED)] * 40) == []
+
+
+LOST = PortLost("ports.lost", port="/dev/ttyUSB0", reason="unplugged")
+SILENT = NoReply("bus.no_reply", station=1, milliseconds=120, attempt=2)
+OFFLINE = NoReply("bus.offline", station=1)
+
+
+def outage(watch: RunWatch, *errors: DrivebusError, period_s: float = 0.5) -> list[tuple[float, str]]:
+    """Return time and key of each remark about failed statuses, the first of them at 0 s."""
+    found = [(turn * period_s, watch.on_failure(error, 100.0 + turn * period_s)) for turn, error in enumerate(errors)]
+    return [(at_s, remark.key) for at_s, remark in found if remark is not None]
+
+
+def test_a_lost_port_is_remarked_on_at_once_and_every_ten_seconds() -> None:
+    assert outage(RunWatch(10.0, FORWARD), *[LOST] * 50) == [
+        (0.0, "run.port_lost"),
+        (10.0, "run.port_lost"),
+        (20.0, "run.port_lost"),
+    ]
+
+
+def test_a_new_reason_is_remarked_on_at_once_and_reasons_that_alternate_are_not() -> None:
+    errors = [SILENT, OFFLINE, SILENT, OFFLINE, SILENT, OFFLINE, LOST, LOST]
+    assert outage(RunWatch(10.0, FORWARD), *errors) == [
+        (0.0, "run.no_reply"),
+        (0.5, "run.no_reply"),
+        (3.0, "run.port_lost"),
+    ]
+
+
+def test_the_remarks_about_an_unknown_state_count_from_the_last_known_one_and_end_with_a_sentence() -> None:
+    watch = RunWatch(10.0, FORWARD)
+    assert watch.update(status(10.0), 100.0) == []
+    remark = watch.on_failure(SILENT, 101.5)
+    assert remark is not None and remark.params["seconds"] == 1.5
+    assert "no reply" in remark.params["why"].en and remark.params["why"].zh != remark.params["why"].en
+    (back,) = watch.update(status(10.0), 104.0)
+    assert (back.key, back.params) == ("run.known_again", {"seconds": 4.0})
+    assert watch.update(status(10.0), 104.5) == []
+    assert outage(watch, SILENT) == [(0.0, "run.no_reply")]
+
+
+def test_a_status_without_a_state_is_an_outage_except_of_a_drive_that_reports_none() -> None:
+    """The service of a remote drive gives a status although its port is lost."""
+    for reason, expected in (("drives.port_lost", ["run.no_reply"]), ("drives.no_run_status", [])):
+        shown = DriveStatus(state=DriveState.UNKNOWN, reason=reason)
+        assert remarks(RunWatch(10.0, FORWARD), *[shown] * 10) == expected

@@ -271,7 +271,7 @@ def test_a_write_to_the_command_word_or_the_set_frequency_names_the_commands_tha
 def test_a_write_to_a_command_register_is_named_before_its_memory(model: str, name: str, save: bool) -> None:
     """DF800 writes to EEPROM only: its refusal does not ask for ``save`` first."""
     desk = Desk(model, FakeModbus())
-    with pytest.raises(CapabilityError, match="is the command word|is the set frequency"):
+    with pytest.raises(CapabilityError, match=r"is the command word|is the set frequency"):
         desk.write({name: "0080H"}, save=save)
     assert not desk.bus.requests
 

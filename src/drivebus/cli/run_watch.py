@@ -1,11 +1,14 @@
-"""Comparison of an attached drive with what was commanded: direction and speed."""
+"""Watch of an attached drive: whether its state is known, and its direction and speed beside the commanded ones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivebus.values import Quality
+from drivebus.drives.state import DriveState
+from drivebus.errors import DrivebusError, PortLost
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.values import Quality, Text
 
 if TYPE_CHECKING:
     from drivebus.drives.state import Direction, DriveStatus
@@ -14,6 +17,7 @@ SPEED_REMARK_TOLERANCE = 0.1  # share of the commanded frequency; slip compensat
 MIN_SPEED_REMARK_HZ = 0.5  # and never less than this
 SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no progress (3,600 s ramp: 0.07 Hz in 5 s)
 SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is remarked on
+OUTAGE_REPEAT_S = 10.0  # interval of the remark that the state is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,35 @@ class Remark:
     params: dict[str, Any]
 
 
+class Outage:
+    """Time in which the state of the drive is not known: remarked on at first, for each new reason and every 10 s."""
+
+    def __init__(self) -> None:
+        self._known_at: float | None = None  # time of the last known state; at first of the first status
+        self._remarked_at: float | None = None  # None while the state is known
+        self._reasons: set[str] = set()
+
+    def end(self, now: float) -> Remark | None:
+        """Note a known state; return the remark that ends an outage."""
+        remark = None if self._remarked_at is None else Remark("run.known_again", {"seconds": self._duration_s(now)})
+        self._known_at, self._remarked_at = now, None
+        self._reasons.clear()
+        return remark
+
+    def add(self, key: str, reason: str, why: Text, now: float) -> Remark | None:
+        """Note a status that failed for a reason; return the remark that is due."""
+        self._known_at = now if self._known_at is None else self._known_at
+        is_known = reason in self._reasons
+        self._reasons.add(reason)
+        if is_known and self._remarked_at is not None and now - self._remarked_at < OUTAGE_REPEAT_S:
+            return None
+        self._remarked_at = now
+        return Remark(key, {"why": why, "seconds": self._duration_s(now)})
+
+    def _duration_s(self, now: float) -> float:
+        return round(now - (now if self._known_at is None else self._known_at), 1)
+
+
 class RunWatch:
     """Watch of a running drive; each difference is remarked on once, and again only after it was gone."""
 
@@ -32,10 +65,24 @@ class RunWatch:
         self._direction_remarked = self._speed_remarked = False
         self._nearest_hz: float | None = None  # least difference of the speed so far
         self._progress_at = 0.0
+        self._outage = Outage()
 
     def update(self, status: DriveStatus, now: float) -> list[Remark]:
         """Return what is new to remark on. ``now``: monotonic seconds."""
-        return [remark for remark in (self._check_direction(status), self._check_speed(status, now)) if remark]
+        remarks = self._check_known(status, now), self._check_direction(status), self._check_speed(status, now)
+        return [remark for remark in remarks if remark]
+
+    def on_failure(self, error: DrivebusError, now: float) -> Remark | None:
+        """Return what is to remark on after a status that failed."""
+        key = "run.port_lost" if isinstance(error, PortLost) else "run.no_reply"
+        return self._outage.add(key, error.key, Text.per_language(error.text), now)
+
+    def _check_known(self, status: DriveStatus, now: float) -> Remark | None:
+        """Compare with a known state; a drive that can't report one (DF800) is never without it."""
+        if status.state is not DriveState.UNKNOWN or status.reason == "drives.no_run_status":
+            return self._outage.end(now)
+        reason = status.reason or "drives.not_read"
+        return self._outage.add("run.no_reply", reason, bilingual_text(reason), now)
 
     def _check_direction(self, status: DriveStatus) -> Remark | None:
         differs = status.direction is not None and status.direction is not self._direction

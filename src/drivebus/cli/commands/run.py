@@ -134,7 +134,8 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
         try:
             status = await shutdown.interruptible(drive.status())
         except (BusError, ServiceUnavailable) as error:
-            _redraw(error.text(output.language()))
+            if remark := watch.on_failure(error, bus.now()):
+                _print_remark(remark)
             await shutdown.wait(STATUS_PERIOD_S)
             continue
         if status is None:
