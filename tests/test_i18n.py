@@ -15,8 +15,10 @@ from typing import Any
 import pytest
 
 from drivebus import errors, i18n
+from drivebus.drives.state import DriveState
 from drivebus.protocols.family import protocol_families
 from drivebus.service.api.operations import OPERATIONS
+from drivebus.service.auth.rights import Right
 from drivebus.web.operations import WEB_OPERATIONS
 
 SOURCE = Path(i18n.__file__).parents[1]
@@ -205,3 +207,11 @@ def test_an_unreadable_catalogue_hides_no_error(monkeypatch: pytest.MonkeyPatch,
         message = i18n.text("bus.no_reply", "zh", station=3)
         assert "bus.no_reply" in message and "3" in message and not i18n.known("bus.no_reply")
     assert "bus.no_reply" not in i18n.text("bus.no_reply", "zh", station=3) and i18n.known("bus.no_reply")
+
+
+@pytest.mark.parametrize(
+    ("language", "state", "right"), [("en", "not ready", "stop"), ("zh", "未就绪", "停止（stop）")]
+)
+def test_a_state_or_a_right_in_a_sentence_is_in_its_language(language: str, state: str, right: str) -> None:
+    assert state in i18n.text("drives.start_confirmed", language, state=DriveState.NOT_READY)
+    assert right in i18n.text("auth.forbidden", language, right=Right.STOP)

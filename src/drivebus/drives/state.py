@@ -13,19 +13,9 @@ from drivebus.values import Reading, Text
 class LocalizedEnum(StrEnum):
     """Enumeration whose members have a text in every language of the catalogue."""
 
-    @property
-    def en(self) -> str:
-        """The text in English."""
-        return i18n.text(self._key, "en")
-
-    @property
-    def zh(self) -> str:
-        """The text in Chinese."""
-        return i18n.text(self._key, "zh")
-
-    @property
-    def _key(self) -> str:
-        return f"drives.{_KEY_PREFIXES[type(self).__name__]}_{self.value}"
+    def in_language(self, language: str) -> str:
+        """Return the text of the member in a language."""
+        return i18n.text(f"drives.{_KEY_PREFIXES[type(self).__name__]}_{self.value}", language)
 
 
 _KEY_PREFIXES = {"DriveState": "state", "Direction": "direction", "CommandKind": "kind"}

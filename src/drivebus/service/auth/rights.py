@@ -29,15 +29,10 @@ class Right(StrEnum):
     ADMINISTER = "administer"
     """Change users and the tokens of all users."""
 
-    @property
-    def en(self) -> str:
-        """Identifier in tokens, the API and the command line."""
-        return self.value
-
-    @property
-    def zh(self) -> str:
-        """Chinese name with the identifier."""
-        return f"{i18n.text(f'page.right_{self.value}', 'zh')}（{self.value}）"
+    def in_language(self, language: str) -> str:
+        """Return the identifier of tokens, API and command line, in Chinese with the name of the right."""
+        name = i18n.text(f"page.right_{self.value}", language)
+        return f"{name}（{self.value}）" if language == "zh" else self.value
 
 
 class AccessLevel(StrEnum):
