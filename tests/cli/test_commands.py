@@ -473,7 +473,11 @@ ONE_PROBE = ("--addresses", "3", "--bauds", "9600", "--formats", "8E1", "--liste
 def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
     words = ("scan", "sim://e300@3?drives=9600-8E1", *ONE_PROBE)
     [drive] = run_json(*words)["found"]
-    assert drive["models"] == ["c320", "c300", "e300", "e500", "e550"] and drive["doubtful"] and drive["valid_reply"]
+    assert (
+        drive["models"] == ["c320", "c300", "e300", "e350", "e500", "e550"]
+        and drive["doubtful"]
+        and drive["valid_reply"]
+    )
     assert {drive["setpoint_steps_hz"][model] for model in ("c320", "e300")} == {0.01, 0.1}
     text = run_text(*words, "--models", "c320", "--lang", "en")
     assert "c320, c300 count 0.01 Hz; e300, e500, e550 count 0.1 Hz" in " ".join(text.split())

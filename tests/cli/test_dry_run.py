@@ -107,7 +107,7 @@ def test_a_planned_broadcast_has_no_reply() -> None:
     assert frame["reply_bytes"] == 0
 
 
-@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"])
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550"])
 @pytest.mark.parametrize("command", ["status", "stop", "jog", "run", "scan", "monitor"])
 def test_every_command_has_a_dry_run_for_every_model_or_an_error_of_the_model(command: str, model: str) -> None:
     words = [command, MISSING_PORT, "--dry-run", "--json"]

@@ -15,7 +15,7 @@ from drivebus.protocols.describe import FrameDescription
 from fixtures.vectors import Vector, all_vectors, load_vectors
 
 VECTORS = all_vectors()
-MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
+MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550")
 
 
 def explained(vector: Vector, **options: Any) -> FrameDescription:

@@ -100,7 +100,7 @@ def test_a_lease_is_above_zero_and_at_most_half_a_second(lease_s: float) -> None
         check_jog_lease(lease_s)
 
 
-@pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e500", "e550"])
+@pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e350", "e500", "e550"])
 def test_the_jog_frequency_of_a_model_agrees_with_its_frames(model: str) -> None:
     """No user interface offers a frequency that is refused afterwards."""
     dialect = dialect_for(model, **({"direction_calibrated": True} if model == "df800" else {}))

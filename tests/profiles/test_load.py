@@ -47,10 +47,10 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_eight_models_come_with_drivebus() -> None:
-    assert {"c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"} <= set(profiles.models())
+    assert {"c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550"} <= set(profiles.models())
 
 
-@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550"])
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550"])
 def test_every_model_that_comes_with_drivebus_loads(model: str) -> None:
     assert profiles.load(model).model == model
 

@@ -15,8 +15,8 @@ from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Text
 
-MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e500", "e550")
-DRAFTS = ("c300", "e300", "e500", "e550")
+MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550")
+DRAFTS = ("c300", "e300", "e350", "e500", "e550")
 VECTORS = Path(__file__).parents[2] / "vectors"
 
 
@@ -73,13 +73,20 @@ def test_a_draft_claims_nothing_from_the_manual_of_another_model(model: str) -> 
 
 def test_the_sisters_differ_in_frequency_step_and_monitor_table() -> None:
     steps = {model: profiles.load(model).setpoint_scale.factor for model in ("c320", *DRAFTS)}
-    assert steps == {"c320": 0.01, "c300": 0.01, "e300": 0.1, "e500": 0.1, "e550": 0.1}
+    assert steps == {"c320": 0.01, "c300": 0.01, "e300": 0.1, "e350": 0.1, "e500": 0.1, "e550": 0.1}
     first = {model: notation.find_entry(profiles.load(model), "d.1").text.en for model in ("c320", "c300", "e300")}
     assert first == {"c320": "output voltage", "c300": "output current", "e300": "output current"}
     assert {m for m in ("c320", *DRAFTS) if "set_frequency" in profiles.load(m).signals} == {"e300", "e500", "e550"}
     selectors = {model: profiles.load(model).roles.get("monitor_selector") for model in ("c320", *DRAFTS)}
-    assert selectors == {"c320": "F6.12", "c300": None, "e300": None, "e500": "F3.08", "e550": None}
+    assert selectors == {"c320": "F6.12", "c300": None, "e300": None, "e350": None, "e500": "F3.08", "e550": None}
     assert dict(profiles.load("e550").roles) == {"protocol": "F4.00"}
+
+
+def test_the_step_of_the_e350_is_assumed_so_that_a_wrong_one_is_slower() -> None:
+    """C320 manual 1.2.1 names the E350; no source says its step."""
+    profile = profiles.load("e350")
+    assert profile.evidence["setpoint"].kind == "assumed" and profile.options["setpoint_step"] == "unknown"
+    assert profile.setpoint_scale.factor == max(profiles.load(model).setpoint_scale.factor for model in DRAFTS)
 
 
 def test_a_silent_hosts_parameters_are_those_of_each_models_own_manual() -> None:

@@ -255,7 +255,7 @@ def _note(drive: DetectedDrive) -> str:
     models_by_step: dict[float | None, list[str]] = {}
     for model, step in drive.setpoint_steps_hz.items():
         models_by_step.setdefault(step, []).append(model)
-    if len(models_by_step) == 1:
+    if len(models_by_step) <= 1:
         return output.text("scan.alike")
     steps = [
         output.text("scan.share", models=", ".join(names))

@@ -36,7 +36,10 @@ class DetectedDrive:
     Empty without a valid reply, and for a device that rejects the reads of every model.
     """
     setpoint_steps_hz: Mapping[str, float | None]
-    """Model to the step in Hz in which it counts its frequency; None for a share of its maximum frequency."""
+    """Model to the step in Hz in which it counts its frequency; None for a share of its maximum frequency.
+
+    Without a model whose step is only assumed.
+    """
     family: str
     encoding: str
     address: int
@@ -249,6 +252,7 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
             if c.profile.setpoint_share or c.profile.setpoint_rpm
             else c.profile.setpoint_scale.factor
             for c in candidates
+            if c.profile.evidence["setpoint"].kind != "assumed"
         },
         family=scan_pass.candidates[0].profile.family,
         encoding=scan_pass.candidates[0].encoding,

@@ -1,4 +1,4 @@
-"""Sunfar protocol of the C320, C300, E300, E500 and E550: two encodings of the same fields.
+"""Sunfar protocol of the C320, C300, E300, E350, E500 and E550: two encodings of the same fields.
 
 messages   requests and replies as values; operations, states, response codes, notation
 frame      fields to bytes and back

@@ -1,4 +1,4 @@
-"""The Sunfar family: C320 and the models that share its frames (C300, E300, E500, E550)."""
+"""The Sunfar family: C320 and the models that share its frames (C300, E300, E350, E500, E550)."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ FAMILY: Final = ProtocolFamily(
     dialect="drivebus.drives.dialects.sunfar:SunfarDialect",
     calibrations="drivebus.drives.operations.setpoint_step_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.c320:MODELS",),
-    scan_models=("c320", "c300", "e300", "e500", "e550"),
+    scan_models=("c320", "c300", "e300", "e350", "e500", "e550"),
 )

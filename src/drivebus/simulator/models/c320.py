@@ -497,6 +497,7 @@ MODELS = {
     "c320": _model(),
     "c300": _model(current_at_1=True),
     "e300": _model(step_hz=0.1, current_at_1=True, comm_loss=COMM_LOSS_F4),
+    "e350": _model(step_hz=0.1),
     "e500": _model(step_hz=0.1, selector=0x308),
     "e550": _model(step_hz=0.1, comm_loss=COMM_LOSS_F4),
 }
