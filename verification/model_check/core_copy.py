@@ -22,6 +22,7 @@ from drivebus.bus.unsolicited import UnsolicitedBytes
 
 SHARED_ATTRIBUTES = frozenset(
     {
+        "_closed_by",
         "activity",
         "bus_request",
         "last_request",
@@ -43,6 +44,7 @@ SHARED_ATTRIBUTES = frozenset(
 NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     BusCore: {
         "is_open": "same",
+        "_closed_by": "",
         "stations": "parts",
         "removed_stations": "gone",
         "all_starts_inhibited": "same",
