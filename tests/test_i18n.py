@@ -215,3 +215,22 @@ def test_an_unreadable_catalogue_hides_no_error(monkeypatch: pytest.MonkeyPatch,
 def test_a_state_or_a_right_in_a_sentence_is_in_its_language(language: str, state: str, right: str) -> None:
     assert state in i18n.text("drives.start_confirmed", language, state=DriveState.NOT_READY)
     assert right in i18n.text("auth.forbidden", language, right=Right.STOP)
+
+
+@pytest.mark.parametrize(
+    ("drive", "sentence"),
+    [
+        ("风机", "风机报告故障：过压"),
+        ("8号风机", "8号风机报告故障：过压"),
+        ("风机 8", "风机 8 报告故障：过压"),
+        ("fan-1", "fan-1 报告故障：过压"),
+    ],
+)
+def test_a_chinese_name_in_a_chinese_sentence_has_no_spaces(drive: str, sentence: str) -> None:
+    assert i18n.text("alarms.text.fault", "zh", drive=drive, fault="过压") == sentence
+
+
+def test_the_space_before_a_chinese_name_goes_and_its_own_spaces_stay() -> None:
+    assert i18n.text("plant.waiver_needed", "zh", drive="锅炉 风机", why="无").startswith(
+        "通信中断后锅炉 风机可能继续运行"
+    )

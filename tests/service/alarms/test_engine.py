@@ -80,7 +80,7 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
     views = [(0, view(fault=OVERCURRENT)), (1, view(fault=OVERCURRENT)), (2, view(fault=other)), (3, view())]
     assert run(alarms, *views) == ["0 raised fault", "2 cleared fault", "2 raised fault", "3 cleared fault"]
     assert [alarm.value for alarm in alarms.active()] == [5, 4]
-    assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机 报告故障：Er.05 过电流")
+    assert alarms.active()[0].text == Text("Fan reports a fault: Er.05 overcurrent", "风机报告故障：Er.05 过电流")
 
 
 UNNAMED = view(
@@ -227,7 +227,7 @@ def test_a_system_alarm_is_raised_once_and_cleared_by_the_service() -> None:
     (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, subject="no-water")
     assert (change.alarm.setting, change.alarm.priority) == ("interlock_trip", AlarmPriority.CRITICAL)
     assert change.alarm.text == Text(
-        "Fan: interlock no-water does not hold; the drive is stopped", "风机：联锁 no-water 不成立；已停止该变频器"
+        "Fan: interlock no-water does not hold; a stop is requested", "风机：联锁 no-water 不成立；正在请求停机"
     )
     assert alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="no-water") == []
     assert words(alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="door")) == [

@@ -104,7 +104,7 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             "Note on incident Flue gas fan, no. 000001: bearing",
             "故障记录引风机（第 000001 号）的备注：bearing",
         ),
-        (record("user.add", "eva", role="engineer"), "Add user eva: role engineer", "添加用户 eva：角色 工程师"),
+        (record("user.add", "eva", role="engineer"), "Add user eva: role engineer", "添加用户 eva：角色为工程师"),
         (record("who.knows", "x"), "who.knows x", "who.knows x"),
     ],
     ids=lambda value: value["what"] if isinstance(value, dict) else None,

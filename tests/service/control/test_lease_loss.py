@@ -14,7 +14,8 @@ from drivebus.service.config.model import OnClientLost
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
-from fixtures.service import DRIVES, ServiceKit, plant_config, remote_actor, running_service
+from drivebus.values import Text
+from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, remote_actor, running_service
 
 ANN = remote_actor()
 
@@ -69,17 +70,20 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
 
 
 def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> None:
+    """The alarm names the bus by its title."""
     events: list[Json] = []
+    buses = tuple(replace(bus, title=Text(f"Line {bus.id}", f"线路 {bus.id}")) for bus in BUSES)
 
     async def scenario() -> None:
-        async with running_service() as kit:
+        async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(2)
             plant = kit.service.plant
             port = simulated_bus_of(plant.drives["fan-1"].bus.port)
             port.unplug()
             await asyncio.sleep(2)
             (alarm,) = [alarm for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.PORT_LOST]
-            assert alarm.text.en == "Bus a has lost its port: it is opened again as soon as possible"
+            assert alarm.text.zh.startswith("线路 a 端口丢失：")
+            assert alarm.text.en == "Line a has lost its port: it is opened again as soon as possible"
             plant.publish_alarms(plant.alarms.acknowledge(alarm.id, "ann", plant.wall_ms()))
             port.replug()
             await asyncio.sleep(3)

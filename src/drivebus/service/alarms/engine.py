@@ -23,7 +23,7 @@ from drivebus.service.alarms.model import (
     AlarmKey,
     SystemAlarm,
 )
-from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig
+from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig, title_of
 from drivebus.service.live.views import DriveView
 from drivebus.types import Json
 from drivebus.values import Text
@@ -133,7 +133,7 @@ def system_alarm(
 ) -> Alarm:
     """Return an alarm that the service itself raises."""
     numbers = {key: formatted_number(value) for key, value in params.items()}
-    named = {"drive": name, "subject": subject, "reason": ""} | numbers
+    named = {"drive": name, "subject": subject, "bus": subject, "reason": ""} | numbers
     return Alarm(
         id=id,
         setting=str(kind),
@@ -207,7 +207,7 @@ class AlarmEngine:
     ) -> list[AlarmChange]:
         """Apply a configuration. Unchanged conditions keep their state; alarms without a condition are cleared."""
         old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
-        self._titles = {one.id: _drive_title(one) for one in drives}
+        self._titles = {one.id: title_of(one) for one in drives}
         self._conditions = {
             id: [
                 old.get((setting, id)) or self._resume(AlarmCondition(setting, id))
@@ -365,7 +365,3 @@ def _settings_of(settings: Sequence[AlarmConfig], drive: str) -> list[AlarmConfi
     configured = [setting for setting in settings if not setting.drives or drive in setting.drives]
     kinds = {setting.kind for setting in configured}
     return [*configured, *(setting for setting in DEFAULT_ALARMS if setting.kind not in kinds)]
-
-
-def _drive_title(drive: DriveConfig) -> Text:
-    return Text(drive.title.en or drive.id, drive.title.zh or drive.title.en or drive.id)

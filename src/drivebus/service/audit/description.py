@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.service.config.model import PlantConfig
+from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
@@ -32,14 +32,10 @@ _PLACEHOLDER = re.compile(r"\{\w+\}")
 def titles_of(config: PlantConfig) -> Titles:
     """Return the titles of a plant's drives, groups and buses."""
     return {
-        "drive": {one.id: _title_or_id(one.title, one.id) for one in config.drives},
-        "group": {one.id: _title_or_id(one.title, one.id) for one in config.groups},
-        "bus": {one.id: _title_or_id(one.title, one.id) for one in config.buses},
+        "drive": {one.id: title_of(one) for one in config.drives},
+        "group": {one.id: title_of(one) for one in config.groups},
+        "bus": {one.id: title_of(one) for one in config.buses},
     }
-
-
-def _title_or_id(title: Text, id: str) -> Text:
-    return Text(title.en or id, title.zh or title.en or id)
 
 
 def described(item: Json, titles: Titles = NO_TITLES) -> Json:

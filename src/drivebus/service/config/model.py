@@ -94,6 +94,11 @@ class GroupConfig:
     """Drive → ratio of its frequency to the leader's."""
 
 
+def title_of(item: BusConfig | DriveConfig | GroupConfig) -> Text:
+    """Return the title, in each language that it lacks the other one's or the id."""
+    return Text(item.title.en or item.id, item.title.zh or item.title.en or item.id)
+
+
 class InterlockAction(StrEnum):
     """Action of a violated interlock."""
 

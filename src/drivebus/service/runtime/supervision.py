@@ -20,7 +20,7 @@ from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
 from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
-from drivebus.service.config.model import GroupConfig
+from drivebus.service.config.model import GroupConfig, title_of
 from drivebus.service.control.control_commands import ControlCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
@@ -208,6 +208,7 @@ class SupervisionCycle:
     def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
         bus, plant = bus_runtime.config.id, self._plant
+        title = title_of(bus_runtime.config)
         is_open, was_open = bus_runtime.bus.is_open, self._was_open.get(bus)
         if is_open:
             self._was_open[bus] = True
@@ -215,11 +216,13 @@ class SupervisionCycle:
         elif was_open or bus_runtime.problem is not None:
             self._was_open[bus] = False
             reason = bus_runtime.problem or Text(**localized("plant.bus_reopened"))
-            plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, reason=reason)
+            plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, bus=title, reason=reason)
         if was_open is not self._was_open.get(bus) and was_open is not None:
             plant.publish_event("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
-        foreign = is_open and bus_runtime.bus.foreign_master
-        (plant.raise_alarm if foreign else plant.clear_alarm)(SystemAlarm.FOREIGN_MASTER, subject=bus)
+        if is_open and bus_runtime.bus.foreign_master:
+            plant.raise_alarm(SystemAlarm.FOREIGN_MASTER, subject=bus, bus=title)
+        else:
+            plant.clear_alarm(SystemAlarm.FOREIGN_MASTER, subject=bus)
 
     # --- communication loss ------------------------------------------------------------------------------------
 

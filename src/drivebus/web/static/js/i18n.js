@@ -48,6 +48,18 @@ const CHINESE = /[\u3000-\u303F\u4E00-\u9FFF\uFF00-\uFFEF]/;
 /** The space between two letters: Chinese has one beside Latin letters and digits only. */
 const gap = (space, left = "", right = "") => (CHINESE.test(left) && CHINESE.test(right) ? "" : space);
 
+/** Two pieces of a sentence as one, without a space between two Chinese letters. */
+function joined(left, right) {
+  const isChinese = CHINESE.test(left.trimEnd().at(-1) ?? "") && CHINESE.test(right.trimStart()[0] ?? "");
+  return isChinese ? left.trimEnd() + right.trimStart() : left + right;
+}
+
+/** `sentence` with `value` in place of its first `old`. */
+export function replaced(sentence, old, value) {
+  const at = sentence.indexOf(old);
+  return at < 0 ? sentence : joined(joined(sentence.slice(0, at), value), sentence.slice(at + old.length));
+}
+
 const paramText = (value) => (value !== null && typeof value === "object" && "en" in value ? localized(value) : String(value));
 
 /** A text that came in both languages: `{"en": …, "zh": …}`. */

@@ -1,6 +1,6 @@
 // A command to selected drives: its dialog, and results in which equal refusals are one sentence.
 import { html, useState } from "../lib.js";
-import { localized, t, titleOf } from "../i18n.js";
+import { localized, replaced, t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
 import { isMine } from "../session.js";
@@ -43,7 +43,7 @@ function mergedText(alike) {
   if (!found) return { text: localized(text), isNamed: false };
   const isNamed = found === "drive";
   const own = isNamed ? listed(alike.map(({ id }) => id)) : alike.map((one) => one.params[found]).join(t("page.comma"));
-  return { text: localized(text).replace(String(params[found]), () => own), isNamed };
+  return { text: replaced(localized(text), String(params[found]), own), isNamed };
 }
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
