@@ -95,3 +95,22 @@ def test_lost_connection_and_lost_control_are_visible_at_any_scroll_position(sta
     assert 0 <= lost.bounding_box()["y"] < 700
     stage.regain_server()
     page.wait_for_selector(".line.live")
+
+
+SLOW_SNAPSHOT = """
+  const Native = WebSocket;
+  window.WebSocket = class extends Native {
+    set onmessage(act) {
+      super.onmessage = act && ((event) => { setTimeout(() => { if (this.readyState === 1) act(event); }, 7500); });
+    }
+  };
+"""
+
+
+def test_a_page_whose_snapshot_takes_longer_than_its_first_limit_becomes_live(visit: Any) -> None:
+    """Regression: beside a busy server the page gave up each attempt after 6 s, and never was live again."""
+    page = visit()
+    page.add_init_script(SLOW_SNAPSHOT)
+    page.reload()
+    page.wait_for_selector(".line.lost")
+    page.wait_for_selector(".line.live", timeout=30_000)

@@ -8,8 +8,10 @@ import { applyDelta, noticeSleep, nowMs, applySnapshot } from "./store.js";
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
 /** The server sends at least every 1.7 s; soon after that no value counts as live. */
 const MESSAGE_TIMEOUT_MS = 2000;
-/** Limit for the connection and its snapshot. */
+/** Limit for the connection and its snapshot. Each attempt that reaches it doubles it, because a busy server needs longer
+ * where many pages ask again. */
 const SNAPSHOT_TIMEOUT_MS = 6000;
+const MAX_SNAPSHOT_TIMEOUT_MS = 30_000;
 const MIN_RECONNECT_DELAY_MS = 400;
 const MAX_RECONNECT_DELAY_MS = 5000;
 const INTERVAL_S = loadPreference("interval_s", 0.25);
@@ -29,6 +31,7 @@ const subscriptions = new Map();
 let socket = null;
 let lastMessageAt = 0;
 let openedAt = 0;
+let snapshotTimeout_ms = SNAPSHOT_TIMEOUT_MS;
 let reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
 let timer = null;
 
@@ -82,6 +85,7 @@ function onMessage(event) {
 
 function markLive() {
   reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
+  snapshotTimeout_ms = SNAPSHOT_TIMEOUT_MS;
   connection.value = "live";
   lostAt.value = null;
   closedText.value = null;
@@ -139,8 +143,13 @@ export function reconnect() {
 function tick() {
   noticeSleep();
   now.value = nowMs();
-  const quiet_ms = nowMs() - (connection.peek() === "live" ? lastMessageAt : openedAt);
-  if (socket && quiet_ms > (connection.peek() === "live" ? MESSAGE_TIMEOUT_MS : SNAPSHOT_TIMEOUT_MS)) closeSocket();
+  if (!socket) return;
+  if (connection.peek() === "live") {
+    if (nowMs() - lastMessageAt > MESSAGE_TIMEOUT_MS) closeSocket();
+  } else if (nowMs() - openedAt > snapshotTimeout_ms) {
+    snapshotTimeout_ms = Math.min(snapshotTimeout_ms * 2, MAX_SNAPSHOT_TIMEOUT_MS);
+    closeSocket();
+  }
 }
 
 /** Follow the session: connected while a user is logged in. */
