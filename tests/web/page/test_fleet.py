@@ -223,3 +223,70 @@ def test_equal_sentences_of_many_drives_name_each_once_and_count_the_rest(
     item = "{ id: `d${n}`, key: 'k', params: { drive: `d${n}` }, text: { en: `d${n} may keep running`, zh: '' } }"
     call_of = f"m.mergeSentences(Array.from({{ length: {count} }}, (_, n) => ({item})))"
     assert [(one["text"], one["isNamed"]) for one in call(scripts, "selection", call_of)] == [(expected, True)]
+
+
+def test_a_name_replaces_the_id_in_a_chinese_sentence_without_spaces(scripts: Any) -> None:
+    """Regression: the page showed "通信中断后 8号风机 可能"."""
+    replaced = "(name) => import('/static/js/i18n.js').then((m) => m.replaced('断后 d0 可能', 'd0', name))"
+    assert [scripts.evaluate(replaced, name) for name in ("送风机", "fan 1")] == ["断后送风机可能", "断后 fan 1 可能"]
+
+
+def test_stations_of_many_drives_are_one_correct_sentence(scripts: Any) -> None:
+    """Regression: "station 13, 14 is under a bus stop"."""
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    text = i18n.text("drives.start_inhibited", "en", station=13)
+    items = [
+        {"id": f"d{n}", "key": "k", "params": {"station": n}, "text": {"en": text.replace("13", str(n))}}
+        for n in (13, 14)
+    ]
+    (found,) = call(scripts, "selection", f"m.mergeSentences({json.dumps(items)})")
+    assert found["text"].startswith("a bus stop is in force on station 13, 14: starts,")
+
+
+def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage, visit: Any) -> None:
+    """Regression: "stopp… (last known)"."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.locator(".tile").nth(4).wait_for()
+    stage.lose_server()
+    page.locator(".tile .outdated").nth(4).wait_for()
+    assert page.locator(".tile .state :is(.word, .outdated)").evaluate_all(OVERFLOWING) == 0
+    page.set_viewport_size({"width": 360, "height": 740})
+    assert page.locator(".tile .state .word").evaluate_all(OVERFLOWING) == 0
+    stage.regain_server()
+    page.wait_for_selector(".line.live")
+
+
+PENDING = """async (id) => {
+  const store = await import('/static/js/store.js');
+  store.applyDelta({ topics: { [`drives/${id}`]: { stop_pending: true, start_inhibited: true } } });
+  await new Promise((resolve) => { setTimeout(resolve, 100); });
+  const faults = [...document.querySelectorAll('.tilefault')];
+  return faults.map((one) => [one.textContent, one.scrollHeight - one.clientHeight]);
+}"""
+
+
+@pytest.mark.parametrize(("language", "text"), [("en", "Stop unconfirmed"), ("zh", "停止未确认")])
+@pytest.mark.parametrize("width", [1440, 360])
+def test_an_unconfirmed_stop_is_whole_in_a_tile(visit: Any, language: str, text: str, width: int) -> None:
+    """Regression: "Stop not confirmed yet, bein…"."""
+    page = visit("#/fleet", size=(width, 740), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    ((shown, hidden),) = page.evaluate(PENDING, "fan-1")
+    assert shown == text and hidden < 8  # less than a line
+
+
+@pytest.mark.parametrize("width", [1440, 1920])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_filters_stay_in_place_and_show_a_whole_group_whatever_the_counts_are(
+    visit: Any, language: str, width: int
+) -> None:
+    """Regression: counts of one digit drew the filters beside them, with "Conveyors," for "Conveyors, hall 2"."""
+    page = visit("#/fleet", size=(width, 900), language=language)
+    group = page.locator(".fleetpicks select").first
+    group.wait_for()
+    few = group.bounding_box()
+    page.evaluate(
+        """() => { for (const one of document.querySelectorAll('.fleettools .choice b')) one.textContent = '300'; }"""
+    )
+    assert group.bounding_box() == pytest.approx(few, abs=1)
+    assert few["width"] > 180

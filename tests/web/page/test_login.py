@@ -84,3 +84,11 @@ def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stag
     page.fill("form[data-do=unlock] input[type=password]", PASSWORD)
     page.click("form[data-do=unlock] button")
     page.locator("[data-do=take]:enabled").wait_for()
+
+
+def test_the_login_page_has_no_switch_of_the_alarm_sound(visit: Any) -> None:
+    """There is no alarm to hear before a login."""
+    page = visit("#/fleet", role=None)
+    page.locator("input[name=password]").wait_for()
+    assert page.locator(".prefs .button").count() == 2
+    assert page.locator("[data-do=sound]").count() == 0

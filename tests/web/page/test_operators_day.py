@@ -150,6 +150,7 @@ def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage
     page.fill(".grouppanel input[inputmode=decimal]", "20")
     page.click("[data-step=first]:enabled")
     page.locator("[data-step=second]").wait_for()
+    assert page.locator(".confirm strong").inner_text() == i18n.text("page.step_two_group", "en")
     assert "Air" in page.locator(".confirm").inner_text()
     page.evaluate("location.hash = '#/fleet?group=water'")
     page.locator("#group-title:has-text('Water')").wait_for()

@@ -84,6 +84,18 @@ def test_a_bus_shows_a_missing_adapter_until_it_is_back(stage: Stage, visit: Any
     expect(card).to_contain_text(word("bus_open"))
 
 
+def test_on_a_phone_a_chosen_bus_is_in_sight_and_the_others_are_a_link_away(visit: Any, expect: Any) -> None:
+    """Regression: the facts of a bus stood below the cards of all buses."""
+    page = visit("#/buses/pumps", size=(360, 740))
+    expect(page.locator(".buscard")).to_have_count(2)
+    assert page.locator(".buscard").evaluate_all("all => all.map((one) => one.offsetParent !== null)") == [False, True]
+    page.get_by_role("link", name=word("all_buses")).click()
+    expect(page.locator(".buscard").first).to_be_visible()
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.locator(".buscard").last.click()
+    expect(page.locator(".buscard").first).to_be_visible()
+
+
 # --- alarms -------------------------------------------------------------------------------------------------------
 
 

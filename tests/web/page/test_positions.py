@@ -76,3 +76,18 @@ def not_reset(route: Any) -> None:
     outcome = {"status": "refused", "key": "drives.rejected", "text": text, "notes": [], "frames": []}
     error = {"code": "drives.rejected", "kind": "DriveRejected", "params": {}, "text": text}
     route.fulfill(status=500, json={"error": {**error, "outcome": outcome}})
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_no_button_moves_while_a_frequency_is_wrong(visit: Any, language: str) -> None:
+    """Regression: the error pushed Set frequency and Run down by a line."""
+    page = visit("#/drive/fan-1", language=language, size=(360, 740))
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.locator(".trend-plot canvas").wait_for()
+    entry = page.locator(".control .frequency input[inputmode=decimal]").first
+    before = page.evaluate(BUTTONS)
+    for wrong in ("99", "1,5"):
+        entry.fill(wrong)
+        page.locator(".control .frequency .wrong").first.wait_for()
+        assert moved(before, page.evaluate(BUTTONS)) == {}

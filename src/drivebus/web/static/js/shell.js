@@ -55,7 +55,7 @@ export function Preferences() {
     <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
       aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>
       ${t(`page.theme_${themeChoice.value}`)}<//>
-    ${session.value && html`<${Button} kind="quiet" icon=${isSoundOn.value ? "sound" : "silenced"} data-do="sound"
+    ${session.value.user && html`<${Button} kind="quiet" icon=${isSoundOn.value ? "sound" : "silenced"} data-do="sound"
       aria-pressed=${isSoundOn.value ? "true" : "false"} aria-label=${t("page.alarm_sound")}
       title=${t(isSoundOn.value ? "page.alarm_sound_on" : "page.alarm_sound_off")}
       onClick=${() => chooseSound(!isSoundOn.value)} />`}`;

@@ -20,7 +20,7 @@ export function Button({ kind = "plain", busy = false, disabled = false, icon, c
 /** A label, its input (the child), help, and what is wrong with it. */
 export function Field({ label, help, wrong, children, class: more = "" }) {
   return html`<label class=${`field ${more}`}><span class="label">${label}</span>${children}
-    ${help && html`<span class="help">${help}</span>`}
+    ${help && !wrong && html`<span class="help">${help}</span>`}
     ${wrong && html`<span class="wrong" role="alert">${wrong}</span>`}</label>`;
 }
 

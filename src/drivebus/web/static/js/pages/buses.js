@@ -18,7 +18,9 @@ export function Page({ id }) {
   const chosen = id ?? ids[0];
   return html`<h1>${t("page.nav_buses")}</h1>
     ${ids.length === 0 && html`<p class="help">${t("page.nothing")}</p>`}
-    <div class="buscards">${ids.map((one) => html`<${BusCard} key=${one} id=${one} chosen=${one === chosen} />`)}</div>
+    <div class=${`buscards ${id ? "one" : ""}`}>${ids.map((one) => html`
+      <${BusCard} key=${one} id=${one} chosen=${one === chosen} />`)}</div>
+    <p class="allbuses"><a href=${href("buses")}>← ${t("page.all_buses")}</a></p>
     ${chosen && html`<${BusDetails} key=${chosen} id=${chosen} />`}`;
 }
 

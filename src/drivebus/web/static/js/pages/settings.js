@@ -1,6 +1,6 @@
 // Settings: language and theme, own password and tokens, users, and the plant's configuration.
 import { html } from "../lib.js";
-import { LANGUAGES, chooseLanguage, language, t } from "../i18n.js";
+import { LANGUAGES, chooseLanguage, language, t, titleOf } from "../i18n.js";
 import { moment } from "../format.js";
 import { THEMES, chooseTheme, themeChoice } from "../theme.js";
 import { replaceQuery } from "../router.js";
@@ -54,7 +54,7 @@ function gatewayState({ id, running, exit_code: code }) {
 function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
-    ["plant", plant.id], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
+    ["plant", plant.id && titleOf(plant)], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
     ["gateways", plant.gateways?.map(gatewayState).join(t("page.comma"))],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">

@@ -10,9 +10,12 @@ import { now } from "../live.js";
  * @param arm the first step: a promise of {arm_token, expires_s}
  * @param act the second step, given the arm token
  * @param first, second texts of the two buttons
+ * @param title of the second step
  * @param children description of the start, shown between the steps
  */
-export function ArmStart({ arm, act, first, second, disabled, children, onDone, kind = "main" }) {
+export function ArmStart({
+  arm, act, first, second, title = t("page.step_two"), disabled, children, onDone, kind = "main",
+}) {
   const [run, busy, error, , clear] = useRequest();
   const [armed, setArmed] = useState(null);
   const confirm = useRef(null);
@@ -43,7 +46,7 @@ export function ArmStart({ arm, act, first, second, disabled, children, onDone, 
       data-step="first">${first}<//></div><${ErrorNote} error=${error} /></div>`;
   }
   return html`<div ref=${confirm} class="confirm" tabindex="-1" onKeyDown=${key}>
-    <${Notice} kind="warning" live title=${t("page.step_two")}>${children}<//><div class="row"><${Button} kind="main"
+    <${Notice} kind="warning" live title=${title}>${children}<//><div class="row"><${Button} kind="main"
       onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
       <${Button} onClick=${cancel}>${t("page.cancel")}<//></div></div>`;
 }

@@ -86,7 +86,8 @@ function Controls({ id, views }) {
       limits=${limits} onEnter=${() => !off && !busy && set()}
         disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
-    <${ArmStart} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} onDone=${setStarted}
+    <${ArmStart} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")}
+      onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
         <//>
@@ -102,8 +103,8 @@ export function GroupPanel({ id }) {
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${nameOf(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titleOf(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b> ${progress}
-        ${!isLive.value && t("page.state_was")}</span></div>
+      <h2 id="group-title">${titleOf(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
+        ${!isLive.value && ` ${t("page.state_was")}`}</span></div>
     ${leader && html`<p class="soft">${t("page.group_leader", { name: titleOf(leader) })}${ratios}</p>`}
     ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>
       <${Controls} id=${id} views=${views} /></details>`}</section>`;

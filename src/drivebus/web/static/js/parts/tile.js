@@ -74,7 +74,7 @@ export function Tile({ id }) {
         <span class="tileage" title=${slowInterval(view) === null ? undefined
           : t("page.age_of_interval_is")}>${age}</span></span>
       ${view.fault && html`<${Fault} fault=${view.fault} />`}
-      ${view.stop_pending && html`<p class="tilefault">${t("page.stop_pending")}</p>`}
+      ${view.stop_pending && html`<p class="tilefault" title=${t("page.stop_pending")}>${t("page.stop_pending_short")}</p>`}
       ${view.start_inhibited && html`<p class="tilenote">${t("page.start_inhibited")}</p>`}</a>
     ${may("stop") && html`<button type="button" class="tilestop" aria-label=${t("page.stop_named", { name })}
       title=${t("page.stop_named", { name })} onClick=${() => stop("drive", id)}><${Icon} name="stop" /></button>`}
