@@ -204,6 +204,25 @@ async def test_twelve_drives_four_buses_and_messages_fit_a_terminal_of_80_by_24(
         assert screen.query_one("#messages").size.height >= 2
 
 
+async def test_the_newest_message_is_whole_however_long_it_is() -> None:
+    """Regression: at 80 by 24 the last line of the demo ended with "Its drives keep running, without"."""
+
+    class Talking(FakeRowSource):
+        def messages(self) -> list[str]:
+            return ["0:25  old news"] * 30 + [
+                "0:27  the adapter is pulled out " + "and drives keep running " * 4 + "END"
+            ]
+
+    screen = MonitorApp(Talking())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.6)
+        messages = screen.query_one("#messages")
+        lines = [messages.render_line(y).text.rstrip() for y in range(messages.size.height)]
+        assert lines[-1].startswith(" " * 6) and lines[-1].endswith("END")
+        assert any(line.startswith("0:27  the adapter") for line in lines[:-1])
+        assert lines[0] == "0:25  old news"
+
+
 async def test_ctrl_c_ends_the_live_view_without_a_question() -> None:
     screen = MonitorApp(FakeRowSource())
     async with screen.run_test(size=(80, 24)) as pilot:

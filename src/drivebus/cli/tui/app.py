@@ -14,6 +14,7 @@ from drivebus.errors import DrivebusError
 
 REFRESH_PERIOD_S = 0.25
 FREQUENCY_STEP_HZ = 5.0
+MESSAGE_INDENT = 6  # cells of the time before a message
 
 
 class MonitorApp(App[int]):
@@ -94,7 +95,15 @@ class MonitorApp(App[int]):
         cells = self.size.width
         self._drives.update_rows(self._drive_rows(cells))
         self._buses.update_rows(self._bus_rows(cells))
-        self._messages.update("\n".join(self._source.messages()[-max(1, self._messages.size.height) :]))
+        self._messages.update("\n".join(self._message_lines()))
+
+    def _message_lines(self) -> list[str]:
+        """Return the last lines of the messages that fit; a long message is continued on the next line."""
+        cells = max(1, self._messages.content_size.width - MESSAGE_INDENT)
+        height = max(1, self._messages.content_size.height)
+        parts = (output.wrap(message, cells) for message in self._source.messages()[-height:])
+        blank = " " * MESSAGE_INDENT
+        return [blank * (number > 0) + line for message in parts for number, line in enumerate(message)][-height:]
 
     def _selected(self) -> str | None:
         rows = self._source.drives()
