@@ -185,7 +185,10 @@ def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, conn
 
 def test_only_a_stop_that_is_being_repeated_is_called_not_confirmed_yet(draw: Draw, fan: Any) -> None:
     for pending in (False, True):
-        text = draw("parts/tile", "Tile", {"id": "fan-1"}, topics={"drives/fan-1": fan | {"stop_pending": pending}})
+        topics = {"drives/fan-1": fan | {"stop_pending": pending}}
+        text = draw("parts/tile", "Tile", {"id": "fan-1"}, topics=topics)
+        assert shown(text, ["page.stop_pending_short"]) == ["page.stop_pending_short"] * pending
+        text = draw("pages/drive", "Page", {"id": "fan-1", "query": {}}, topics=topics)
         assert shown(text, ["page.stop_pending"]) == ["page.stop_pending"] * pending
 
 

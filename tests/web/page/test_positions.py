@@ -78,6 +78,20 @@ def not_reset(route: Any) -> None:
     route.fulfill(status=500, json={"error": {**error, "outcome": outcome}})
 
 
+def test_on_a_phone_the_begin_of_a_long_outcome_of_a_stop_is_in_sight(visit: Any) -> None:
+    """Regression: of a stop of 72 drives only names were shown, and what had happened stood above the box."""
+    page = visit("#/fleet", size=(360, 740))
+    lost = {"unconfirmed": ["fan-1"] + [f"a-drive-with-quite-a-long-name-{n}" for n in range(20)]}
+    page.route(
+        "**/api/v1/stop", lambda route: route.fulfill(status=200, json={"outcomes": {}, "buses": {"fans": lost}})
+    )
+    page.click("[data-stop=all]")
+    status = page.locator(".stop-status.bad")
+    status.evaluate("(one) => { one.style.maxHeight = '40px'; }")
+    top = status.locator("time").bounding_box()["y"]
+    assert top >= status.bounding_box()["y"]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_no_button_moves_while_a_frequency_is_wrong(visit: Any, language: str) -> None:
     """Regression: the error pushed Set frequency and Run down by a line."""

@@ -92,7 +92,10 @@ def test_only_a_confirmed_stop_is_shown_as_confirmed(page: Any) -> None:
     )
     for answer, key, names in cases:
         text = evaluate(page, "stops", f"m.evaluateStop({answer}).text()")
-        assert text == i18n.text(key, "en", names=names), answer
+        assert text == i18n.text(key, "en", n=1, names=names), answer
+    of_many = "{buses: {l: {unconfirmed: Array.from({length: 72}, (_, n) => `d${n}`)}}}"
+    text = evaluate(page, "stops", f"m.evaluateStop({of_many}).text()")
+    assert text == i18n.text("page.stop_unconfirmed", "en", n=72, names="d0, d1, d2, d3, d4, d5, d6, d7 and 64 more")
 
 
 def test_a_frequency_beyond_the_limits_is_not_sent(page: Any) -> None:

@@ -5,6 +5,7 @@ import { api } from "./api.js";
 import { loadSession } from "./session.js";
 import { localized, t, titleOf } from "./i18n.js";
 import { drive, group, nowMs } from "./store.js";
+import { listed } from "./parts/selection.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
@@ -98,14 +99,14 @@ export function evaluateStop(answer) {
     if (!bus.confirmed && !bus.unconfirmed?.length && !bus.acknowledged?.length) drives.unconfirmed.add(id);
   }
   const { acknowledged, unconfirmed } = drives;
-  const names = (ids) => [...ids].map((id) => nameOf({ kind: "drive", id })).join(t("page.comma"));
+  const named = (ids) => ({ n: ids.size, names: listed([...ids]) });
   if (unconfirmed.size > 0) {
     const withheld = Object.entries(answer.outcomes ?? {}).filter(([, one]) => isWithheld(one)).map(([id]) => id);
-    const text = () => t("page.stop_unconfirmed", { names: names(unconfirmed) });
+    const text = () => t("page.stop_unconfirmed", named(unconfirmed));
     return { phase: "done", good: false, acknowledged: false, withheld, text };
   }
   if (acknowledged.size > 0) {
-    return { phase: "done", good: true, acknowledged: true, text: () => t("page.stop_acknowledged", { names: names(acknowledged) }) };
+    return { phase: "done", good: true, acknowledged: true, text: () => t("page.stop_acknowledged", named(acknowledged)) };
   }
   const key = drives.confirmed.size > 0 ? "page.stop_all_confirmed" : "page.stop_no_drives";
   return { phase: "done", good: drives.confirmed.size > 0, acknowledged: false, text: () => t(key) };
