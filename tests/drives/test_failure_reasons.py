@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Any
 
@@ -140,6 +141,44 @@ def test_a_late_reply_is_named_with_its_time(model: str) -> None:
     errors = errors_of(model, delay)
     assert_named(errors, "bus.late_reply")
     assert all(100 <= error.params["milliseconds"] <= 140 for error in errors)
+
+
+def keys_of_repeated_status(model: str, misbehave: Callable[[SimulatedDrives], None]) -> list[str]:
+    """Return the error of each of four reads of the status, a second apart."""
+
+    async def scenario() -> list[str]:
+        async with SimulatedDrives(model) as bench:
+            drive, keys = bench.drive(), []
+            misbehave(bench)
+            for _ in range(4):
+                with pytest.raises(DrivebusError) as caught:
+                    await drive.status()
+                keys.append(caught.value.key)
+                await asyncio.sleep(1)
+        return keys
+
+    return run_virtual(scenario())
+
+
+@pytest.mark.parametrize(("model", "delay_s"), [("c320", 0.3), ("c320", 1.5), ("vc660", 0.6), ("vc660", 1.5)])
+def test_a_reply_later_than_the_quarantine_and_the_next_requests_is_named(model: str, delay_s: float) -> None:
+    """Only the first read can't know it: nothing has come yet."""
+
+    def delay(bench: SimulatedDrives) -> None:
+        bench.station().faults.added_delay_s = delay_s
+
+    assert keys_of_repeated_status(model, delay) == ["bus.offline", *["bus.late_reply"] * 3]
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_bytes_between_the_requests_are_not_passed_over_in_silence(model: str) -> None:
+    def garble_late(bench: SimulatedDrives) -> None:
+        replace_replies(bench, lambda reply: ((0.7, bytes(byte ^ 0x55 for byte in reply)),))
+
+    keys = keys_of_repeated_status(model, garble_late)
+    assert keys == ["bus.offline", *["bus.offline_bytes"] * 3]
+    hint = i18n.text("hint.bus.offline_bytes")
+    assert "reply delay" in hint and "wiring" in hint
 
 
 def test_a_drive_that_sends_nothing_any_more_is_offline_and_no_longer_called_late() -> None:

@@ -176,6 +176,10 @@ class Bus:
         """Return whether a station replies. Raises KeyError for an address that is not registered."""
         return self.core.presence(address)
 
+    def unusable_reply(self, address: int) -> Exception | None:
+        """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
+        return self.core.unusable_reply(address)
+
     def health(self, address: int) -> StationHealth:
         """Return presence, error rates, foreign master, duplicate address. Raises KeyError: address not registered."""
         return self.core.health(address, self.now())

@@ -58,7 +58,13 @@ from typing import Any
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
 from drivebus.bus.compatibility import check_compatible
 from drivebus.bus.echo import EchoDetector
-from drivebus.bus.failure_reason import copy_error, failure_reason, late_reply
+from drivebus.bus.failure_reason import (
+    copy_error,
+    failure_reason,
+    late_reply,
+    late_reply_to_last_request,
+    shows_a_reply,
+)
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.scheduler import NEVER, Scheduler
@@ -204,6 +210,11 @@ class BusCore:
         """Return whether a station replies. Raises KeyError for an address that is not registered."""
         found = self.stations[address].state.presence
         return Presence.OFFLINE if found is Presence.ONLINE and not self.is_open else found
+
+    def unusable_reply(self, address: int) -> Exception | None:
+        """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
+        station = self.stations[address]
+        return None if station.state.presence is Presence.ONLINE else station.unusable_reply
 
     def health(self, address: int, now: float) -> StationHealth:
         """Return presence, error rates and suspicions of a station. Raises KeyError: address not registered."""
@@ -358,7 +369,7 @@ class BusCore:
             self._complete(prepared, error)
         for station in self.stations.values():
             station.stop_epoch += 1
-            station.failure_reason = None
+            station.failure_reason = station.earlier_failure_reason = station.unusable_reply = None
             self._mark_suspect(station, now)
         self._silence_timeout.reset()
         return self._advance(now)
@@ -540,6 +551,7 @@ class BusCore:
             assert transaction.last_byte_at is not None
             station.last_reply_at = transaction.last_byte_at
             station.last_frame = transaction.buffer
+            station.unusable_reply = None
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
@@ -574,6 +586,7 @@ class BusCore:
             self._complete(prepared, error, transaction)
         elif isinstance(error, UntrustedReply):
             station.last_frame = transaction.buffer
+            station.unusable_reply = error
             self._handle_untrusted_reply(prepared, error, now)
             self._complete(prepared, error, transaction)
         elif prepared.is_sync_probe:
@@ -603,11 +616,13 @@ class BusCore:
         """Take the station offline and fail the requests that waited for its sync probe.
 
         ``received``: the error that names the bytes in place of the reply, None without any. Then the error is that of
-        the bytes since the sync probe before, and only without those that the station is offline.
+        the bytes since the last but one sync probe, and only without those that the station is offline.
         """
         station = transaction.prepared.station
-        error = received or station.failure_reason or NoReply("bus.offline", station=station.address)
-        station.failure_reason = None
+        named = received or station.failure_reason or station.earlier_failure_reason
+        error = named or NoReply("bus.offline", station=station.address)
+        station.unusable_reply = named if shows_a_reply(named) else None
+        station.earlier_failure_reason, station.failure_reason = station.failure_reason, None
         self._mark_suspect(station, now)
         if station.state.is_unreachable:
             self.scheduler.probe_budget.spend(now - transaction.sent_at + station.gap_s, now)
@@ -644,7 +659,7 @@ class BusCore:
 
     def _mark_online(self, station: Station, now: float, *, verified: bool) -> None:
         """End the quarantine of a station that has answered its sync probe."""
-        station.failure_reason = None
+        station.failure_reason = station.earlier_failure_reason = None
         station.mark_online(verified=verified)
         self.scheduler.mark_trusted(station, now)
 
@@ -791,12 +806,29 @@ class BusCore:
                 station.record_duplicate_reply(now)
             if kind is TraceKind.LATE:
                 station.last_frame = data
-                station.failure_reason = late_reply(station, data, received_at) or station.failure_reason
+                station.failure_reason = (
+                    late_reply(station, data, received_at)
+                    or late_reply_to_last_request(station, data, received_at)
+                    or station.failure_reason
+                )
             if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
                 self._mark_suspect(station, now)
+        elif kind is TraceKind.UNSOLICITED:
+            self._name_unattributed(data, received_at)
         if self.tracing:
             address = None if station is None else station.address
             self._trace(TraceEvent(time=received_at, kind=kind, data=data, station=address, message=frame.message))
+
+    def _name_unattributed(self, data: bytes, received_at: float) -> None:
+        """Name bytes of no known sender for the stations that may have sent them late. Nothing is accepted."""
+        for station in self.stations.values():
+            if not station.state.is_suspect:
+                continue
+            late = late_reply(station, data, received_at)
+            if late is not None:
+                station.failure_reason = late
+            elif station.failure_reason is None:
+                station.failure_reason = NoReply("bus.offline_bytes", station=station.address)
 
 
 def _matches_older_request(transaction: Transaction) -> bool:

@@ -56,6 +56,20 @@ def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | N
     return None
 
 
+def late_reply_to_last_request(station: Station, data: bytes, received_at: float) -> NoReply | None:
+    """Return the error of a reply to the last request, however long ago that was, None where ``data`` is none."""
+    reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
+    if reply is None or reply[1] != len(data):
+        return None
+    late_ms = round((received_at - station.last_request_sent_at) * 1000)
+    return NoReply("bus.late_reply", station=station.address, milliseconds=late_ms)
+
+
+def shows_a_reply(error: Exception | None) -> bool:
+    """Return whether the named bytes may come from the station; our own frame alone may be the adapter's echo."""
+    return error is not None and getattr(error, "key", "") != "bus.only_own_frame"
+
+
 def _other_station_replied(transaction: Transaction) -> AddressError | None:
     """Return the error of one reply under another address, a rejection too, with nothing else received."""
     frames = transaction.foreign_frames or []

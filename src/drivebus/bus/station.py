@@ -160,6 +160,7 @@ class Station:
         "config",
         "counters",
         "duplicate_reply_times",
+        "earlier_failure_reason",
         "encode_cache",
         "failure_reason",
         "gap_s",
@@ -178,6 +179,7 @@ class Station:
         "sync_probe_count",
         "sync_rejections",
         "unanswered_requests",
+        "unusable_reply",
     )
 
     def __init__(self, config: StationConfig, settings: SerialSettings) -> None:
@@ -201,6 +203,10 @@ class Station:
         """Requests without a trusted reply."""
         self.failure_reason: Exception | None = None
         """Names the bytes that made the station suspect or came since, for requests whose sync probe gets no reply."""
+        self.earlier_failure_reason: Exception | None = None
+        """The same of the time before the last failed sync probe: a reply may take longer than to the next one."""
+        self.unusable_reply: Exception | None = None
+        """Names what was received in place of its last replies, None after an accepted one and while nothing comes."""
         self.last_request: Any = None
         """Last sent request; an unsolicited frame may be its reply."""
         self.last_request_answered = False

@@ -6,7 +6,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from drivebus.cli import output
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, error_text
+from drivebus.errors import DrivebusError
 from drivebus.types import Json
 from drivebus.values import Quality, Reading
 
@@ -68,7 +69,7 @@ def status_json(status: DriveStatus, now: float) -> Json:
     fault = status.fault
     return {
         "state": str(status.state),
-        "reason": output.text(status.reason) if status.reason else None,
+        "reason": reason_text(status),
         "direction": str(status.direction) if status.direction else None,
         "fault": None
         if fault is None
@@ -156,7 +157,14 @@ def state_text(status: DriveStatus) -> str:
     words = output.text(f"live.state.{status.state}")
     if status.direction is not None:
         words += output.text("status.comma") + output.text(f"status.{status.direction}")
-    return words + (output.text("status.because", why=output.text(status.reason)) if status.reason else "")
+    return words + (output.text("status.because", why=reason) if (reason := reason_text(status)) else "")
+
+
+def reason_text(status: DriveStatus) -> str | None:
+    """Return why the state is unknown: what the drive sends in place of a reply, if it sends anything."""
+    if status.reason and isinstance(status.unusable_reply, DrivebusError):
+        return error_text(status.unusable_reply)
+    return output.text(status.reason) if status.reason else None
 
 
 def status_line(status: DriveStatus, profile: DriveProfile) -> str:

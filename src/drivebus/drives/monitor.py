@@ -20,6 +20,7 @@ from drivebus.values import Quality, Reading
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
 WORDS = ("state", "fault")  # beginnings of the names of status and fault words
+_REASONS_OF_SILENCE = ("drives.not_read", "drives.stale")  # less than what is known of a drive that sends something
 READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 
@@ -135,7 +136,10 @@ class Monitor:
     def status(self) -> DriveStatus:
         """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
         now = self._bus.now()
+        unusable_reply = self._bus.unusable_reply(self._dialect.address)
         derived = self._current_state(now)
+        if unusable_reply is not None and derived.reason in _REASONS_OF_SILENCE:
+            derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_answer")
         aged = self._reading_pairs.with_staleness(now, self._validity_s, self._bus.port_opened_at)
         readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
         fault = reported_fault(self._dialect.profile, derived)
@@ -146,6 +150,7 @@ class Monitor:
             readings=readings,
             reason=derived.reason,
             at=self._derived_at,
+            unusable_reply=unusable_reply,
         )
         return complete_status(self._dialect, found, self._names)
 

@@ -110,3 +110,4 @@ class DriveStatus:
     readings: Mapping[str, Reading] = field(default_factory=dict)
     reason: str | None = None  # i18n key of why the state is unknown
     at: float | None = None  # monotonic time of the oldest reply that the state was derived from
+    unusable_reply: Exception | None = None  # names what an offline drive sends in place of a reply; None: silence

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
+from drivebus.service.api.errors import error_from_json
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
@@ -52,6 +53,7 @@ def parse_status(view: Json, now: float) -> DriveStatus:
         fault=fault,
         readings=readings,
         reason=view["state_reason"],
+        unusable_reply=error_from_json(view["unusable_reply"]) if view.get("unusable_reply") else None,
     )
 
 

@@ -61,17 +61,24 @@ class AlarmCondition:
     def evaluate(self, view: DriveView, now: float) -> tuple[bool, Observation | None]:
         """Return whether the alarm clears now, and the observation that raises it now.
 
-        Both happen when a drive reports another fault than the one that raised the alarm.
+        Both happen when a drive reports another fault than the one that raised the alarm, and when a drive that was
+        silent sends a reply that can't be used.
         """
         found = OBSERVERS[self.setting.kind](self.setting, view)
-        cleared = self.raised and (found.state is LimitState.NORMAL or self._is_other_fault(found))
+        shows_reply = self.raised and self._is_no_silence(found)
+        cleared = shows_reply or (self.raised and (found.state is LimitState.NORMAL or self._is_other_fault(found)))
         if cleared:
-            self.raised, self._since = False, None
+            self.raised, self._since = False, self._since if shows_reply else None
         return cleared, found if self._becomes_active(found, now) else None
 
     def _is_other_fault(self, found: Observation) -> bool:
         is_fault = self.setting.kind is AlarmKind.FAULT and found.state is LimitState.VIOLATED
         return is_fault and found.value not in (self.value, UNNAMED_FAULT_CODE)
+
+    def _is_no_silence(self, found: Observation) -> bool:
+        """Return whether the alarm says that a drive is silent which sends something now."""
+        is_silence = self.setting.kind is AlarmKind.NO_RESPONSE and self.value is None
+        return is_silence and found.state is LimitState.VIOLATED and found.value is not None
 
     def _becomes_active(self, found: Observation, now: float) -> bool:
         """Return whether the limit has been violated for the whole delay. Unknown values do not restart the delay."""
@@ -120,7 +127,11 @@ def _fault(setting: AlarmConfig, view: DriveView) -> Observation:
 def _no_response(setting: AlarmConfig, view: DriveView) -> Observation:
     if view.presence == "online":
         return Observation(LimitState.NORMAL)
-    return Observation(LimitState.VIOLATED, delay_s=FIRST_REPLY_TIMEOUT_S if view.presence == "never_seen" else 0.0)
+    delay_s = FIRST_REPLY_TIMEOUT_S if view.presence == "never_seen" else 0.0
+    error = view.unusable_reply
+    if error is None:
+        return Observation(LimitState.VIOLATED, delay_s=delay_s)
+    return Observation(LimitState.VIOLATED, error["code"], {"unusable_reply": error}, delay_s)
 
 
 def _stale(setting: AlarmConfig, view: DriveView) -> Observation:

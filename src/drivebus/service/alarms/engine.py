@@ -93,7 +93,12 @@ def alarm_title(setting: AlarmConfig, params: Mapping[str, Any]) -> Text:
     """Return the configured title, else the title of the alarm's kind."""
     if setting.title.en or setting.title.zh:
         return Text(setting.title.en or setting.title.zh, setting.title.zh or setting.title.en)
-    return bilingual_text(f"alarms.title.{setting.kind}", **params)
+    return bilingual_text(f"alarms.title.{sentence_of(setting, params)}", **params)
+
+
+def sentence_of(setting: AlarmConfig, found: Mapping[str, Any]) -> str:
+    """Return the end of the keys of an alarm's sentences: its kind, except for a drive that sends something."""
+    return "unusable_reply" if found.get("unusable_reply") else str(setting.kind)
 
 
 def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, Any]:
@@ -108,6 +113,7 @@ def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, 
         "signal": signal_name(str(found.get("signal"))),
         "signals": Text(", ".join(one.en for one in signals), "、".join(one.zh for one in signals)),
         "fault": _fault_text(fault),
+        "unusable_reply": Text.from_mapping(found["unusable_reply"]["text"]) if "unusable_reply" in found else "",
     }
 
 
@@ -121,8 +127,8 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
         priority=setting.priority,
         kind=str(setting.kind),
         title=alarm_title(setting, params),
-        text=bilingual_text(f"alarms.text.{setting.kind}", **params),
-        remedy=_fault_remedy(found.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
+        text=bilingual_text(f"alarms.text.{sentence_of(setting, params)}", **params),
+        remedy=_remedy(found.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
         raised_ms=now_ms,
         value=found.value,
     )
@@ -155,6 +161,12 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
     text = fault.get("text") or {}
     meanings = {language: str(text.get(language) or "") for language in i18n.LANGUAGES}
     return Text.per_language(lambda language: one if label in (one := meanings[language]) else f"{label} {one}".strip())
+
+
+def _remedy(found: Mapping[str, Any]) -> Text | None:
+    """Return the remedy of the reported fault, or of the reply that can't be used; None without one."""
+    key = f"hint.{(found.get('unusable_reply') or {}).get('code')}"
+    return bilingual_text(key) if i18n.known(key) else _fault_remedy(found)
 
 
 def _fault_remedy(found: Mapping[str, Any]) -> Text | None:

@@ -6,7 +6,8 @@ from importlib.metadata import version
 from typing import Any
 
 from drivebus.drives.state import DriveStatus
-from drivebus.service.api.errors import localized
+from drivebus.errors import DrivebusError
+from drivebus.service.api.errors import error_to_json, localized
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.groups import GroupCommands
 from drivebus.service.control.start_blockers import start_blockers_json
@@ -93,8 +94,13 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         state_time_ms=plant.clock.utc_ms(status.at),
         poll_interval_s=min((poll.period_s for poll in runtime.polls), default=None),
         requested_interval_s=min((runtime.profile.signals[name].period_s for name in runtime.signals), default=None),
+        unusable_reply=_unusable_reply_json(status),
         jog_frequency=runtime.profile.jog_frequency,
     )
+
+
+def _unusable_reply_json(status: DriveStatus) -> Json | None:
+    return error_to_json(status.unusable_reply) if isinstance(status.unusable_reply, DrivebusError) else None
 
 
 def _directions(runtime: DriveRuntime) -> tuple[str, ...]:

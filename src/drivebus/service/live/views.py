@@ -197,6 +197,8 @@ class DriveView:
     """Seconds between two polls of its most polled signal; None: nothing is polled."""
     requested_interval_s: float | None = None
     """The same as its model or ``signals`` of the plant file asks for; shorter where the bus cannot carry it."""
+    unusable_reply: Json | None = None
+    """Error that names what a drive sends while it is not online; None: it sends nothing."""
     jog_frequency: str | None = None
     """Where the frequency of a jog comes from: a ``JogFrequency``; None where the model can't jog."""
 
@@ -219,6 +221,7 @@ class DriveView:
             "stop_pending",
             "poll_interval_s",
             "requested_interval_s",
+            "unusable_reply",
             "jog_frequency",
             "time_ms",
             "state_time_ms",

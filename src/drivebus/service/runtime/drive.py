@@ -82,6 +82,8 @@ class DriveRuntime:
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
         """Its state was known at least once since this service started."""
+        self.reported_unusable_reply = False
+        """The event of its absence, or a later one, has named what it sends."""
         self.reported_presence: Presence | None = None
         self.reported_fault: int | None = None
         """Presence, and code of the fault, of which an event was published last."""

@@ -169,21 +169,30 @@ class SupervisionCycle:
         now, now_ms = self._plant.now(), self._plant.wall_ms()
         status = runtime.status()
         view = self._publisher.publish_drive(runtime, status)
-        self._report_presence(runtime)
+        self._report_presence(runtime, status)
         self._report_fault(runtime, status)
         self._policies.on_status(runtime, status)
         self._plant.publish_alarms(self._plant.alarms.observe(view, now, now_ms))
         self._plant.put_view(view)
         self._schedule_comm_loss_read(runtime, status, now)
 
-    def _report_presence(self, runtime: DriveRuntime) -> None:
-        """Publish an event when a drive stops answering and one when it answers again."""
+    def _report_presence(self, runtime: DriveRuntime, status: DriveStatus) -> None:
+        """Publish an event when a drive stops answering, when its late or damaged replies come, and when it is back."""
         found = runtime.bus.presence(runtime.config.address)
         before, runtime.reported_presence = runtime.reported_presence, found
-        if found is before or (before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE):
+        unusable = found is Presence.OFFLINE and status.unusable_reply is not None
+        if found is not before:
+            runtime.reported_unusable_reply = False
+        if (found is before and runtime.reported_unusable_reply >= unusable) or (
+            before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE
+        ):
             return
+        params: Json = {"drive": runtime.id}
         key = "plant.drive_silent" if found is Presence.OFFLINE else "plant.drive_back"
-        self._plant.publish_event("presence", runtime.id, key, drive=runtime.id)
+        if unusable:
+            key, params["reason"] = "plant.drive_unusable_reply", status.unusable_reply
+            runtime.reported_unusable_reply = True
+        self._plant.publish_event("presence", runtime.id, key, **params)
 
     def _report_fault(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Publish an event when a drive trips; the same fault after a pause in communication is no new one."""

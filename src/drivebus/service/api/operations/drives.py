@@ -248,6 +248,7 @@ class DriveObject(ApiObject):
     state_time_ms: int | None
     poll_interval_s: float | None
     requested_interval_s: float | None
+    unusable_reply: dict[str, Any] | None
     jog_frequency: JogFrequency | None
 
 

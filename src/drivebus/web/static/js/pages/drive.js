@@ -1,6 +1,6 @@
 // Page of one drive: values, control, limits, and tabs of its details.
 import { html } from "../lib.js";
-import { t, titleOf } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
 import { href, replaceQuery } from "../router.js";
@@ -35,7 +35,7 @@ function Head({ view }) {
     ${titleOf(view)}</h1>
     <${BusLocation} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
       size=${40} />
-    ${view.state === "unknown" && view.state_reason && html`<p class="soft">${t(view.state_reason)}</p>`}
+    ${view.state === "unknown" && view.state_reason && html`<p class="soft">${localized(view.unusable_reply?.text) || t(view.state_reason)}</p>`}
     ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
     ${view.start_inhibited && html`<p class="alarmtext">${t("page.start_inhibited")}</p>`}</div></header>`;
 }
