@@ -81,7 +81,7 @@ CAMPAIGN = Campaign(
     summary={"en": "Every model runs, stops, trips and loses its line.", "zh": "每个型号的运行、停止、跳闸与断线。"},
     unit="stories",
     evidence_for=(),
-    full_budget=1800,
+    full_budget=4 * len(LINES) * len(MODELS),
     ci_budget=len(MAPS) * len(LINES),
     run=run,
 )

@@ -22,7 +22,6 @@ from drivebus.bus.unsolicited import UnsolicitedBytes
 
 SHARED_ATTRIBUTES = frozenset(
     {
-        "_closed_by",
         "activity",
         "bus_request",
         "last_request",
@@ -103,6 +102,8 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "last_reply_at": "",
         "last_frame": "",
         "failure_reason": "",
+        "earlier_failure_reason": "",
+        "unusable_reply": "",
         "config": "",
         "encode_cache": "",
     },
