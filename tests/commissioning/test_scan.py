@@ -11,7 +11,9 @@ import pytest
 
 from drivebus import ports, profiles
 from drivebus.bus import Bus
-from drivebus.cli.scanning import ScanRequest
+from drivebus.cli import output
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.scanning import ScanRequest, print_scan
 from drivebus.commissioning import scan, scan_plan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress
 from drivebus.commissioning.scan_plan import ScanPass
@@ -435,6 +437,26 @@ def test_an_exception_to_every_read_is_a_device_of_another_model_and_no_noise() 
 def test_noise_at_an_address_ends_its_probes_after_four() -> None:
     (found,), requests = scan_device(lambda frame: b"\x55\xaa\x00", **modbus_plan())
     assert not found.valid_reply and found.models == () and requests == scan.MAX_UNREADABLE_REPLIES == 4
+
+
+@pytest.mark.parametrize(
+    ("language", "note"),
+    [("en", "a reply from address 0 to a request for 2: check"), ("zh", "对站号 2 的请求收到站号 0 的应答：")],
+)
+def test_a_reply_from_another_address_is_reported_and_not_taken_for_silence(
+    language: str, note: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A VC660 that replies as address 0 was reported as a line without drives."""
+
+    def from_address_0(frame: bytes) -> bytes:
+        head = bytes([0, 3, 2, 0, 1])
+        return head + crc16(head).to_bytes(2, "little")
+
+    (found,), _ = scan_device(from_address_0, models=([profiles.load("vc660")],))
+    assert (found.address, found.replied_address, found.models, found.valid_reply) == (2, 0, (), False)
+    monkeypatch.setattr(output, "language", lambda: language)
+    print_scan("x", ScanProgress(total_s=1.0, found=[found]), None, ExitCode.FAILED)
+    assert "".join(note.split()) in "".join(capsys.readouterr().out.split())
 
 
 def test_a_model_that_fits_only_partly_is_not_named_without_doubt() -> None:

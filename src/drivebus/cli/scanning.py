@@ -235,6 +235,7 @@ def device_json(drive: DetectedDrive) -> Json:
         "format": drive.settings.format,
         "doubtful": drive.doubtful,
         "valid_reply": drive.valid_reply,
+        "replied_address": drive.replied_address,
         "fits_partly": drive.fits_partly,
         "setpoint_steps_hz": dict(drive.setpoint_steps_hz),
         "sent": drive.exchange[0],
@@ -244,6 +245,8 @@ def device_json(drive: DetectedDrive) -> Json:
 
 def _note(drive: DetectedDrive) -> str:
     """Return why the model is in doubt; empty where it is not."""
+    if drive.replied_address is not None:
+        return output.text("scan.other_address", found=drive.replied_address, address=drive.address)
     if not drive.valid_reply:
         return output.text("scan.no_valid_reply")
     if not drive.models:

@@ -16,7 +16,7 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, Statio
 from drivebus.commissioning.scan_plan import ScanCandidate, ScanPass, further_reads, probe_frame, probe_request
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
-from drivebus.errors import PortError, PortLost
+from drivebus.errors import AddressError, PortError, PortLost
 from drivebus.ports import Port
 from drivebus.serial_settings import SerialSettings
 
@@ -48,6 +48,8 @@ class DetectedDrive:
     """Request and reply."""
     valid_reply: bool = True
     """False: bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
+    replied_address: int | None = None
+    """Address of a valid frame that was received in place of a reply from ``address``; None where there was none."""
     fits_partly: bool = False
     """The status register answers, but not with a state of these models, or not their other registers."""
 
@@ -187,6 +189,8 @@ class _ProbedAddress:
     """First valid frame that rejects a probe."""
     answered: BusResult | None = None
     """First reply with what was asked for."""
+    foreign: BusResult | None = None
+    """First exchange that was answered from another address."""
     unreadable: int = 0
     """Exchanges with bytes that are no valid frame."""
 
@@ -205,6 +209,8 @@ class _ProbedAddress:
             if result.received:
                 self.received = self.received or result
                 self.unreadable += result.reply is None
+            elif getattr(result.error, "key", None) == "bus.other_station_replied":
+                self.foreign = self.foreign or result
             if is_rejected:
                 self.rejected = self.rejected or result
             elif result.reply is not None:
@@ -233,7 +239,7 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         request = probe_request(dialect)
         reply = await probed.reply_to(dialect, request)
         if probed.received is None:
-            return None
+            return None if probed.foreign is None else _foreign_reply(scan_pass, address, probed.foreign)
         if reply is not None:
             is_foreign = _is_foreign_status(dialect, request, reply) or not await probed.answers_all(dialect)
             (partly if is_foreign else fits).append(candidate)
@@ -261,6 +267,22 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
         exchange=(answer.sent, answer.received),
         valid_reply=answer is not probed.received or answer.reply is not None,
         fits_partly=bool(partly) and not fits,
+    )
+
+
+def _foreign_reply(scan_pass: ScanPass, address: int, result: BusResult) -> DetectedDrive:
+    """Return the row of an address whose probe was answered from another address."""
+    assert isinstance(result.error, AddressError)
+    return DetectedDrive(
+        models=(),
+        setpoint_steps_hz={},
+        family=scan_pass.candidates[0].profile.family,
+        encoding=scan_pass.candidates[0].encoding,
+        address=address,
+        settings=scan_pass.settings,
+        exchange=(result.sent, result.received),
+        valid_reply=False,
+        replied_address=result.error.params["found"],
     )
 
 
