@@ -53,6 +53,17 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
     assert (result.exit_code, message in result.output) == (2, True), result.output
 
 
+@pytest.mark.parametrize(
+    ("language", "message"),
+    [("en", "the command takes no further argument: {}\n"), ("zh", "该命令不再接受其他参数：{}\n")],
+)
+@pytest.mark.parametrize("extra", ["extra", "extra more"])
+def test_an_argument_too_many_is_named_in_the_language_of_the_user(language: str, message: str, extra: str) -> None:
+    """The message of click was printed in English."""
+    result = run_words(["ports", *extra.split()], language)
+    assert (result.exit_code, message.format(extra) in result.output) == (2, True), result.output
+
+
 SERVER_COMMANDS = ["demo", "serve {plant}", "user add {plant} ann --role viewer"]
 
 

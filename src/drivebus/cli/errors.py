@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from enum import IntEnum
@@ -18,6 +19,9 @@ from drivebus.errors import (
     ProtocolError,
     StopUnconfirmed,
 )
+
+_EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
+"""Message of click for arguments beyond those of a command; it has no class or attribute of its own."""
 
 
 class ExitCode(IntEnum):
@@ -122,6 +126,8 @@ def usage_text(error: click.ClickException) -> str:
         return output.text("cli.bad_value", name=_parameter_name(error), problem=error.message)
     if isinstance(error, click.BadOptionUsage):
         return output.text("cli.needs_value", name=error.option_name)
+    if extra := _EXTRA_ARGUMENTS.fullmatch(error.message):
+        return output.text("cli.extra_arguments", arguments=extra[1])
     return error.format_message()
 
 
