@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import (
     AuditUnavailable,
@@ -164,6 +165,9 @@ def test_faults_found_by_a_handler_have_the_same_shape() -> None:
             await dispatcher.call("parameters.read", FAN | {"names": ["x"]}, LOCAL)
         assert rejected.value.key == "plant.params" and rejected.value.params["operation"] == "parameters.read"
         assert rejected.value.params["faults"] == wrong
+        for language in i18n.LANGUAGES:
+            sentence = rejected.value.text(language)
+            assert sentence.startswith("names.0: ") and "parameters.read" not in sentence, "no id of an operation"
 
     with_dispatcher(scenario, parameters_read=InvalidParameters("plant.params", faults=wrong))
 
