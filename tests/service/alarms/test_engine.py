@@ -109,14 +109,15 @@ def test_another_fault_has_its_own_delay() -> None:
     assert changes == ["5 raised trip", "6 cleared trip", "11 raised trip"]
 
 
-def test_a_fault_without_a_text_shows_its_label_once() -> None:
+def test_a_fault_without_a_text_shows_its_label_and_the_word_fault_once() -> None:
     bare = {"code": 9, "label": "Fu.9", "text": {"en": "fault Fu.9: see the manual", "zh": "故障 Fu.9：见手册"}}
     alarms = engine()
     run(alarms, (0, view(fault=bare)), (1, view(fault={"code": 3})))
     assert [alarm.text.en for alarm in alarms.active()] == [
         "Fan reports a fault: 3",
-        "Fan reports a fault: fault Fu.9: see the manual",
+        "Fan reports a fault: Fu.9: see the manual",
     ]
+    assert alarms.active()[1].text.zh == "风机报告故障：Fu.9：见手册"
 
 
 def test_a_drive_without_reply_does_not_clear_its_fault() -> None:

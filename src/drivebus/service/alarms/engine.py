@@ -6,6 +6,7 @@ may be set at any time.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -155,12 +156,21 @@ def system_alarm(
 
 
 def _fault_text(fault: Mapping[str, Any]) -> Text:
-    """Return a fault's label and meaning; the label alone if the meaning contains it."""
+    """Return a fault's label and meaning, each once; the sentence around it already has the word fault."""
     code = fault.get("code")
     label = str(fault.get("label") or ("" if code in (None, UNNAMED_FAULT_CODE) else code))
     text = fault.get("text") or {}
     meanings = {language: str(text.get(language) or "") for language in i18n.LANGUAGES}
-    return Text.per_language(lambda language: one if label in (one := meanings[language]) else f"{label} {one}".strip())
+    word = re.compile(rf"(?:fault|故障)\s*(?={re.escape(label)})", re.IGNORECASE) if label else None
+
+    def per_language(language: str) -> str:
+        meaning = meanings[language]
+        if label not in meaning:
+            return f"{label} {meaning}".strip()
+        found = word.match(meaning) if word else None
+        return meaning[found.end() :] if found else meaning
+
+    return Text.per_language(per_language)
 
 
 def _remedy(found: Mapping[str, Any]) -> Text | None:
