@@ -26,6 +26,7 @@ _KEY = r"""(?:[A-Za-z0-9_\-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
 _DOTTED = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
 _TABLE = re.compile(rf"\s*\[\s*({_DOTTED})\s*\]")
 _ARRAY = re.compile(rf"\s*\[\[\s*({_DOTTED})\s*\]\]")
+_BLANK_IN_TABLE = re.compile(rf"\s*(\[{{1,2}}\s*{_DOTTED}[ \t]+[\w\-][^\]]*\]{{1,2}})")
 _ASSIGN = re.compile(rf"\s*({_DOTTED})\s*=\s*")
 _INLINE = re.compile(rf"[{{,]\s*({_DOTTED})\s*=")
 _PART = re.compile(_KEY)
@@ -66,6 +67,8 @@ def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
     """Return the fault at the line of a syntax error; at the last line where ``tomllib`` gives none."""
     at = re.search(r"line (\d+)", str(error))
     line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
+    if header := _BLANK_IN_TABLE.match(text.split("\n")[line - 1]):
+        return TomlFault(issue("table_name_blank", (), header[1]), line)
     return TomlFault(issue("toml", (), str(error).split(" (at ")[0]), line)
 
 

@@ -103,6 +103,24 @@ def test_brackets_without_end_are_rejected_as_a_syntax_error() -> None:
     assert caught.value.params["complaints"][0].kind == "toml"
 
 
+@pytest.mark.parametrize(("language", "sentence"), [("en", "blank in the name of a table"), ("zh", "表名中有空格")])
+def test_a_blank_in_a_table_name_is_named_with_the_line_in_the_language_of_the_user(
+    language: str, sentence: str
+) -> None:
+    """The message of tomllib, in English, did not name the blank."""
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads('format = 1\n[plant]\nid = "p"\n[drive.Pump 1]\n')
+    text = caught.value.params["complaints"][0].text(language)
+    assert sentence in text and ":4" in text and "[drive.Pump 1]" in text and "declaration" not in text
+
+
+@pytest.mark.parametrize("header", ["[drive.pump", "[drive.pump ]]", "[drive.pump # 1]", "[drive.泵]"])
+def test_another_fault_of_a_table_name_is_no_blank(header: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(f'format = 1\n[plant]\nid = "p"\n{header}\n')
+    assert caught.value.params["complaints"][0].kind == "toml"
+
+
 def test_every_kind_of_fault_has_three_texts_and_a_rejected_file() -> None:
     files = [*Path(config.__file__).parent.glob("*.py"), Path(toml_file.__file__), Path(gateway.__file__)]
     source = "".join(path.read_text() for path in files)
