@@ -40,6 +40,10 @@ def denial_log(plant: CountingService) -> DenialLog:
     return DenialLog(plant, asyncio.get_running_loop().time)
 
 
+def test_the_limits_of_the_denial_log_bound_it_to_25_megabytes_a_day() -> None:
+    assert (SUMMARY_PERIOD_S, MAX_KINDS_PER_PERIOD) == (30, 16)
+
+
 def test_the_anonymous_actor_is_remote_and_has_no_rights() -> None:
     assert Actor("", frozenset(), "", remote=True, address="") == ANONYMOUS
 
