@@ -158,6 +158,18 @@ def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_
     assert page.evaluate(script) == [["new", "read", "low"], ["new"]]
 
 
+def test_an_alarm_that_is_cleared_and_not_acknowledged_is_listed_and_not_counted_as_active(page: Any) -> None:
+    script = """async () => {
+      const [store, m] = await Promise.all(['store', 'alarm-list'].map((one) => import(`/static/js/${one}.js`)));
+      const alarm = (id, cleared_ms) => ({
+        id, cleared_ms, priority: 'high', acknowledged_ms: null, raised_ms: 1, shelved_until_ms: null });
+      store.applyDelta({ topics: { alarms: { active: [alarm('over', 5), alarm('holds', null)] } } });
+      await new Promise((resolve) => { setTimeout(resolve, 100); });
+      return [m.openAlarms().length, m.uncleared(m.openAlarms()).map(({ id }) => id)];
+    }"""
+    assert page.evaluate(script) == [2, ["holds"]]
+
+
 def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(page: Any) -> None:
     """A group shows one author, reason and end, and is unshelved as a whole."""
     script = """async () => {

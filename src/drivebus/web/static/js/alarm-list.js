@@ -9,6 +9,9 @@ const active = () => topic("alarms").value?.active ?? [];
 
 export const isShelved = (alarm) => alarm.shelved_until_ms !== null && alarm.shelved_until_ms > serviceNow();
 
+/** Alarms whose condition still holds; the others wait for their acknowledgement alone. */
+export const uncleared = (alarms) => alarms.filter((alarm) => alarm.cleared_ms === null);
+
 export const unacknowledged = (alarms) => alarms.filter((alarm) => !isAcknowledged(alarm));
 
 /** Alarms that are not shelved, by priority, then those that no user has acknowledged, then newest first. */

@@ -3,7 +3,7 @@ import { html, signal, useEffect, useRef } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
-import { openAlarms, unacknowledged } from "./alarm-list.js";
+import { openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
 import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
@@ -33,7 +33,7 @@ const closedNotice = signal("");
 const closedLoginNotice = signal("");
 
 function NavLink({ page }) {
-  const open = page === "alarms" ? openAlarms().length : 0;
+  const open = page === "alarms" ? uncleared(openAlarms()).length : 0;
   const here = page === (PARENT_PAGES[route.value.page] ?? route.value.page);
   return html`<a href=${href(page)} aria-current=${here ? "page" : undefined} onClick=${() => { menu.value = false; }}>
     ${t(`page.nav_${page}`)}${page === "alarms" && html`<span class=${`count ${open > 0 ? "" : "none"}`}>${open}<span class="sr">

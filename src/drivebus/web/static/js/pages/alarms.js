@@ -1,7 +1,7 @@
 // Alarms: active, shelved and past ones, and incidents.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { openAlarms, shelvedAlarms, unacknowledged } from "../alarm-list.js";
+import { openAlarms, shelvedAlarms, unacknowledged, uncleared } from "../alarm-list.js";
 import { duration, moment } from "../format.js";
 import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
@@ -19,8 +19,11 @@ await styled("pages");
 
 export function Page({ query }) {
   const [open, shelved] = [openAlarms(), shelvedAlarms()];
+  const n = uncleared(open).length;
+  const cleared = open.length - n;
+  const activeTab = cleared > 0 ? t("page.alarms_active_cleared", { n, cleared }) : t("page.alarms_active", { n });
   const tabs = [
-    ["active", t("page.alarms_active", { n: open.length }), () => html`<${Active} alarms=${open} />`],
+    ["active", activeTab, () => html`<${Active} alarms=${open} />`],
     ["shelved", t("page.alarms_shelved", { n: shelved.length }), () => html`<${Shelved}
       alarms=${shelved} />`],
     ["history", t("page.alarms_history"), () => html`<${AlarmHistory} />`],
