@@ -354,7 +354,7 @@ def test_a_model_without_simulated_drive_is_reported_with_near_names_and_the_lis
         assert "`drivebus models`" in caught.value.text(language) and "gd10" in caught.value.text(language)
     with pytest.raises(ConfigurationError) as caught:
         open_port("sim://zzzzzzzzzzzz@1")
-    assert caught.value.params["near"] == "-"
+    assert caught.value.params["near"] == "c320, c300, e300, e350", "an example, where no name is near"
 
 
 @pytest.mark.parametrize(("text", "expected"), [("0-3,7", [0, 1, 2, 3, 7]), ("5", [5]), ("1,1-2", [1, 2]), ("3-1", [])])

@@ -36,7 +36,7 @@ def make_station(
     models = simulated_models()
     chosen = models.get(model) or _simulated_from_profile(model)
     if chosen is None:
-        raise ConfigurationError("sim.model", found=model, near=", ".join(_similar_models(model)) or "-")
+        raise ConfigurationError("sim.model", found=model, near=", ".join(_similar_models(model) or list(models)[:4]))
     addresses = chosen.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
