@@ -85,6 +85,11 @@ class Bus:
         found: StationHealth = self.call(self.bus.health, address)
         return found
 
+    def unusable_reply(self, address: int) -> Exception | None:
+        """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
+        found: Exception | None = self.call(self.bus.unusable_reply, address)
+        return found
+
     @property
     def foreign_master(self) -> bool:
         """Whether another master has sent requests on this bus within the last minute."""

@@ -761,16 +761,16 @@ class BusCore:
             if self.tracing:
                 self._trace(TraceEvent(time=transaction.tx_end_at, kind=TraceKind.BEFORE_TX_END, data=early))
         for data, error in transaction.foreign_frames or ():
-            self._record_foreign_frame(data, error, now)
+            self._record_foreign_frame(data, error, transaction.last_byte_at or now, now)
 
-    def _record_foreign_frame(self, data: bytes, error: AddressError, now: float) -> None:
+    def _record_foreign_frame(self, data: bytes, error: AddressError, received_at: float, now: float) -> None:
         """Count a complete frame of another station: late where a reply is due, else the reply to a foreign master."""
         station = self.stations.get(error.found) if isinstance(error.found, int) else None
         late = station is not None and station.state.is_suspect
         if station is None:
             self.unsolicited.record_foreign_request(now)
         kind = TraceKind.LATE if late else TraceKind.FOREIGN
-        self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, now, now)
+        self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, received_at, now)
 
     def _detect_foreign_request(self, transaction: Transaction, now: float) -> None:
         """Count a request of another master that was received in place of a reply; our own frame is excluded."""
@@ -790,7 +790,8 @@ class BusCore:
         else:
             self.unsolicited.record_foreign_request(now)
             frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request, size)
-        self._record_unsolicited(frame, data[:size], now, now)
+        received_at = (transaction.last_byte_at or now) - (len(data) - size) * self.character_s
+        self._record_unsolicited(frame, data[:size], received_at, now)
 
     def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
         """Count an unsolicited frame; a second or a foreign reply makes its station suspect."""

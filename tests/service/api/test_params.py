@@ -113,7 +113,7 @@ def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
 def test_a_wrong_parameter_is_described_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
     error = params_error("drive.run", pydantic_faults(faults_of(OPERATIONS["drive.run"].params, params)))
     message = error_to_json(error)
-    assert message["text"] == {"en": f"drive.run: {path}: {english}", "zh": f"drive.run：{path}: {chinese}"}
+    assert message["text"] == {"en": f"{path}: {english}", "zh": f"{path}: {chinese}"}
     assert [fault["expected"] for fault in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
 
 
@@ -136,8 +136,8 @@ def test_a_fault_found_by_a_handler_is_described_in_both_languages() -> None:
     with pytest.raises(InvalidParameters) as caught:
         check_time_order(5, 4)
     message = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]
-    assert message["en"] == "history.trend: to_ms: expected 5 (from_ms) or more"
-    assert message["zh"] == "history.trend：to_ms: 应不小于 5（from_ms）"
+    assert message["en"] == "to_ms: expected 5 (from_ms) or more"
+    assert message["zh"] == "to_ms: 应不小于 5（from_ms）"
 
 
 def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:
