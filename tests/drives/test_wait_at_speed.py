@@ -10,6 +10,7 @@ import pytest
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
 from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.state import Direction
 from drivebus.errors import Superseded, TargetNotReached
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for
@@ -30,6 +31,15 @@ def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
     outcome = wait_for(bus, op)
     assert (outcome.status, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
+
+
+def test_a_reverse_run_is_there_where_the_drive_reports_its_frequency_as_negative(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("drivebus.drives.operations.start._output_hz", lambda op: -10.0)
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
+    done = bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, Direction.REVERSE))
+    assert (done.status, done.params["output_hz"]) == (OutcomeStatus.CONFIRMED, -10.0)
 
 
 def test_it_is_not_there_while_the_drive_says_accelerating() -> None:

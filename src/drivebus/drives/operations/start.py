@@ -313,7 +313,7 @@ def wait_at_speed(
         if wrong is not None:
             return wrong
         state, output = op.derived.state, _output_hz(op)
-        if state is DriveState.RUNNING and output is not None and abs(output - frequency_hz) <= near_hz:
+        if state is DriveState.RUNNING and output is not None and abs(abs(output) - frequency_hz) <= near_hz:
             key = "drives.running_at"
             done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
             notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
