@@ -92,6 +92,15 @@ def test_on_a_phone_the_begin_of_a_long_outcome_of_a_stop_is_in_sight(visit: Any
     assert top >= status.bounding_box()["y"]
 
 
+def settled_buttons(page: Any) -> Any:
+    """Return the places of the buttons once the chart below them has drawn its first data."""
+    before, after = None, page.evaluate(BUTTONS)
+    while before != after:
+        page.wait_for_timeout(1000)
+        before, after = after, page.evaluate(BUTTONS)
+    return after
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_no_button_moves_while_a_frequency_is_wrong(visit: Any, language: str) -> None:
     """Regression: the error pushed Set frequency and Run down by a line."""
@@ -100,7 +109,7 @@ def test_no_button_moves_while_a_frequency_is_wrong(visit: Any, language: str) -
     page.locator(".lease.own").wait_for()
     page.locator(".trend-plot canvas").wait_for()
     entry = page.locator(".control .frequency input[inputmode=decimal]").first
-    before = page.evaluate(BUTTONS)
+    before = settled_buttons(page)
     for wrong in ("99", "1,5"):
         entry.fill(wrong)
         page.locator(".control .frequency .wrong").first.wait_for()
