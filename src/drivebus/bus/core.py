@@ -253,7 +253,7 @@ class BusCore:
         if not isinstance(prepared, PreparedRequest):
             return self._reject(bus_request, token, prepared)
         if not self.is_open:
-            return self._reject(bus_request, token, PortLost(self._closed_by.key, **self._closed_by.params))
+            return self._reject(bus_request, token, copy_error(self._closed_by))
         if prepared.effect is Effect.STOP:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):

@@ -51,8 +51,7 @@ def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | N
     for unanswered in reversed(station.unanswered_requests):
         reply = station.decode_reply_to(unanswered.request, data) if received_at < unanswered.until else None
         if reply is not None and reply[1] == len(data):
-            late_ms = round((received_at - unanswered.tx_end_at) * 1000)
-            return NoReply("bus.late_reply", station=station.address, milliseconds=late_ms)
+            return _late_error(station, unanswered.tx_end_at, received_at)
     return None
 
 
@@ -61,7 +60,11 @@ def late_reply_to_last_request(station: Station, data: bytes, received_at: float
     reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
     if reply is None or reply[1] != len(data):
         return None
-    late_ms = round((received_at - station.last_request_sent_at) * 1000)
+    return _late_error(station, station.last_request_sent_at, received_at)
+
+
+def _late_error(station: Station, tx_end_at: float, received_at: float) -> NoReply:
+    late_ms = round((received_at - tx_end_at) * 1000)
     return NoReply("bus.late_reply", station=station.address, milliseconds=late_ms)
 
 
