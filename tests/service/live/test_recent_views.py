@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from dataclasses import replace
 
 import pytest
 
@@ -48,6 +50,69 @@ def test_a_list_after_a_command_shows_the_command() -> None:
             drive = next(iter(kit.service.plant.drives))
             await kit.call("lease.take", drive=drive)
             assert any(await owners(kit))
+
+    run(scenario())
+
+
+def test_a_command_to_one_drive_builds_no_view_of_the_others_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twelve stops a second once built all 300 views for every list, and used a whole core."""
+    built: list[str] = []
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            build = recent_views.drive_view
+            monkeypatch.setattr(
+                recent_views, "drive_view", lambda plant, drive: built.append(drive.id) or build(plant, drive)
+            )
+            await kit.call("drive.stop", drive="fan-1")
+            await asyncio.sleep(0.01)
+            for _ in range(2):
+                await kit.call("drives.list")
+            assert sorted(built) == ["fan-1", "fan-2"], "once for both lists: the drive and the others of its group"
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    "name, params, drives",
+    [
+        ("drive.stop", {"drive": "pump-1"}, {"pump-1"}),
+        ("drive.stop", {"drive": "fan-1"}, {"fan-1", "fan-2"}),
+        ("group.stop", {"group": "fans"}, {"fan-1", "fan-2"}),
+        ("plant.stop", {}, {"fan-1", "fan-2", "pump-1", "pump-2"}),
+    ],
+)
+def test_a_view_older_than_a_command_that_may_have_changed_it_is_not_listed(
+    name: str, params: dict[str, str], drives: set[str]
+) -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            plant, before = kit.service.plant, kit.service.plant.now()
+            await kit.call(name, **params)
+            assert {drive for drive in plant.drives if plant.last_command_at(drive) >= before} == drives
+
+    run(scenario())
+
+
+def test_a_view_in_which_nothing_changed_is_listed_with_its_new_time_and_not_encoded_again() -> None:
+    """300 drives are encoded four times a second otherwise, though each is polled every two seconds."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            plant = kit.service.plant
+            drive = plant.drive_runtime("fan-1")
+            views = recent_views.RecentDriveViews(plant)
+            first = recent_views.drive_view(plant, drive)
+            views.on_view(first)
+            assert views.find("fan-1") is None, "not encoded yet"
+            views.make(drive)
+            views.on_view(replace(first, time_ms=first.time_ms + 250))
+            listed = views.find("fan-1")
+            assert listed is not None and listed.encode()[1] == 0, "it was encoded again"
+            assert json.loads(listed.encode()[0]) == listed == first.as_json() | {"time_ms": first.time_ms + 250}
+            views.on_view(replace(first, state="fault"))
+            assert views.find("fan-1") is None, "a changed view must not be listed as the last one"
 
     run(scenario())
 

@@ -18,6 +18,7 @@ from drivebus.errors import (
     InvalidParameters,
     NotFound,
     PermissionDenied,
+    ServiceError,
     ServiceUnavailable,
 )
 from drivebus.service.alarms import Alarm, SystemAlarm
@@ -72,7 +73,7 @@ class Dispatcher:
             try:
                 return await self._run_command(operation, parsed, actor, handler)
             finally:
-                self.plant.last_command_at = self.plant.now()
+                self.plant.record_command(self._changed_drives(parsed))
         try:
             return await handler(parsed, actor)
         except InvalidParameters as error:
@@ -170,6 +171,15 @@ class Dispatcher:
         drives = [drive] if drive is not None else [] if group is None else self.plant.group(group).drives
         followers = self.plant.followers(params.drive) if isinstance(params, RunParams | SetFrequencyParams) else ()
         return [*(self.plant.drive_runtime(id) for id in drives), *(follower for _, follower in followers)]
+
+    def _changed_drives(self, params: OperationParams) -> set[str]:
+        """Return the drives whose views a command may have changed, members of their groups included; empty: any."""
+        try:
+            named = {drive.id for drive in self._affected_drives(params)}
+        except ServiceError:
+            return set()
+        named.update(alarm.drive for alarm in self._affected_alarms(params) if alarm.drive)
+        return named.union(*(group.drives for drive in named for group in self.plant.groups_of(drive)))
 
     def _affected_alarms(self, params: OperationParams) -> list[Alarm]:
         """Return the active alarms that a command affects."""

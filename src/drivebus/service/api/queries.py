@@ -71,16 +71,13 @@ class Queries:
         found: list[Json] = []
         made = 0
         for drive in tuple(self.plant.drives.values()):
-            is_shared = self._recent_views.is_shared(drive.id)
             view = self._recent_views.find(drive.id)
-            if view is None or not is_shared:
+            if view is None:
                 made += 1
                 if made % ITEMS_PER_TURN == 0:
                     await yield_to_loop()
-            if view is None:
-                view = self._recent_views.build(drive)
             if self.plant.drives.get(drive.id) is drive:
-                found.append(view)
+                found.append(view or self._recent_views.make(drive))
         return {"drives": found}
 
     @handles(DRIVES_GET)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
 
 from drivebus.drives import permissives
 from drivebus.drives.runner import bus_conditions
@@ -54,7 +56,13 @@ def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
 def start_blockers_json(plant: Plant, runtime: DriveRuntime) -> Iterator[Json]:
     """Yield the start blockers as JSON."""
     for error in start_blockers(plant, runtime):
-        yield {"key": error.key, "params": to_plain(error.params), "text": localized(error.key, error.params)}
+        yield _blocker_json(error.key, tuple(error.params.items()))
+
+
+@lru_cache(maxsize=2048)  # every view of a drive has the same ones until something changes
+def _blocker_json(key: str, params: tuple[tuple[str, Any], ...]) -> Json:
+    """Return a start blocker as JSON, which must not be changed."""
+    return {"key": key, "params": to_plain(dict(params)), "text": localized(key, dict(params))}
 
 
 def _why(runtime: DriveRuntime) -> Text:

@@ -5,12 +5,13 @@ To build and encode 300 drives takes some 75 ms, to join those that are encoded 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from drivebus.service.live.publisher import drive_view
 from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.fairness import EncodedOnce
 from drivebus.service.runtime.plant import Plant, PlantListener
-from drivebus.types import Json
 
 MAX_VIEW_AGE_S = 2.0
 """Eight supervision cycles. On a busy machine a cycle takes longer than its period; lists that built each drive again
@@ -18,36 +19,59 @@ would then make it longer still. ``time_ms`` of each drive says when its view wa
 """
 
 
+@dataclass(slots=True)
+class _RecentView:
+    """Newest view of one drive, and what lists have made of it."""
+
+    made_at: float
+    """Monotonic time."""
+    view: DriveView
+    content: EncodedOnce | None = None
+    """Its JSON without the time, which the next view has too where nothing changed."""
+    listed: EncodedOnce | None = None
+    """Its JSON."""
+
+
 class RecentDriveViews(PlantListener):
-    """Newest views of the supervision cycle, of at most ``MAX_VIEW_AGE_S``, all of them made after the last command."""
+    """Newest view of each drive: at most ``MAX_VIEW_AGE_S`` old and made after the last command that may change it."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._views: dict[str, tuple[float, DriveView | EncodedOnce]] = {}
-        """Drive → monotonic time and view; its JSON from the first list on."""
+        self._views: dict[str, _RecentView] = {}
         plant.subscribe(self)
 
     def on_view(self, view: DriveView) -> None:
-        self._views[view.id] = self._plant.now(), view
+        last = self._views.get(view.id)
+        content = last.content if last is not None and last.view == view else None
+        self._views[view.id] = _RecentView(self._plant.now(), view, content)
 
     def on_drive_removed(self, drive: str) -> None:
         self._views.pop(drive, None)
 
-    def find(self, drive: str) -> Json | None:
-        """Return the recent view of a drive, which must not be changed; None where it has to be built."""
-        made_at, view = self._views.get(drive, (float("-inf"), None))
-        now = self._plant.now()
-        if view is None or made_at <= self._plant.last_command_at or now - made_at > MAX_VIEW_AGE_S:
+    def find(self, drive: str) -> EncodedOnce | None:
+        """Return the JSON of a recent view, which must not be changed; None where its content is to be encoded."""
+        recent = self._recent(drive)
+        return None if recent is None or recent.content is None else _listed(recent, recent.content)
+
+    def make(self, drive: DriveRuntime) -> EncodedOnce:
+        """Return the JSON of the supervision cycle's view of a drive, or of a new view."""
+        recent = self._recent(drive.id)
+        if recent is None:
+            recent = self._views[drive.id] = _RecentView(self._plant.now(), drive_view(self._plant, drive))
+        content = recent.view.as_json()
+        del content["time_ms"]
+        recent.content = EncodedOnce(content)
+        return _listed(recent, recent.content)
+
+    def _recent(self, drive: str) -> _RecentView | None:
+        """Return the newest view, None where it is too old or may not show a command."""
+        recent = self._views.get(drive)
+        if recent is None or recent.made_at <= self._plant.last_command_at(drive):
             return None
-        if isinstance(view, DriveView):
-            view = EncodedOnce(view.as_json())
-            self._views[drive] = made_at, view
-        return view
+        return None if self._plant.now() - recent.made_at > MAX_VIEW_AGE_S else recent
 
-    def is_shared(self, drive: str) -> bool:
-        """Return whether an earlier list has made the JSON of the drive's view."""
-        return isinstance(self._views.get(drive, (0.0, None))[1], EncodedOnce)
 
-    def build(self, drive: DriveRuntime) -> Json:
-        """Return the present view of a drive."""
-        return drive_view(self._plant, drive).as_json()
+def _listed(recent: _RecentView, content: EncodedOnce) -> EncodedOnce:
+    if recent.listed is None:
+        recent.listed = content.extended(time_ms=recent.view.time_ms)
+    return recent.listed

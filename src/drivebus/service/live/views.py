@@ -189,7 +189,7 @@ class DriveView:
     signals: Mapping[str, SignalView] = field(default_factory=dict)
     directions: tuple[str, ...] = ("forward", "reverse")
     """Directions in which it may run: those of the model, within the present limits."""
-    time_ms: int = 0
+    time_ms: int = field(default=0, compare=False)
     """UTC time of this view; not in topics, which are published only when they change."""
     state_time_ms: int | None = None
     """UTC time of the oldest reply on which the state rests."""

@@ -102,6 +102,13 @@ class EncodedOnce(dict[str, Any]):
             self._text: str = COMPACT_ENCODER.encode(self)
             return self._text, len(self._text)
 
+    def extended(self, **members: Any) -> EncodedOnce:
+        """Return this object, which has a member at least, with others added. Only those are encoded for it."""
+        longer = EncodedOnce(self)
+        longer.update(members)
+        longer._text = f"{self.encode()[0][:-1]},{COMPACT_ENCODER.encode(members)[1:]}"
+        return longer
+
 
 def _json_pieces(value: Any, deep: int) -> Iterator[tuple[str, int]]:
     """Yield the JSON of a value in pieces, each with the number of characters that had to be encoded for it.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, TypeVar
@@ -129,11 +129,13 @@ class Plant:
     """Free space of the state directory, in MiB."""
     command_count: int = 0
     """Number of the last command, for its id."""
-    last_command_at: float = float("-inf")
-    """Monotonic time at which the last command, stop or setting was done or failed: older views may not show it."""
     event_count: int = 0
     stop_counters: StopCounters = field(default_factory=StopCounters)
     _listeners: list[PlantListener] = field(default_factory=list)
+    _last_command_at: float = float("-inf")
+    """Of the commands that may have changed any drive."""
+    _last_commands_at: dict[str, float] = field(default_factory=dict)
+    """Drive → monotonic time of the last command that may have changed this drive."""
 
     def subscribe(self, listener: PlantListener) -> None:
         """Notify ``listener`` of everything that happens from now on."""
@@ -226,6 +228,17 @@ class Plant:
             for group, id in found
             if id != leader and self.drive_runtime(id).started_by_service
         ]
+
+    def record_command(self, drives: Collection[str]) -> None:
+        """Record that a command, stop or setting was done or failed; empty ``drives``: it may have changed any."""
+        now = self.now()
+        self._last_commands_at.update(dict.fromkeys(drives, now))
+        if not drives:
+            self._last_command_at = now
+
+    def last_command_at(self, drive: str) -> float:
+        """Return the monotonic time of the last command that may have changed a drive: older views may not show it."""
+        return max(self._last_command_at, self._last_commands_at.get(drive, self._last_command_at))
 
     def command_id(self, word: str) -> str:
         """Return an id for a command, unique while the service runs."""
