@@ -8,14 +8,18 @@ for it. A baseline master on the same bus shows that wrong replies could be acce
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
 from random import Random
 from typing import Any
 
 from drivebus.bus import Poll
 from drivebus.ports import open_port
 from drivebus.testing.virtual_time import VirtualLoop, running
-from verification.campaign import Campaign, CampaignRun
+from verification.campaign import Campaign, CampaignRun, PartResult, map_in_order
 from verification.drive_variants import DriveVariant
 from verification.families.campaigns import campaign_of
 from verification.families.registry import variants_for
@@ -28,6 +32,8 @@ LATE_SHARES = (0.0, 0.001, 0.01, 0.05, 0.1, 0.2)
 LATENESS_STEPS_S = (0.15, 0.5, 2.0, 5.0, 5.0, 5.0)
 TRANSACTIONS_PER_CHUNK = 2000
 """Transactions of one bus, before the next share and lateness."""
+CHUNKS_PER_BLOCK = 25
+"""Chunks of each variant that a process runs before it takes the next block."""
 BASELINE_SHARE = 0.05
 """Transactions of the baseline host, as a share of the bus's."""
 STEP_S = 2.0
@@ -134,22 +140,69 @@ class LateReplyBus:
         return counts
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """Chunks of all variants that one process runs, numbered from ``first``."""
+
+    seed: int
+    first: int
+    transactions: int
+    """Of each variant."""
+    only: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockResult:
+    """Result of a block: its trials, and the counts of each variant by name."""
+
+    part: PartResult
+    found: dict[str, Counter[str]]
+    baseline: dict[str, Counter[str]]
+
+
 def run(campaign_run: CampaignRun) -> None:
-    """Run chunks of all variants in turn until each has done the budget."""
+    """Run blocks of chunks, from two processes where there is more than one, until each variant has done the budget."""
     kinds = tuple(kind for kind in COVERED if campaign_run.covers(kind.name))
     found: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
     baseline: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
-    number = 0
-    while campaign_run.remaining:
-        frames = min(TRANSACTIONS_PER_CHUNK, campaign_run.remaining)
+    blocks = tuple(_blocks(campaign_run))
+    in_process = len(blocks) == 1 or campaign_run.listener is not None
+    for result in map_in_order(partial(run_block, campaign_run.listener), blocks, in_process=in_process):
+        campaign_run.merge(result.part)
         for kind in kinds:
+            found[kind.name].update(result.found[kind.name])
+            baseline[kind.name].update(result.baseline[kind.name])
+    _report_results(campaign_run, kinds, found, baseline)
+
+
+def _blocks(campaign_run: CampaignRun) -> Iterator[Block]:
+    size = CHUNKS_PER_BLOCK * TRANSACTIONS_PER_CHUNK
+    for number, start in enumerate(range(0, campaign_run.budget, size)):
+        yield Block(
+            seed=campaign_run.seed,
+            first=number * CHUNKS_PER_BLOCK,
+            transactions=min(size, campaign_run.budget - start),
+            only=campaign_run.only,
+        )
+
+
+def run_block(listener: Callable[[str], None] | None, block: Block) -> BlockResult:
+    """Run the chunks of one block, all variants in turn, in any process."""
+    campaign_run = CampaignRun(
+        campaign="late", seed=block.seed, budget=block.transactions, only=block.only, listener=listener
+    )
+    found, baseline = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
+    for number in count(block.first):
+        frames = min(TRANSACTIONS_PER_CHUNK, campaign_run.remaining)
+        if not frames:
+            break
+        for kind in (kind for kind in COVERED if campaign_run.covers(kind.name)):
             line = LateReplyBus(campaign_run, kind, f"{kind.name}/{number}", campaign_run.rng(kind.name, number))
             line.run_transactions(frames)
             found[kind.name].update(line.counts, transactions=line.scenario.oracle.request_count)
             baseline[kind.name].update(line.run_baseline(max(1, int(frames * BASELINE_SHARE))))
-        number += 1
         campaign_run.add_trials(frames)
-    _report_results(campaign_run, kinds, found, baseline)
+    return BlockResult(part=campaign_run.result(), found=dict(found), baseline=dict(baseline))
 
 
 def _report_results(
