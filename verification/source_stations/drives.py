@@ -375,6 +375,19 @@ GD10 = SourceDrive(
     commands={0x2000: INVT_ACTIONS.get},
     setpoint_register=0x2001,
     setpoint_step_hz=0.01,  # page 87
+    settings={  # factory settings of the Goodrive200A manual, pages 34 to 38 and 93, but the two sources: the bus
+        0x0000: 2,
+        0x0001: 2,
+        0x0003: 5000,
+        0x0004: 5000,
+        0x0006: 8,
+        0x000A: 5000,
+        0x000B: 100,
+        0x000C: 100,
+        0x000D: 0,
+        0x0E04: 0,
+        0x0E05: 0,
+    },
     readings={
         0x2100: invt_state,
         0x2102: fault,
