@@ -18,8 +18,10 @@ from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, fac
 from drivebus.commissioning.new_profile.register_table import read_table
 from drivebus.commissioning.profile_simulator import ProfileStation
 from drivebus.commissioning.profile_trial import try_profile
-from drivebus.errors import ProfileError
+from drivebus.drives.dialects.create import create_dialect
+from drivebus.errors import LimitError, ProfileError
 from drivebus.profiles import grades
+from drivebus.profiles.model import UNDETERMINED
 from drivebus.testing import virtual_time
 from fixtures.manual_answers import ANSWERS
 
@@ -275,7 +277,13 @@ def test_a_step_that_the_manual_lacks_is_assumed_and_never_recorded_as_its_evide
     profile = written(tmp_path, {"setpoint_step": UNKNOWN})
     assert profile.evidence["setpoint"].kind == "assumed"
     assert profile.setpoint_scale.factor == 0.1, "of the usual steps the one that gives the lower word"
-    assert {one.name: one.value for one in profile.open_questions}["setpoint_step"] == "0.1"
+    assert profile.options["setpoint_step"] == UNDETERMINED and "setpoint_step" in {
+        q.name for q in profile.open_questions
+    }
+    with pytest.raises(LimitError):
+        create_dialect(profile, 1).setpoint_word(5.1)
+    steps = virtual_time.run(try_profile(profile))
+    assert [step.error for step in steps] == [None] * 7, "the simulated drive counts the assumed step"
     assert written(tmp_path, {"setpoint_step": "0.01"}).evidence["setpoint"].kind == "manual"
     signal = written(tmp_path, {"frequency_step": UNKNOWN}).signals["output_frequency"]
     assert signal.uncertain == "profiles.scale_unpublished" and signal.unit == ""
@@ -295,6 +303,29 @@ def test_every_command_of_the_checklist_parses(tmp_path: Path, language: str) ->
         command = cli.get_command(click.Context(cli), words[0])
         assert command is not None
         command.make_context(words[0], words[1:])
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"setpoint_step": UNKNOWN}, "drivebus calibrate PORT --model"),
+        (SHARE, "--option maximum_frequency=HZ"),
+        ({}, None),
+    ],
+)
+def test_the_checklist_names_what_the_cap_of_5_hz_waits_for(
+    tmp_path: Path, changed: dict[str, str], named: str | None
+) -> None:
+    answers = {}
+    for name, text in (ANSWERS | changed).items():
+        if name != "setpoint_step" or "full_scale" not in changed:
+            answers[name] = text
+        if name == "setpoint_kind":
+            answers |= {one: changed[one] for one in SHARE if one in changed}
+    result = invoke(str(tmp_path / "acme.toml"), "--lang", "en", answers=answers)
+    assert result.exit_code == 0, result.output
+    assert ("5 Hz is the most" in result.output) == (named is not None)
+    assert named is None or named in result.output
 
 
 def test_a_file_that_is_not_valid_yet_is_kept_and_says_why(tmp_path: Path) -> None:

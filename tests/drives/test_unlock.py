@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,6 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.bus import Bus
-from drivebus.bus.trace import TraceEvent
 from drivebus.commissioning.decode.modbus import describe
 from drivebus.commissioning.profile_simulator import ProfileStation
 from drivebus.drives.bus_stop import stop_bus
@@ -28,33 +25,17 @@ from drivebus.profiles.model import CommandMap, DriveProfile, FixedWrite
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
 from drivebus.protocols.modbus import ReadRegisters, WriteRegister
-from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.motor import Trip
-from drivebus.simulator.port import SimPort
 from drivebus.testing.virtual_time import run
+from fixtures.profile_bench import Write, profile_bench
 
 COMMAND, SETPOINT, UNLOCK = 1, 40, 48
 FORWARD, START, STOP = 0x0080, 0x0008, 0x0004
-Write = tuple[int, int]
 
 
-@asynccontextmanager
-async def bench(profile: DriveProfile | None = None) -> AsyncIterator[tuple[Drive, Any, list[Write]]]:
-    """Yield an smd, its simulated station, and the register and word of each write."""
-    profile = profile or profiles.load("smd")
-    station = ProfileStation(1, profile=profile)
-    station.set_ramps(1.0, 1.0)
-    writes: list[Write] = []
-
-    def note(event: TraceEvent) -> None:
-        if event.direction == "sent" and isinstance(event.message, WriteRegister):
-            writes.append((event.message.register, event.message.value))
-
-    simulated = SimulatedBus([station], line_quality="clean", seed=7)
-    port: Any = SimPort(simulated, simulated.settings, "sim://bench", "off")
-    async with Bus(port) as bus:
-        bus.trace(note)
-        yield Drive(bus, profile, 1), station, writes
+def bench(profile: DriveProfile | None = None) -> AbstractAsyncContextManager[tuple[Drive, Any, list[Write]]]:
+    """Return the bench of an smd, or of another profile."""
+    return profile_bench(profile or profiles.load("smd"))
 
 
 def run_from_its_keypad(station: Any) -> None:

@@ -94,7 +94,8 @@ class DryRun:
 
     def assume_setpoint_scale(self) -> None:
         """Show frequencies in the named model's step or share, with a note, where that of the drive is not stated."""
-        from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
+        from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_steps_hz
+        from drivebus.profiles.model import SETPOINT_STEP
 
         profile = self.dialect.profile
         if profile.setpoint_share is not None:

@@ -31,7 +31,15 @@ from drivebus.drives.dialects.modbus_writes import (
 )
 from drivebus.errors import ProtocolError
 from drivebus.profiles.load import load, models
-from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
+from drivebus.profiles.model import (
+    SETPOINT_STEP,
+    CommandMap,
+    DriveProfile,
+    ModbusFeatures,
+    Parameter,
+    Signal,
+    StatusMap,
+)
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.family import Locator
@@ -115,6 +123,12 @@ class ProfileStation(SimulatedStation):
         self.setpoint_word = self.command = 0
         self.is_locked = self.commands.unlock is not None
         self.steps_taken = 0
+
+    @property
+    def profile_options(self) -> dict[str, str]:
+        """It counts the step of its profile, also where that is only assumed."""
+        step = f"{self.profile.setpoint_scale.factor:g}"
+        return {SETPOINT_STEP: step} if SETPOINT_STEP in self.profile.options else {}
 
     def reply_delay_s(self, line: SerialSettings) -> float:
         return max(REPLY_DELAY_S, line.seconds(3.5))

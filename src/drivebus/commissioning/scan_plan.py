@@ -10,9 +10,8 @@ from drivebus import profiles
 from drivebus.bus.messages import StationConfig
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
-from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP
 from drivebus.profiles.load import included_models
-from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.model import SETPOINT_STEP, DriveProfile
 from drivebus.protocols.codec import Effect
 from drivebus.protocols.family import common_scan_models, protocol_family
 from drivebus.serial_settings import SerialSettings, StationTiming

@@ -13,7 +13,7 @@ from drivebus.profiles.check_access import block_registers, check_access, check_
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, nearest_names
-from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, NotationRule
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, USUAL_STEPS_HZ, NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import (
     MAX_GAP_S,
@@ -404,9 +404,15 @@ def _check_references(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the maximum of a setpoint that is a share can be read or is stated."""
+    """Check that its scale has a source or can be calibrated, and that the maximum of a share is read or stated."""
     setpoint = profile.setpoint
     path = ("setpoint", "full_scale")
+    steps = setpoint.factor in USUAL_STEPS_HZ and setpoint.full_scale is None and setpoint.rpm is None
+    if setpoint.is_assumed and not steps:
+        shown = setpoint.full_scale or setpoint.rpm or setpoint.factor
+        usual = _join(f"{step:g}" for step in USUAL_STEPS_HZ)
+        related = tuple(("setpoint", name) for name in ("full_scale", "rpm", "factor"))
+        yield issue("setpoint_evidence", ("setpoint", "evidence"), shown, related=related, usual=usual)
     if setpoint.rpm is not None and not protocol_family(profile.family).register_based:
         yield issue("register", ("setpoint", "rpm"), setpoint.rpm, family=profile.family)
     if setpoint.rpm is not None and POLE_PAIRS in profile.options:

@@ -48,7 +48,7 @@ from drivebus.profiles.schema import (
     WordMatchIn,
 )
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
-from drivebus.protocols.family import Locator, protocol_families
+from drivebus.protocols.family import Locator, protocol_families, protocol_family
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Scale, Text
 
@@ -343,9 +343,16 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
 
 def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
     """Return the value of every option."""
-    shared = {m.MAXIMUM_FREQUENCY: 0} if parsed.setpoint.full_scale else {}
+    shared: dict[str, str | int | float | bool] = {m.MAXIMUM_FREQUENCY: 0} if parsed.setpoint.full_scale else {}
     shared |= {m.POLE_PAIRS: 0} if parsed.setpoint.rpm else {}
+    shared |= {m.SETPOINT_STEP: m.UNDETERMINED} if _has_assumed_step(parsed) else {}
     return shared | {name: option.value for name, option in parsed.options.items()}
+
+
+def _has_assumed_step(parsed: ProfileIn) -> bool:
+    """Whether nothing proves the step of the setpoint, and no option of the file or of its family asks for it."""
+    asked = {m.SETPOINT_STEP} & parsed.options.keys() or protocol_family(parsed.family).scale_option
+    return parsed.setpoint.is_assumed and not asked
 
 
 def parse_evidence(line: str) -> m.Evidence:
@@ -575,12 +582,13 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
             where=question.where,
         )
         for name, question in parsed.open_questions.items()
+        if name not in option_values(parsed)
     )
     return (*options, *others, *_setpoint_questions(parsed))
 
 
 def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
-    """Return the question for what a setpoint that counts no Hz depends on."""
+    """Return the questions for what the meaning of a setpoint word depends on."""
     share, parts = _build_setpoint_share(parsed), ("text", "reason", "procedure")
     questions: list[m.OpenQuestion] = []
     if share is not None:
@@ -590,6 +598,20 @@ def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
     if parsed.setpoint.rpm is not None:
         texts = [bilingual_text(f"profiles.pole_pairs_{part}") for part in parts]
         questions.append(_setpoint_question(m.POLE_PAIRS, (1, m.MAX_POLE_PAIRS), *texts))
+    if _has_assumed_step(parsed):
+        steps = [f"{step:g}" for step in m.USUAL_STEPS_HZ]
+        shown = {"step_hz": f"{parsed.setpoint.factor:g}", "steps_hz": ", ".join(steps)}
+        text, reason, procedure = (bilingual_text(f"profiles.setpoint_step_{part}", **shown) for part in parts)
+        questions.append(
+            m.OpenQuestion(
+                name=m.SETPOINT_STEP,
+                value=m.UNDETERMINED,
+                choices=(m.UNDETERMINED, *steps),
+                text=text,
+                reason=reason,
+                procedure=procedure,
+            )
+        )
     return questions
 
 

@@ -292,6 +292,11 @@ POLE_PAIRS = "pole_pairs"
 MAX_POLE_PAIRS = 24
 MAXIMUM_FREQUENCY = "maximum_frequency"
 """Option of a model whose setpoint is a share: the confirmed maximum frequency in Hz, 0 for none."""
+SETPOINT_STEP = "setpoint_step"
+"""Option of a model whose step of the setpoint nothing proves: the step in Hz as text, or UNDETERMINED."""
+UNDETERMINED = "unknown"
+USUAL_STEPS_HZ = (0.01, 0.1)
+"""Steps that a drive may count in where a profile only assumes one of them."""
 
 
 @dataclass(frozen=True, slots=True)

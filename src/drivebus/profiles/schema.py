@@ -176,6 +176,12 @@ class SetpointIn(StrictTable):
     words: Literal[1, 2] = 1
     """Registers of the setpoint; two are written in one frame."""
     evidence: EvidenceLine = "assumed"
+    """An assumed ``factor`` gives the profile the option ``setpoint_step``: a cap holds until it is determined."""
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether no source gives the scale."""
+        return self.evidence.startswith("assumed")
 
 
 class ValueIn(ScaleIn):

@@ -82,6 +82,9 @@ class ProtocolFamily:
     """``(profile, address, encoding, options, timing) -> drives.dialects.Dialect``."""
     calibrations: Any = ()
     """Tuple of ``drives.operations.calibration.CalibrationStep``, in the order of their dependencies."""
+    scale_option: str | None = None
+    """Option of its profiles that determines the scale of the setpoint: its dialect has a cap until then. None: where a
+    profile only assumes the scale, it has the option ``setpoint_step``."""
     simulated_models: tuple[Any, ...] = ()
     """Mappings of model name to ``simulator.models.SimulatedModel``."""
     profile_simulator: Any = None

@@ -229,6 +229,7 @@ def test_answers_are_read_in_order(answers: Path) -> None:
 def test_a_found_drive_gets_its_step_as_a_comment_because_a_scan_cannot_know_it() -> None:
     drive = DriveAnswer(1, "e300", others=("c320",))
     text = plant_toml(PlantAnswers("plant", (BusAnswer("/dev/ttyUSB0", (drive,)),)), "en")
-    assert '# options = { setpoint_step = "0.1" }   # by the name plate; until it is stated or calibrated, 5 Hz' in text
+    assert '# options = { setpoint_step = "0.1" }   # by the name plate or `drivebus calibrate`' in text
+    assert "until it is stated or calibrated, 5 Hz is the most" in text
     stated = config.loads(text.replace("# options", "options", 1))
     assert stated.drives[0].options == {"setpoint_step": "0.1"}

@@ -49,10 +49,18 @@ def _new(file: str, table: str | None, answers_file: str | None, force: bool) ->
     steps = virtual_time.run(try_profile(profile))
     _print_trial(steps)
     keypad = answers["keypad"] if answers["keypad"] != "?" else output.text("profile_new.keypad_unknown")
-    output.print_message("profile_new.checklist", file=file, keypad=keypad)
+    calibration = _calibration(answers, file)
+    output.print_message("profile_new.checklist", file=file, keypad=keypad, calibration=calibration)
     failed = [step.name for step in steps if step.error is not None]
     output.print_json({"file": file, "model": profile.model, "tried": [step.name for step in steps], "failed": failed})
     return ExitCode.FAILED if failed else ExitCode.DONE
+
+
+def _calibration(answers: dict[str, str], file: str) -> str:
+    """Return the line of the checklist for what the cap of 5 Hz waits for; empty where there is none."""
+    if answers["setpoint_kind"] == "share":
+        return output.text("profile_new.calibrate_maximum")
+    return "" if answers["setpoint_step"] != "?" else output.text("profile_new.calibrate_step", file=file)
 
 
 def _read_answers(path: str) -> dict[str, str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from drivebus import i18n
 from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, Answers, fact, is_known, readable_registers
 from drivebus.commissioning.new_profile.register_table import TableRow
+from drivebus.profiles.model import SETPOINT_STEP, USUAL_STEPS_HZ
 from drivebus.profiles.toml_file import toml_string
 
 STATES = {
@@ -19,9 +20,9 @@ STATUS_BITS = {"running_bit": "running", "reverse_bit": "output_reverse", "fault
 COMMANDS = ("start_forward", "start_reverse", "stop", "coast", "reset")
 LEAST_READ = 2
 """Registers in one read where the manual gives no number: the sync probe needs two."""
-ASSUMED_STEP_HZ = 0.1
-"""Step of the setpoint where the manual gives none: of the usual 0.1 and 0.01 the one that gives the lower word."""
-ASSUMED = {"max_read": LEAST_READ, "setpoint_step": ASSUMED_STEP_HZ}
+ASSUMED_STEP_HZ = max(USUAL_STEPS_HZ)
+"""Step of the setpoint where the manual gives none: the one that gives the lower word."""
+ASSUMED = {"max_read": LEAST_READ}
 """Question to what the profile assumes without an answer."""
 
 
@@ -174,7 +175,8 @@ def _neighbours(answers: Answers) -> set[int]:
 
 def _open_questions(answers: Answers, language: str) -> Iterator[str]:
     for question in QUESTIONS:
-        if answers.get(question.name) == UNKNOWN and question.kind != "text":
+        is_asked_already = question.name == SETPOINT_STEP  # an assumed step gives the profile this option
+        if answers.get(question.name) == UNKNOWN and question.kind != "text" and not is_asked_already:
             asked = i18n.text(f"profile_new.ask_{question.name}", language)
             yield f"[open_questions.{question.name}]"
             yield f'assumed = "{ASSUMED.get(question.name, "-")}"'

@@ -1,7 +1,7 @@
-"""Step of the setpoint where the bus cannot show it: models with the same frames that count in different steps of Hz.
+"""Step of the setpoint where the bus cannot show it: look-alikes with other steps of Hz, or a step that is assumed.
 
 Such a profile has the option ``setpoint_step``. The set and the reported frequency share the step, so a read-back
-confirms a wrong model too; until the step is determined, a cap holds under every possible one.
+confirms a wrong step too; until it is determined, a cap holds under every possible one.
 """
 
 from __future__ import annotations
@@ -10,11 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivebus.errors import LimitError
-from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.model import SETPOINT_STEP, UNDETERMINED, DriveProfile
 
-SETPOINT_STEP = "setpoint_step"
-"""Option: the step in Hz as text, or UNDETERMINED."""
-UNDETERMINED = "unknown"
 UNCALIBRATED_CAP_HZ = 5.0
 """Until the scale of the setpoint is determined, no raw word may mean more than this under any possible scale."""
 

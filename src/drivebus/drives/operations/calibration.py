@@ -1,6 +1,7 @@
 """Calibration steps: a person beside the drive helps to determine what its manual leaves open.
 
-A family lists its steps in ``ProtocolFamily.calibrations``; each step determines an undocumented option of one drive.
+A family lists its steps in ``ProtocolFamily.calibrations``; the step of the setpoint may be open in every family. Each
+step determines an undocumented option of one drive.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from drivebus.drives.outcome import Outcome
 from drivebus.errors import CapabilityError
 from drivebus.protocols.family import protocol_family, resolve
 
+SETPOINT_STEP_CALIBRATION = "drivebus.drives.operations.setpoint_step_calibration:STEPS"
 PlannedRequests = tuple[tuple[str, tuple[Any, ...]], ...]
 """Purpose (a catalogue key without its ``dry.``) and requests, in the order of sending."""
 
@@ -65,7 +67,8 @@ class CalibrationStep:
 
 def calibration_steps(dialect: Dialect) -> tuple[CalibrationStep, ...]:
     """Return the steps of a drive, determined or not, in the order of their dependencies."""
-    steps: tuple[CalibrationStep, ...] = resolve(protocol_family(dialect.profile.family).calibrations)
+    own = protocol_family(dialect.profile.family).calibrations
+    steps: tuple[CalibrationStep, ...] = (*resolve(SETPOINT_STEP_CALIBRATION), *resolve(own))
     return tuple(step for step in steps if step.option in dialect.options)
 
 

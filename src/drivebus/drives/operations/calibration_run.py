@@ -9,10 +9,12 @@ from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.preparation import prepare_start
+from drivebus.drives.operations.setpoint import write_setpoint
 from drivebus.drives.operations.start import confirm_start, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
-from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction
 from drivebus.errors import LimitError, TargetNotReached
@@ -38,6 +40,9 @@ def run_at_word(
     error = yield from op.read_verified_state()
     if error is not None:
         raise error
+    if not op.dialect.start_includes_setpoint:
+        yield from prepare_start(op)
+        yield from _write_word(op, word)
     conditions = yield from get_bus_conditions()
     command = op.create_command(CommandKind.START, conditions)
     frames = op.dialect.start(direction, word)
@@ -52,9 +57,26 @@ def run_at_word(
         seen = yield from measure()
     stopped = yield from stop(op, StopMode.STOP)
     if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
-        failure = TargetNotReached(
-            "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=stopped.text()
-        )
-        failure.outcome = stopped
-        raise failure
+        raise _failure(word, begun, stopped)
     return seen
+
+
+def _write_word(op: OperationContext, word: int) -> DriveOperation[None]:
+    """Write the word that the start does not carry. Raises TargetNotReached where the drive may have another one."""
+    conditions = yield from op.check_deadline()
+    command = op.create_command(CommandKind.SETPOINT, conditions)
+    written = yield from write_setpoint(op, command, word, op.dialect.setpoint_frequency(word))
+    if not written.succeeded:
+        raise _failure(word, written, written)
+    yield from op.check_not_superseded(command)
+    error = yield from op.read_verified_state()
+    if error is not None:
+        raise error
+
+
+def _failure(word: int, begun: Outcome, ended: Outcome) -> TargetNotReached:
+    failure = TargetNotReached(
+        "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=ended.text()
+    )
+    failure.outcome = ended
+    return failure

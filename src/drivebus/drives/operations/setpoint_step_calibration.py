@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from drivebus.drives.dialects.base import Dialect
-from drivebus.drives.dialects.setpoint_step import (
-    SETPOINT_STEP,
-    UNCALIBRATED_CAP_HZ,
-    UNDETERMINED,
-    highest_safe_word,
-    possible_steps_hz,
-)
+from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ, highest_safe_word, possible_steps_hz
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep, PlannedRequests
 from drivebus.drives.operations.calibration_run import CALIBRATION_RUN_S, run_at_word
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation
+from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Direction
+from drivebus.profiles.model import SETPOINT_STEP, UNDETERMINED
 
 
 def run_at_safe_word(op: OperationContext, direction: Direction | None = None) -> DriveOperation[CalibrationResult]:
@@ -42,8 +38,11 @@ def _options_observed(step: str) -> Mapping[str, str]:
 
 
 def _plan(dialect: Dialect) -> PlannedRequests:
-    start = dialect.start(None, _safe_word(dialect))
-    return (("state", dialect.state_reads()), ("start", tuple(frame.request for frame in start)))
+    word = _safe_word(dialect)
+    before = () if dialect.start_includes_setpoint else dialect.set_frequency(word, ReadingPairs())
+    planned = (("set_frequency", before), ("start", dialect.start(None, word)))
+    sent = [(purpose, tuple(frame.request for frame in frames)) for purpose, frames in planned if frames]
+    return (("state", dialect.state_reads()), *sent)
 
 
 STEPS = (

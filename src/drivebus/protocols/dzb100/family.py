@@ -39,6 +39,7 @@ FAMILY: Final = ProtocolFamily(
     describe="drivebus.commissioning.decode.dzb100:describe",
     dialect="drivebus.drives.dialects.dzb100:Dzb100Dialect",
     calibrations="drivebus.drives.operations.dzb100_calibration:STEPS",
+    scale_option="setpoint_coding",
     simulated_models=("drivebus.simulator.models.dzb100:MODELS",),
     scan_models=("dzb100",),
 )

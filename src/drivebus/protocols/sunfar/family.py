@@ -46,7 +46,6 @@ FAMILY: Final = ProtocolFamily(
     },
     describe="drivebus.commissioning.decode.sunfar:describe",
     dialect="drivebus.drives.dialects.sunfar:SunfarDialect",
-    calibrations="drivebus.drives.operations.setpoint_step_calibration:STEPS",
     simulated_models=("drivebus.simulator.models.c320:MODELS",),
     scan_models=("c320", "c300", "e300", "e350", "e500", "e550"),
 )

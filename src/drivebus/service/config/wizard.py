@@ -12,9 +12,10 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from drivebus import i18n, profiles
-from drivebus.drives.dialects.setpoint_step import SETPOINT_STEP, highest_safe_word, possible_steps_hz
+from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_steps_hz
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
+from drivebus.profiles.model import SETPOINT_STEP
 from drivebus.profiles.toml_file import line_of, toml_string
 from drivebus.service.config.load import CATALOGUE, config_error, toml_complaint, unreadable_complaint
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel

@@ -1,0 +1,167 @@
+"""Step of the setpoint that a profile only assumes: 5 Hz at most under every usual step until it is calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivebus import profiles
+from drivebus.drives import Drive
+from drivebus.drives.dialects.create import create_dialect
+from drivebus.drives.operations.calibration import calibration_steps
+from drivebus.errors import ConfigurationError, LimitError, TargetNotReached
+from drivebus.profiles.load import included_models
+from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.schema import SetpointIn
+from drivebus.testing.virtual_time import run
+from fixtures.profile_bench import Write, profile_bench
+
+SETPOINT = 40
+ASSUMED = {"smd", "tmd", "atv12", "atv320", "e350", "a1000", "v1000", "t13"}
+"""Included models whose step no source gives."""
+Scenario = Callable[[Drive, Any, list[Write]], Awaitable[None]]
+
+
+def with_drive(scenario: Scenario, profile: DriveProfile | None = None) -> None:
+    """Run a scenario with a drive whose step is not determined."""
+
+    async def play() -> None:
+        async with profile_bench(profile or profiles.load("smd"), setpoint_step="unknown") as parts:
+            await scenario(*parts)
+
+    run(play())
+
+
+def edited(tmp_path: Path, setpoint: str, base: str = "smd") -> DriveProfile:
+    file = tmp_path / "mine.toml"
+    file.write_text(f'format = 1\nextends = "{base}"\nmodel = "mine"\n{setpoint}', encoding="utf-8")
+    return profiles.load(file)
+
+
+@pytest.mark.parametrize("hz", [5.1, 20.0, 50.0])
+def test_a_start_above_5_hz_is_refused_before_anything_is_written(hz: float) -> None:
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        for command in (drive.run, drive.set_frequency):
+            with pytest.raises(LimitError) as refused:
+                await command(hz)
+            assert refused.value.key == "drives.step_cap" and refused.value.params["cap_hz"] == 5.0
+            assert refused.value.params["steps_hz"] == "0.01, 0.1"
+        assert writes == [] and not station.motor.energised
+
+    with_drive(scenario)
+
+
+def test_a_profile_of_hundredths_is_capped_under_tenths_too(tmp_path: Path) -> None:
+    """50.00 Hz in hundredths is 500 Hz in a drive that counts tenths."""
+    profile = edited(tmp_path, 'setpoint = { factor = 0.01, decimals = 2, evidence = "assumed" }')
+
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        with pytest.raises(LimitError):
+            await drive.run(0.51)
+        assert (await drive.run(0.5)).succeeded
+        assert (SETPOINT, 50) in writes
+        await drive.stop()
+
+    with_drive(scenario, profile)
+
+
+def test_a_setpoint_without_any_evidence_counts_as_assumed() -> None:
+    """Evidence that is left out was no cap."""
+    assert SetpointIn(factor=0.1).is_assumed
+
+
+def test_the_models_whose_step_no_source_gives_are_these_and_no_other() -> None:
+    open_models = {
+        name
+        for name in included_models()
+        if profiles.load(name).evidence["setpoint"].kind == "assumed" and name != "dzb100"
+    }
+    assert open_models == ASSUMED
+    for name in ASSUMED:
+        profile = profiles.load(name)
+        assert profile.options["setpoint_step"] == "unknown"
+        assert profile.question("setpoint_step").choices == ("unknown", "0.01", "0.1")
+
+
+def test_a_model_with_codings_of_its_own_is_not_asked_for_a_step_as_well() -> None:
+    assert "setpoint_step" not in profiles.load("dzb100").options
+
+
+@pytest.mark.parametrize("step", ["0.05", "0", "abc", 0.1])
+def test_only_a_step_that_was_asked_for_is_taken(step: Any) -> None:
+    with pytest.raises(ConfigurationError):
+        create_dialect(profiles.load("smd"), 1, options={"setpoint_step": step})
+
+
+def test_an_open_question_of_an_older_file_does_not_widen_the_choice(tmp_path: Path) -> None:
+    """``profile new`` wrote an open question of this name before the step was an option."""
+    more = '[open_questions.setpoint_step]\nassumed = "0.1"\nwhere = "-"\ntext = "?"\nreason = "?"\nprocedure = "?"\n'
+    profile = edited(tmp_path, more)
+    assert [one.name for one in profile.open_questions].count("setpoint_step") == 1
+    assert profile.question("setpoint_step").choices == ("unknown", "0.01", "0.1")
+
+
+def test_the_calibration_writes_the_safe_word_after_the_unlock_and_stops() -> None:
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        fastest = 0.0
+        elapse = station.elapse
+
+        def watch(dt: float) -> None:
+            nonlocal fastest
+            elapse(dt)
+            fastest = max(fastest, station.motor.output_hz)
+
+        station.elapse = watch
+        assert [step.name for step in drive.open_calibrations()] == ["setpoint_step"]
+
+        async def observe() -> str:
+            assert not station.motor.energised
+            return "0.1"
+
+        found = await drive.calibrate("setpoint_step", observe)
+        assert found.options == {"setpoint_step": "0.1"} and found.words == (50,)
+        assert writes[:4] == [(48, 0), (1, 0x80), (SETPOINT, 50), (1, 8)] and writes[-1] == (1, 4)
+        assert 4.9 <= fastest <= 5.1
+        assert drive.open_calibrations() == ()
+        assert (await drive.run(20.0)).succeeded
+        await drive.stop()
+
+    with_drive(scenario)
+
+
+def test_a_drive_of_another_step_than_the_profile_gets_no_frequency_after_its_calibration() -> None:
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        async def observe() -> str:
+            return "0.01"
+
+        await drive.calibrate("setpoint_step", observe)
+        writes.clear()
+        with pytest.raises(LimitError) as refused:
+            await drive.run(2.0)
+        assert refused.value.key == "drives.step_differs" and writes == []
+
+    with_drive(scenario)
+
+
+def test_a_calibration_whose_word_the_drive_rejects_never_starts_the_motor() -> None:
+    """It may still have the frequency of an earlier run."""
+
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        store = station._store
+        station._store = lambda changes: 3 if changes[0][1] == SETPOINT else store(changes)
+        with pytest.raises(TargetNotReached):
+            await drive.calibrate("setpoint_step")
+        assert (1, 8) not in writes and not station.motor.energised
+
+    with_drive(scenario)
+
+
+def test_the_plan_of_the_calibration_shows_the_word_before_the_start() -> None:
+    dialect = create_dialect(profiles.load("smd"), 1)
+    (step,) = calibration_steps(dialect)
+    planned = dict(step.plan(dialect))
+    assert [*planned] == ["state", "set_frequency", "start"]
+    assert [(one.register, one.value) for one in planned["set_frequency"]] == [(SETPOINT, 50)]
