@@ -1,7 +1,8 @@
-"""Table of drives for the README, and of the related models for a protocol page."""
+"""Tables of drives: by maker for the README, all models for their index, the related models for a protocol page."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from drivebus import profiles
@@ -31,20 +32,34 @@ def shipped() -> list[DriveProfile]:
     return sorted(found, key=place)
 
 
-def table_of(found: list[DriveProfile], language: str, link: str) -> str:
+def makers_table(language: str) -> str:
+    """Return the table of the makers, with their models by grade and the number of models."""
+    grades = [grade for grade in reversed(GRADES) if any(one.grade == grade for one in shipped())]
+    by_maker: dict[str, dict[str, list[str]]] = {}
+    for profile in shipped():
+        models = by_maker.setdefault(localized(profile.maker, language), {grade: [] for grade in grades})
+        models[profile.grade].append(model_link(profile, language, "docs/reference/models/"))
+    heads = [term("maker", language), *(localized(GRADES[grade], language) for grade in grades)]
+    rows = ([maker, *(", ".join(models[grade]) for grade in grades)] for maker, models in by_maker.items())
+    return terms.table(heads, rows)
+
+
+def models_table(found: Iterable[DriveProfile], language: str, link: Callable[[DriveProfile], str]) -> str:
+    """Return the table of models with what distinguishes them; ``link`` makes the first cell of a row."""
     heads = ("model", "maker", "encodings", "line", "addresses", "can", "grade")
-    return terms.table([term(head, language) for head in heads], (_row(profile, language, link) for profile in found))
+    return terms.table([term(head, language) for head in heads], (_row(one, language, link(one)) for one in found))
 
 
-def table(language: str) -> str:
-    """Return the table of all drives."""
-    return table_of(shipped(), language, "docs/reference/models/")
+def model_link(profile: DriveProfile, language: str, folder: str) -> str:
+    """Return the name of a model with a link to its page in ``folder``."""
+    suffix = "" if language == "en" else f".{language}"
+    return f"[`{profile.model}`]({folder}{profile.model}{suffix}.md)"
 
 
 def related_models(profile: DriveProfile, language: str) -> str:
     """Return the table of the models on the page of a profile."""
-    same = [other for other in shipped() if _page(other) == profile.model]
-    return table_of(same, language, "")
+    same = (other for other in shipped() if _page(other) == profile.model)
+    return models_table(same, language, lambda one: f"`{one.model}`")
 
 
 def _page(profile: DriveProfile) -> str:
@@ -53,14 +68,11 @@ def _page(profile: DriveProfile) -> str:
     return profile.model if own.is_file() else protocol_family(profile.family).scan_models[0]
 
 
-def _row(profile: DriveProfile, language: str, link: str) -> list[str]:
-    suffix = "" if language == "en" else f".{language}"
-    name = f"`{profile.model}`"
-    page = f"[{name}]({link}{profile.model}{suffix}.md)" if link else name
+def _row(profile: DriveProfile, language: str, model: str) -> list[str]:
     lacking = [localized(text, language) for what, text in CAPABILITIES.items() if what not in profile.capabilities]
     low, high = profile.addresses
     return [
-        page,
+        model,
         localized(profile.maker, language),
         ", ".join(profile.encodings),
         f"{profile.serial.baud} {profile.serial.format}",

@@ -9,8 +9,7 @@ from drivebus import i18n
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.load import profile_files
 from drivebus.values import Text
-from generator import profile_tables
-from generator.drives import MODELS_WITH_PAGE
+from generator import drives, profile_tables
 from generator.terms import CAPABILITIES, GRADES, colon, localized, term
 
 PACKAGE_FOLDER = Path(drivebus.__file__).resolve().parent
@@ -44,7 +43,7 @@ def page(profile: DriveProfile, language: str) -> str:
         *([f"{localized(CAN, language)}{mark}{separator.join(having)}"] if having else []),
         *([f"{localized(LACKS, language)}{mark}{separator.join(lacking)}"] if lacking else []),
     ]
-    if profile.model in MODELS_WITH_PAGE:
+    if profile.model in drives.MODELS_WITH_PAGE:
         facts.append(f"[{localized(PROTOCOL_PAGE, language)}](../../protocols/{profile.model}{own})")
     files = separator.join(_file_link(path) for path in profile_files(profile.model))
     facts.append(f"{localized(SOURCES, language)}{mark}{files}")
@@ -79,13 +78,9 @@ def _parts(profile: DriveProfile, language: str) -> list[tuple[str, str]]:
 
 
 def index(found: list[DriveProfile], language: str) -> str:
-    """Return the list of the pages by maker."""
-    suffix = ".md" if language == "en" else ".zh.md"
-    by_maker: dict[str, list[str]] = {}
-    for profile in sorted(found, key=lambda one: (one.maker.en, one.model)):
-        link = f"[`{profile.model}`]({profile.model}{suffix})"
-        by_maker.setdefault(localized(profile.maker, language), []).append(link)
+    """Return the page with the table of all models."""
     title = "Drive models" if language == "en" else "变频器型号"
     switch = "[中文](README.zh.md)" if language == "en" else "[English](README.md)"
-    rows = "\n".join(f"- {maker}{colon(language)}{', '.join(links)}" for maker, links in by_maker.items())
-    return f"# {title}\n\n{switch}\n\n{term('models_by_maker', language)}\n\n{rows}\n"
+    by_maker = sorted(found, key=lambda one: (one.maker.en, one.model))
+    rows = drives.models_table(by_maker, language, lambda one: drives.model_link(one, language, ""))
+    return f"# {title}\n\n{switch}\n\n{term('models_by_maker', language)}\n\n{rows}"

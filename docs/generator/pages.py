@@ -52,7 +52,7 @@ def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
 def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     suffix = "" if language == "en" else f".{language}"
     readme = root / f"README{suffix}.md"
-    yield readme, _fill_marks(readme, {"drives": drives.table(language)})
+    yield readme, _fill_marks(readme, {"drives": drives.makers_table(language)})
     page = root / "docs" / "explanation" / f"verification{suffix}.md"
     yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
     page = root / "docs" / "explanation" / f"bus-stop{suffix}.md"
