@@ -13,6 +13,7 @@ from drivebus.bus import Bus, Poll, Presence
 from drivebus.bus import timer as timers
 from drivebus.bus.messages import BusResult
 from drivebus.errors import PortLost, PortUnavailable
+from drivebus.serial_settings import SerialSettings
 from drivebus.testing.bus_script import ScriptedPort
 from drivebus.testing.virtual_time import run
 from fixtures.bus import (
@@ -218,7 +219,8 @@ def test_the_trace_has_every_frame_until_it_is_closed() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux only")
-async def test_the_precise_timer_never_fires_early() -> None:
+@pytest.mark.parametrize("hides_wake_up", [False, True])
+async def test_the_precise_timer_never_fires_early(hides_wake_up: bool) -> None:
     loop = asyncio.get_running_loop()
     timer = timers.acquire(loop)
     try:
@@ -234,12 +236,44 @@ async def test_the_precise_timer_never_fires_early() -> None:
             else:
                 bus_timer.set(due[len(fired)])
 
-        bus_timer = timer.create_timer(on_timer)
+        bus_timer = timer.create_timer(on_timer, hides_wake_up=hides_wake_up)
         bus_timer.set(due[0])
         await asyncio.wait_for(done.wait(), 5)
         assert all(at >= when for at, when in zip(fired, due, strict=True))
     finally:
         timers.release(loop)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux only")
+@pytest.mark.parametrize("hides_wake_up", [False, True])
+async def test_the_kernel_wakes_earlier_only_for_a_timer_that_hides_the_wake_up(
+    hides_wake_up: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    armed: list[float] = []
+    monkeypatch.setattr(timers.TimerFd, "set_at", lambda self, when: armed.append(when))
+    loop = asyncio.get_running_loop()
+    timer = timers.acquire(loop)
+    try:
+        when = timer.now() + 0.005
+        timer.create_timer(lambda: None, hides_wake_up=hides_wake_up).set(when)
+        assert armed == [when - timers.WAKE_UP_S if hides_wake_up else when]
+    finally:
+        timers.release(loop)
+
+
+@pytest.mark.parametrize(("baud", "hides"), [(57600, False), (115200, True), (230400, True)])
+async def test_a_bus_hides_the_wake_up_of_its_timer_from_115200_baud_on(baud: int, hides: bool) -> None:
+    found: list[bool] = []
+    create = timers.TimerQueue.create_timer
+
+    def create_timer(self: timers.TimerQueue, callback: Any, *, hides_wake_up: bool = False) -> timers.BusTimer:
+        found.append(hides_wake_up)
+        return create(self, callback, hides_wake_up=hides_wake_up)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timers.TimerQueue, "create_timer", create_timer)
+        async with Bus(ScriptedPort(wire_to(FakeStation()), SerialSettings(baud, 8, "E"))):
+            assert found == [hides]
 
 
 async def test_one_backend_serves_many_timers_and_a_moved_timer_fires_once() -> None:

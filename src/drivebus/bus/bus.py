@@ -26,6 +26,7 @@ from drivebus.serial_settings import SerialSettings
 
 REOPEN_INTERVAL_S = 0.4  # between attempts to open a lost port: polling resumes within 2 s of the device's return
 SPIN_THRESHOLD_S = 40e-6  # a shorter wait is spent in a loop: setting a timer and sleeping takes longer
+TIMED_BUS_CHARACTER_S = 100e-6  # from 115,200 baud on the wake-up of a timer is a good part of the gap: it is hidden
 FAST_BUS_CHARACTER_S = 30e-6  # faster than 350,000 baud: gaps are waited out in a loop, else the reader is paused
 MIN_READER_PAUSE_S = 0.001  # pausing the reader costs a system call, so it must save more than this
 
@@ -102,8 +103,9 @@ class Bus:
             raise PortUnavailable("ports.failed", port=self.port.url, reason=reason) from error
         self._loop = loop
         self._clock = self._clock or queue.now
-        self._timer = queue.create_timer(self._on_timer)
-        fast = self.core.character_s < FAST_BUS_CHARACTER_S
+        character_s = self.core.character_s
+        self._timer = queue.create_timer(self._on_timer, hides_wake_up=character_s < TIMED_BUS_CHARACTER_S)
+        fast = character_s < FAST_BUS_CHARACTER_S
         self._spins_gaps = queue.precise and self._pausable_port is not None and fast
         self._pauses_reader = self._pausable_port is not None and not fast
         self._on_port_open()

@@ -23,6 +23,7 @@ from drivebus.timerfd import CLOCK_BOOTTIME, TimerFd
 
 NEVER = float("inf")
 TIMER_SLACK_S = 20e-6  # a timer due within this time is served now: arming the kernel timer would take as long
+WAKE_UP_S = 40e-6  # from the kernel timer's expiry to the first line of its callback, most of the time
 SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after this: at once would block the loop
 NEAR_TIMER_HORIZON_S = 0.01  # gaps (near) and deadlines (far) have a timer each; setting a kernel timer costs as much
 # as a whole transaction, so a gap must not replace the setting for the deadline, which is seldom reached
@@ -40,11 +41,13 @@ class TimerBackend(Protocol):
 class BusTimer:
     """The next moment of one bus. ``set`` replaces the moment before."""
 
-    __slots__ = ("_queue", "callback", "queued_times", "when")
+    __slots__ = ("_queue", "callback", "lead_s", "queued_times", "when")
 
-    def __init__(self, queue: TimerQueue, callback: Callable[[], None]) -> None:
+    def __init__(self, queue: TimerQueue, callback: Callable[[], None], lead_s: float) -> None:
         self._queue = queue
         self.callback = callback
+        self.lead_s = lead_s
+        """The queue wakes so long before ``when``, and waits out the rest in a loop."""
         self.when = NEVER
         self.queued_times: list[float] = []
         """The moments at which the queue checks this timer, the next one last."""
@@ -52,8 +55,9 @@ class BusTimer:
     def set(self, when: float | None) -> None:
         """Call back at ``when`` on the queue's clock (None: not at all). Moving it later costs nothing."""
         self.when = NEVER if when is None else when
-        if when is not None and (not self.queued_times or when < self.queued_times[-1]):
-            self._queue.schedule(self, when)
+        check_at = self.when - self.lead_s
+        if when is not None and (not self.queued_times or check_at < self.queued_times[-1]):
+            self._queue.schedule(self, check_at)
 
 
 class TimerQueue:
@@ -82,16 +86,17 @@ class TimerQueue:
                 return near, far
         return _LoopTimer(loop, self._run_due), _LoopTimer(loop, self._run_due)
 
-    def create_timer(self, callback: Callable[[], None]) -> BusTimer:
-        return BusTimer(self, callback)
+    def create_timer(self, callback: Callable[[], None], *, hides_wake_up: bool = False) -> BusTimer:
+        """Return a timer of this queue. ``hides_wake_up``: kernel timers wake ``WAKE_UP_S`` before its moment."""
+        return BusTimer(self, callback, WAKE_UP_S if hides_wake_up and self.precise else 0.0)
 
-    def schedule(self, timer: BusTimer, when: float) -> None:
-        """Check a timer at ``when``, which is earlier than any moment at which it would be checked anyway."""
-        timer.queued_times.append(when)
+    def schedule(self, timer: BusTimer, check_at: float) -> None:
+        """Check a timer at ``check_at``, which is earlier than any moment at which it would be checked anyway."""
+        timer.queued_times.append(check_at)
         self._count += 1
-        heappush(self._heap, (when, self._count, timer))
+        heappush(self._heap, (check_at, self._count, timer))
         if not self._running:
-            self._arm(when)
+            self._arm(check_at)
 
     def close(self) -> None:
         self._near.close()
@@ -116,16 +121,16 @@ class TimerQueue:
                     break
                 heappop(heap)
                 timer.queued_times.pop()
-                when = timer.when
-                if when <= at:
+                when, check_at = timer.when, timer.when - timer.lead_s
+                if check_at <= at:
                     timer.when = NEVER
                     if when > now:
                         busy_wait(self.now, when)
                     timer.callback()
                     if timer.when == when:  # the bus has a clock of its own, which is behind
                         timer.when = now + SLOW_CLOCK_RETRY_S
-                elif when != NEVER and (not timer.queued_times or when < timer.queued_times[-1]):
-                    self.schedule(timer, when)
+                elif when != NEVER and (not timer.queued_times or check_at < timer.queued_times[-1]):
+                    self.schedule(timer, check_at)
         finally:
             self._running = False
             if heap:
