@@ -5,11 +5,12 @@ A dialect turns the intents of an operation into requests of one protocol family
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
@@ -18,7 +19,7 @@ from drivebus.drives.dialects.setpoint_speed import check_pole_pairs
 from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, Fault
-from drivebus.errors import LimitError, ProtocolError
+from drivebus.errors import CapabilityError, LimitError, ProtocolError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete
@@ -85,174 +86,177 @@ class Identity:
         }
 
 
-class Dialect(Protocol):
-    """Protocol of one drive, without clock: it keeps only counters and the levels that were sent last."""
+class Dialect(ABC):
+    """Protocol of one drive, without clock: it keeps only counters and the levels that were sent last.
 
-    profile: DriveProfile
-    address: int
-    options: dict[str, Any]
+    A method that is not abstract is that of a drive without the feature, or follows the profile.
+    """
+
     codec: Codec
     station_config: StationConfig
     state_names: tuple[str, ...]
     """Readings that the derived state depends on."""
 
+    def __init__(self, profile: DriveProfile, address: int, options: dict[str, Any]) -> None:
+        self.profile, self.address, self.options = profile, address, options
+
     @property
+    @abstractmethod
     def reports_run_state(self) -> bool:
         """Whether the drive reports that it runs."""
-        ...
 
     @property
+    @abstractmethod
     def start_includes_setpoint(self) -> bool:
         """Whether the start frame carries the frequency."""
-        ...
 
+    @abstractmethod
     def sync_request(self, avoid: Any = None) -> Any:
         """Return the next sync probe of an operation: not one that the bus uses, nor one like ``avoid``."""
-        ...
 
+    @abstractmethod
     def is_valid_sync_reply(self, reply: Any) -> bool:
         """Return whether a reply to a sync probe echoes enough to belong to it."""
-        ...
 
+    @abstractmethod
     def needs_sync(self, request: Any) -> bool:
         """Return whether the reply to a request looks like that to another class: it needs a sync probe before it."""
-        ...
 
     def model_check(self) -> Any | None:
         """Return the read that shows whether the station is of this model; None where none is needed, or no more."""
-        ...
+        return None
 
     def preparation_frame(self, word: int) -> CommandFrame:
         """Return the frame of a word that the profile lists before a start. Raises CapabilityError without one."""
-        ...
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
 
     def unlock(self) -> Any | None:
         """Return the write without which the drive rejects every command; None where it needs none."""
-        ...
+        return None
 
+    @abstractmethod
     def state_reads(self) -> tuple[Any, ...]:
         """Return the smallest set of reads that shows state, direction and fault."""
-        ...
 
+    @abstractmethod
     def echo_test_read(self) -> Any:
         """Return a read whose reply differs from it, which shows that a port has no echo."""
-        ...
 
     def fault_reads(self) -> tuple[Any, ...]:
         """Return further reads that name a fault; empty where the state carries its code."""
-        ...
+        return ()
 
+    @abstractmethod
     def setpoint_reads(self) -> tuple[Any, ...]:
         """Return reads that show the set frequency; empty where none does."""
-        ...
 
     def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
         """Return whether the last two reads of the set frequency match what was sent; None where they can't show it."""
-        ...
+        return setpoint_matches(readings, self.profile, frequency_hz)
 
+    @abstractmethod
     def can_confirm_speed(self) -> bool:
         """Return whether the drive shows that it runs at the set frequency."""
-        ...
 
+    @abstractmethod
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         """Return requests and periods that keep these signals and the state current, and read nothing else."""
-        ...
 
+    @abstractmethod
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
         """Return the readings of a reply; none for the reply to a command."""
-        ...
 
+    @abstractmethod
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Derive state, direction and fault from the last two readings; None where they do not agree."""
-        ...
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         """Return whether the last two readings confirm a stop by the family's own sign (DZB100: Q03's A)."""
-        ...
+        return True
 
     def confirms_start(self, readings: ReadingPairs) -> bool:
         """Return whether the last two readings show that a start was the last command (DZB100: Q03's A)."""
-        ...
+        return False
 
+    @abstractmethod
     def rejection(self, reply: Any) -> Rejection | None:
         """Return the rejection that a reply carries, or None."""
-        ...
 
     def setpoint_word(self, frequency_hz: float) -> int:
         """Return the raw word of a frequency. Raises LimitError where the coding forbids it."""
-        ...
+        return frequency_word(self.profile, frequency_hz, self.options)
 
     def setpoint_frequency(self, word: int) -> float:
         """Return the frequency of a setpoint word in Hz (DZB100: under the coding in force)."""
-        ...
+        return self.profile.setpoint_scale.value(word)
 
+    @abstractmethod
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         """Return the start frame and the frames that must follow it. Raises CapabilityError or StartInhibited."""
-        ...
 
+    @abstractmethod
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
         """Return the frames that change the frequency. Raises CapabilityError or StartInhibited."""
-        ...
 
     def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
         """Return the frames that begin a jog; ``word`` None is the drive's own jog frequency."""
-        ...
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="jog")
 
+    @abstractmethod
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
         """Return the requests of a stop and those that must follow it. Raises CapabilityError."""
-        ...
 
+    @abstractmethod
     def broadcast_stop(self) -> tuple[Any, ...]:
         """Return the family's broadcast stop; empty where it has none."""
-        ...
 
     def reset(self) -> tuple[CommandFrame, ...]:
         """Return the frames of a fault reset."""
-        ...
+        raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
 
     def identity_reads(self) -> tuple[Any, ...]:
         """Return the reads of model, series, version and control source; empty where the drive reports none."""
-        ...
+        return ()
 
     def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
         """Return the identity in the replies to ``identity_reads``; None stands for a read without a valid reply."""
-        ...
+        return Identity(model=self.profile.model, reported=False)
 
+    @abstractmethod
     def read_parameter(self, parameter: Parameter) -> Any:
         """Return the request that reads a parameter."""
-        ...
 
+    @abstractmethod
     def parameter_raw(self, reply: Any) -> int | None:
         """Return the raw word in the reply of a parameter read; None where it carries none."""
-        ...
 
+    @abstractmethod
     def names_parameter(self, reply: Any) -> bool:
         """Return whether the reply to a parameter read has every field that it should repeat (C320: not in a fault)."""
-        ...
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         """Return the reading of a parameter's raw word."""
-        ...
+        return parameter_reading(parameter, raw, at)
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
         """Return the raw word of a parameter's value. Raises ValueError where none fits."""
-        ...
+        return parameter.scale.raw(value)
 
+    @abstractmethod
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         """Return the frame that writes a parameter to RAM or EEPROM."""
-        ...
 
+    @abstractmethod
     def is_allowed(self, frame: bytes) -> bool:
         """Return whether an encoded request is on the family's allow-list; otherwise it never gets a permit."""
-        ...
 
     def set_option(self, option: str, value: Any) -> None:
         """Set an undocumented option of the family for this drive."""
-        ...
+        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Update what the dialect knows of the drive: this request was sent."""
-        ...
+        return
 
 
 def decode_whole_request(codec: Codec, frame: bytes) -> Any | None:

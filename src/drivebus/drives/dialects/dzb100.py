@@ -12,7 +12,7 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
-    Identity,
+    Dialect,
     Rejection,
     StopMode,
     decode_whole_request,
@@ -85,7 +85,7 @@ STOP_COMMANDS = frozenset({Dzb100Command.STOP, Dzb100Command.STOP_2})
 PARAMETER_COUNT = 81  # 00 to 80
 
 
-class Dzb100Dialect:
+class Dzb100Dialect(Dialect):
     """Dialect of one DZB100."""
 
     reports_run_state = True
@@ -95,7 +95,7 @@ class Dzb100Dialect:
     def __init__(
         self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.options = profile, address, options
+        super().__init__(profile, address, options)
         self.codec: Codec = Dzb100Codec()
         self._signals = signals_by_index(profile, "query")
         self._sync_count = 0
@@ -129,15 +129,6 @@ class Dzb100Dialect:
 
     def needs_sync(self, request: Any) -> bool:
         return False
-
-    def preparation_frame(self, word: int) -> CommandFrame:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
-
-    def unlock(self) -> None:
-        return None
-
-    def model_check(self) -> Any | None:
-        return None
 
     def state_reads(self) -> tuple[Any, ...]:
         """Return output frequency and state word: two rounds put another item between equal ones."""
@@ -229,9 +220,6 @@ class Dzb100Dialect:
     def echo_test_read(self) -> Any:
         return Dzb100Query(self.address, 1)
 
-    def fault_reads(self) -> tuple[Any, ...]:
-        return ()
-
     def setpoint_reads(self) -> tuple[Any, ...]:
         return (Dzb100Query(self.address, 0),)
 
@@ -318,12 +306,6 @@ class Dzb100Dialect:
     def reset(self) -> tuple[CommandFrame, ...]:
         return self._control_frame(Dzb100Command.RESET)
 
-    def identity_reads(self) -> tuple[Any, ...]:
-        return ()
-
-    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(model=self.profile.model, reported=False)
-
     def read_parameter(self, parameter: Parameter) -> Any:
         space, index = parameter.locator
         return Dzb100Query(self.address, index) if space == "query" else Dzb100ReadParameter(self.address, index)
@@ -363,9 +345,6 @@ class Dzb100Dialect:
         return request is not None and (
             not isinstance(request, Dzb100WriteParameter) or request.parameter < PARAMETER_COUNT
         )
-
-    def set_option(self, option: str, value: Any) -> None:
-        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""

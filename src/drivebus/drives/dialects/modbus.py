@@ -13,11 +13,10 @@ from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     DEFAULT_NONCE_START,
     CommandFrame,
+    Dialect,
     Identity,
     Rejection,
     StopMode,
-    frequency_word,
-    parameter_reading,
     setpoint_matches,
     signal_reading,
 )
@@ -73,7 +72,7 @@ LOOPBACK_NONCE_STEP = 0x9E37
 """An odd step visits all 65,536 nonces before one comes again."""
 
 
-class ModbusDialect:
+class ModbusDialect(Dialect):
     """Dialect of one Modbus drive."""
 
     def __init__(
@@ -86,7 +85,7 @@ class ModbusDialect:
         nonce_start: int = DEFAULT_NONCE_START,
     ) -> None:
         """``nonce_start``: first number of the loop-backs that serve as sync probes."""
-        self.profile, self.address, self.options = profile, address, options
+        super().__init__(profile, address, options)
         self._nonce_start = nonce_start
         self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
         form, most = self._rule.error_form, self._rule.max_read
@@ -317,12 +316,6 @@ class ModbusDialect:
             return None
         return derive_state(self.status_map, readings, self._fault_names, self._output_step_hz)
 
-    def confirms_stop(self, readings: ReadingPairs) -> bool:
-        return True
-
-    def confirms_start(self, readings: ReadingPairs) -> bool:
-        return False
-
     def setpoint_reads(self) -> tuple[Any, ...]:
         signal = self.profile.signals.get("set_frequency")
         return () if signal is None else (self._read(span_of(signal)),)
@@ -340,9 +333,6 @@ class ModbusDialect:
             return Rejection("drives.modbus_refused_short", None)
         is_known = reply.code in EXCEPTION_NAMES
         return Rejection(f"drives.modbus_exception_{reply.code}" if is_known else "drives.modbus_refused", reply.code)
-
-    def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz, self.options)
 
     def setpoint_frequency(self, word: int) -> float:
         return setpoint_scale(self.profile, self.options).value(word)
@@ -429,12 +419,6 @@ class ModbusDialect:
 
     def names_parameter(self, reply: Any) -> bool:
         return True
-
-    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
-        return parameter_reading(parameter, raw, at)
-
-    def parameter_word(self, parameter: Parameter, value: float) -> int:
-        return parameter.scale.raw(value)
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         request = self._writes.parameter(parameter, raw, save)

@@ -11,13 +11,11 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
+    Dialect,
     Identity,
     Rejection,
     StopMode,
     decode_whole_request,
-    frequency_word,
-    parameter_reading,
-    setpoint_matches,
     shortest_period_s,
     signal_reading,
     signals_by_index,
@@ -123,7 +121,7 @@ MIN_TAGS_TO_SHARE = 4
 IDENTITY_PARTS = ("model", "series", "version", "control")  # groups 0 to 3 of frame class 0
 
 
-class SunfarDialect:
+class SunfarDialect(Dialect):
     """Dialect of one drive of the family."""
 
     reports_run_state = True
@@ -133,7 +131,7 @@ class SunfarDialect:
     def __init__(
         self, profile: DriveProfile, address: int, encoding: Any, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.options = profile, address, options
+        super().__init__(profile, address, options)
         digits, nibble = options.get("digits", "strict"), bool(options.get("nibble", False))
         self.codec: Codec = SunfarCodec(encoding=encoding, digits=digits, nibble=nibble)
         self._sync_tags = sync_tags(profile)
@@ -182,15 +180,6 @@ class SunfarDialect:
     def needs_sync(self, request: Any) -> bool:
         """Parameter F0.n and monitor d.n share their echo, as do write and read; in a fault the item is missing."""
         return isinstance(request, SunfarReadParameter)
-
-    def preparation_frame(self, word: int) -> CommandFrame:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
-
-    def unlock(self) -> None:
-        return None
-
-    def model_check(self) -> Any | None:
-        return None
 
     def state_reads(self) -> tuple[Any, ...]:
         """Every full reply carries the state; the output frequency is read with it."""
@@ -268,18 +257,12 @@ class SunfarDialect:
     def echo_test_read(self) -> Any:
         return self.state_reads()[0]
 
-    def fault_reads(self) -> tuple[Any, ...]:
-        return ()
-
     def setpoint_reads(self) -> tuple[Any, ...]:
         return self.monitor_reads("set_frequency")
 
     def monitor_reads(self, name: str) -> tuple[Any, ...]:
         """Return the request of one monitor; empty where the profile does not name it."""
         return (self._monitor_read(self.profile.signals[name].locator[1]),) if self._is_monitor(name) else ()
-
-    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
-        return setpoint_matches(readings, self.profile, frequency_hz)
 
     def can_confirm_speed(self) -> bool:
         return self._is_monitor("output_frequency")
@@ -289,19 +272,10 @@ class SunfarDialect:
         pair = readings.raw_pair("output_frequency")
         return readings.agreed_raw("state") != SunfarState.EMERGENCY_STOP or pair is None or not pair[1]
 
-    def confirms_start(self, readings: ReadingPairs) -> bool:
-        return False
-
     def rejection(self, reply: SunfarReply) -> Rejection | None:
         """Return the rejection of response codes 1 to 8 (manual 2.4.3)."""
         key = REJECTION_KEYS.get(int(reply.response))
         return None if key is None else Rejection(key, int(reply.response))
-
-    def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz, self.options)
-
-    def setpoint_frequency(self, word: int) -> float:
-        return self.profile.setpoint_scale.value(word)
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         reverse = direction is Direction.REVERSE
@@ -348,12 +322,6 @@ class SunfarDialect:
     def names_parameter(self, reply: SunfarReply) -> bool:
         return reply.item is not None
 
-    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
-        return parameter_reading(parameter, raw, at)
-
-    def parameter_word(self, parameter: Parameter, value: float) -> int:
-        return parameter.scale.raw(value)
-
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         index = parameter.locator[1]
         request = SunfarWriteParameter(self.address, index >> 8, index & 0xFF, raw, save)
@@ -365,9 +333,6 @@ class SunfarDialect:
         if received is None or received.request.address == self.profile.broadcast:
             return False
         return isinstance(received.request, SunfarControl) or received.operation is SunfarOperation.NONE
-
-    def set_option(self, option: str, value: Any) -> None:
-        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""

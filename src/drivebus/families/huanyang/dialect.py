@@ -11,12 +11,9 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     CommandFrame,
-    Identity,
+    Dialect,
     Rejection,
     StopMode,
-    frequency_word,
-    parameter_reading,
-    setpoint_matches,
     shortest_period_s,
     signal_reading,
     signals_by_index,
@@ -45,7 +42,7 @@ from drivebus.families.huanyang.codec import (
 from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.serial_settings import StationTiming
-from drivebus.values import Reading, missing_reading
+from drivebus.values import missing_reading
 
 LONGEST_VALUE = 2
 """Bytes of a parameter's value."""
@@ -53,7 +50,7 @@ SET_FREQUENCY_ITEM, OUTPUT_FREQUENCY_ITEM = 0, 1
 ALLOWED_COMMANDS = frozenset({RUN_FORWARD, RUN_REVERSE, STOP})
 
 
-class HuanyangDialect:
+class HuanyangDialect(Dialect):
     """Dialect of one drive."""
 
     reports_run_state = True
@@ -63,7 +60,7 @@ class HuanyangDialect:
     def __init__(
         self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.options = profile, address, options
+        super().__init__(profile, address, options)
         self.codec: Codec = HuanyangCodec()
         self._signals = signals_by_index(profile, "item")
         self._probes = sorted(
@@ -105,29 +102,14 @@ class HuanyangDialect:
     def needs_sync(self, request: Any) -> bool:
         return False
 
-    def preparation_frame(self, word: int) -> CommandFrame:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
-
-    def unlock(self) -> None:
-        return None
-
-    def model_check(self) -> Any | None:
-        return None
-
     def state_reads(self) -> tuple[Any, ...]:
         return (read_status(self.address, OUTPUT_FREQUENCY_ITEM),)
 
     def echo_test_read(self) -> Any:
         return read_status(self.address, OUTPUT_FREQUENCY_ITEM)
 
-    def fault_reads(self) -> tuple[Any, ...]:
-        return ()
-
     def setpoint_reads(self) -> tuple[Any, ...]:
         return (read_status(self.address, SET_FREQUENCY_ITEM),)
-
-    def setpoint_matches(self, readings: ReadingPairs, word: int, frequency_hz: float) -> bool | None:
-        return setpoint_matches(readings, self.profile, frequency_hz)
 
     def can_confirm_speed(self) -> bool:
         return True
@@ -155,20 +137,8 @@ class HuanyangDialect:
             return None
         return DerivedState(DriveState.RUNNING if output[1] > 0 else DriveState.STOPPED)
 
-    def confirms_stop(self, readings: ReadingPairs) -> bool:
-        return True
-
-    def confirms_start(self, readings: ReadingPairs) -> bool:
-        return False
-
     def rejection(self, reply: HuanyangReply) -> Rejection | None:
         return None if reply.accepted else Rejection("huanyang.rejected", reply.index)
-
-    def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz, self.options)
-
-    def setpoint_frequency(self, word: int) -> float:
-        return self.profile.setpoint_scale.value(word)
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         command = RUN_REVERSE if direction is Direction.REVERSE else RUN_FORWARD
@@ -177,9 +147,6 @@ class HuanyangDialect:
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
         return (CommandFrame(set_frequency(self.address, word), RetryPolicy.IDEMPOTENT),)
 
-    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="jog")
-
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
         if mode is not StopMode.STOP:
             raise CapabilityError("drives.cannot", model=self.profile.model, what=mode.value)
@@ -187,15 +154,6 @@ class HuanyangDialect:
 
     def broadcast_stop(self) -> tuple[Any, ...]:
         return (control(BROADCAST, STOP),)
-
-    def reset(self) -> tuple[CommandFrame, ...]:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
-
-    def identity_reads(self) -> tuple[Any, ...]:
-        return ()
-
-    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(model=self.profile.model, reported=False)
 
     def read_parameter(self, parameter: Parameter) -> Any:
         space, index = parameter.locator
@@ -206,12 +164,6 @@ class HuanyangDialect:
 
     def names_parameter(self, reply: HuanyangReply) -> bool:
         return True
-
-    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
-        return parameter_reading(parameter, raw, at)
-
-    def parameter_word(self, parameter: Parameter, value: float) -> int:
-        return parameter.scale.raw(value)
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         """Return a write of one byte where no value of the parameter needs two."""
@@ -229,9 +181,6 @@ class HuanyangDialect:
         if len(frame) > 3 and frame[1] == CONTROL:
             return frame[3] in ALLOWED_COMMANDS
         return frame_effect(frame) in (Effect.NONE, Effect.SETTING)
-
-    def set_option(self, option: str, value: Any) -> None:
-        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""

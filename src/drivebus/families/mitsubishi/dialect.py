@@ -14,11 +14,9 @@ from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.base import (
     UNNAMED_FAULT_CODE,
     CommandFrame,
-    Identity,
+    Dialect,
     Rejection,
     StopMode,
-    frequency_word,
-    parameter_reading,
     shortest_period_s,
     signal_reading,
     signals_by_index,
@@ -51,7 +49,7 @@ SYNC_CODES = (STATUS, OUTPUT_FREQUENCY)
 ALLOWED_COMMANDS = frozenset({STOP, RUN_FORWARD, RUN_REVERSE})
 
 
-class MitsubishiDialect:
+class MitsubishiDialect(Dialect):
     """Dialect of one drive."""
 
     reports_run_state = True
@@ -61,7 +59,7 @@ class MitsubishiDialect:
     def __init__(
         self, profile: DriveProfile, address: int, encoding: str, options: dict[str, Any], timing: StationTiming
     ) -> None:
-        self.profile, self.address, self.options = profile, address, options
+        super().__init__(profile, address, options)
         self.codec: Codec = MitsubishiCodec()
         self._signals = signals_by_index(profile, "monitor")
         self._sync_count = 0
@@ -92,23 +90,11 @@ class MitsubishiDialect:
     def needs_sync(self, request: Any) -> bool:
         return True
 
-    def preparation_frame(self, word: int) -> CommandFrame:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="run")
-
-    def unlock(self) -> None:
-        return None
-
-    def model_check(self) -> Any | None:
-        return None
-
     def state_reads(self) -> tuple[Any, ...]:
         return self._read(STATUS), self._read(OUTPUT_FREQUENCY)
 
     def echo_test_read(self) -> Any:
         return self._read(STATUS)
-
-    def fault_reads(self) -> tuple[Any, ...]:
-        return ()
 
     def setpoint_reads(self) -> tuple[Any, ...]:
         return ()
@@ -149,23 +135,11 @@ class MitsubishiDialect:
         older, newer = (_state_of(*pair) for pair in zip(states, output, strict=True))
         return newer if older.state is newer.state and older.direction is newer.direction else None
 
-    def confirms_stop(self, readings: ReadingPairs) -> bool:
-        return True
-
-    def confirms_start(self, readings: ReadingPairs) -> bool:
-        return False
-
     def rejection(self, reply: MitsubishiReply) -> Rejection | None:
         if reply.error is None:
             return None
         key = f"mitsubishi.error_{reply.error:x}"
         return Rejection(key if key in i18n.catalogue("en") else "mitsubishi.error", reply.error)
-
-    def setpoint_word(self, frequency_hz: float) -> int:
-        return frequency_word(self.profile, frequency_hz, self.options)
-
-    def setpoint_frequency(self, word: int) -> float:
-        return self.profile.setpoint_scale.value(word)
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         command = RUN_REVERSE if direction is Direction.REVERSE else RUN_FORWARD
@@ -173,9 +147,6 @@ class MitsubishiDialect:
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
         return (CommandFrame(MitsubishiRequest(self.address, SET_FREQUENCY, word), RetryPolicy.IDEMPOTENT),)
-
-    def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="jog")
 
     def stop(self, mode: StopMode) -> tuple[Any, ...]:
         if mode is not StopMode.STOP:
@@ -188,15 +159,6 @@ class MitsubishiDialect:
     def broadcast_stop(self) -> tuple[Any, ...]:
         return ()
 
-    def reset(self) -> tuple[CommandFrame, ...]:
-        raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
-
-    def identity_reads(self) -> tuple[Any, ...]:
-        return ()
-
-    def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
-        return Identity(model=self.profile.model, reported=False)
-
     def read_parameter(self, parameter: Parameter) -> Any:
         return self._read(parameter.locator[1])
 
@@ -205,12 +167,6 @@ class MitsubishiDialect:
 
     def names_parameter(self, reply: MitsubishiReply) -> bool:
         return False
-
-    def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
-        return parameter_reading(parameter, raw, at)
-
-    def parameter_word(self, parameter: Parameter, value: float) -> int:
-        return parameter.scale.raw(value)
 
     def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
         raise CapabilityError("drives.cannot", model=self.profile.model, what="write")
@@ -221,9 +177,6 @@ class MitsubishiDialect:
             return True
         allowed = (self._command(command) for command in ALLOWED_COMMANDS)
         return frame in {self.codec.encode_request(request) for request in allowed}
-
-    def set_option(self, option: str, value: Any) -> None:
-        self.options[option] = value
 
     def on_sent(self, request: Any) -> None:
         return
