@@ -9,6 +9,7 @@ from typing import Any
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
+from drivebus.service.api.errors import localized
 from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnClientLost, OnRestart
@@ -16,6 +17,7 @@ from drivebus.service.control.leases import ControlLease
 from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
@@ -47,13 +49,18 @@ class StopPolicies:
         if runtime.config.on_client_lost is OnClientLost.STOP:
             self.stop_drive(runtime, "plant.stopped_client_lost", owner=owner)
         else:
-            self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
+            self._alarm_control_lost(runtime)
 
     def _on_hand_over_unused(self, runtime: DriveRuntime, owner: str) -> None:
         """Handle control that was handed over and never used: the drive goes on as after a release, with an alarm."""
         self.plant.publish_event("lease", runtime.id, "plant.control_not_taken", actor=owner, owner=owner)
         if may_be_running(runtime):
-            self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id)
+            self._alarm_control_lost(runtime)
+
+    def _alarm_control_lost(self, runtime: DriveRuntime) -> None:
+        """Raise the alarm; a drive of which no read shows the motor turning only may be running."""
+        key = "alarms.motion.running" if runtime.status().state.turning else "alarms.motion.possible"
+        self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=Text(**localized(key)))
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Apply ``on_restart`` to a drive that is found running, and note a standstill."""
