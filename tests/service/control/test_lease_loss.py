@@ -15,7 +15,7 @@ from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from drivebus.values import Text
-from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, remote_actor, running_service
+from fixtures.service import BUSES, DRIVES, plant_config, remote_actor, running_service
 
 ANN = remote_actor()
 
@@ -43,8 +43,12 @@ def test_the_end_of_a_jog_revokes_earlier_arm_tokens(lost: bool) -> None:
     run(scenario())
 
 
-def uncleared_kinds(kit: ServiceKit) -> set[str]:
-    return {alarm.kind for alarm in kit.service.plant.alarms.active() if alarm.cleared_ms is None}
+MAY_BE_RUNNING = [
+    {
+        "en": "Fan 1 may be running, and the session that had control is lost",
+        "zh": "风机 1 可能仍在运行，而持有控制权的会话已丢失",
+    }
+]
 
 
 @pytest.mark.parametrize("silent", [True, False])
@@ -62,7 +66,8 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
                 simulated_bus_of(drive.bus.port).unplug()
             await asyncio.sleep(15)
             assert drive.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
-            assert ("control_lost" in uncleared_kinds(kit)) is (silent and policy is OnClientLost.HOLD)
+            lost = [one for one in kit.service.plant.alarms.active() if one.kind == SystemAlarm.CONTROL_LOST]
+            assert [one.text.by_language() for one in lost] == MAY_BE_RUNNING * (silent and policy is OnClientLost.HOLD)
             stops = [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
             assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
 
@@ -70,7 +75,7 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
 
 
 def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> None:
-    """The alarm names the bus by its title."""
+    """Alarm and events name the bus by its title."""
     events: list[Json] = []
     buses = tuple(replace(bus, title=Text(f"Line {bus.id}", f"线路 {bus.id}")) for bus in BUSES)
 
@@ -93,3 +98,34 @@ def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> N
     outcomes = [(event["outcome"], event["actor"]) for event in events]
     assert [(outcome, actor) for outcome, actor in outcomes if actor == "ann"] == [("acknowledged", "ann")]
     assert ("cleared", None) in outcomes
+    lost, opened = [event["text"] for event in events if event["kind"] == "presence" and event["drive"] is None]
+    assert lost == {
+        "en": "Line a has lost its port; it is opened again as soon as possible",
+        "zh": "线路 a 的端口丢失；一旦可用即重新打开",
+    }
+    assert opened == {"en": "Line a is open", "zh": "线路 a 已打开"}
+
+
+def test_a_port_lost_in_the_first_second_of_the_service_raises_its_alarm() -> None:
+    """Regression: only a port that a supervision cycle had seen open was missed."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            plant = kit.service.plant
+            bus = plant.buses["a"]
+            await asyncio.sleep(0.01)
+            assert bus.bus.is_open
+            simulated_bus_of(bus.bus.port).unplug()
+            assert bus.reported_open is None, "a supervision cycle has seen the open port: the case is not played"
+            await asyncio.sleep(3)
+            (alarm,) = [one for one in plant.alarms.active() if one.kind == SystemAlarm.PORT_LOST]
+            assert (alarm.subject, alarm.cleared_ms) == ("a", None)
+            (lost,) = [event["text"] for event in kit.history.events if event["kind"] == "presence"]
+            assert lost["en"] == "bus a has lost its port; it is opened again as soon as possible"
+            assert lost["zh"] == "总线 a 的端口丢失；一旦可用即重新打开"
+            simulated_bus_of(bus.bus.port).replug()
+            await asyncio.sleep(3)
+            assert plant.alarms.active()[0].cleared_ms is not None
+            assert kit.history.events[-1]["text"]["en"] != lost["en"]
+
+    run(scenario())

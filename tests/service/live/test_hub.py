@@ -292,8 +292,8 @@ def test_a_lost_drive_its_return_and_its_fault_are_each_one_event(caplog: pytest
             events = [event for _, event in kit.service.plant.hub.items("events") if event["drive"] == "fan-1"]
             assert [event["text"]["en"] for event in events if event["kind"] in ("presence", "fault")] == [
                 "fault Fu.7: see the fault table of the C320 manual",
-                "fan-1 no longer replies",
-                "fan-1 replies again",
+                "Fan 1 no longer replies",
+                "Fan 1 replies again",
             ]
             logged = [r.getMessage() for r in caplog.records if getattr(r, "event", {}).get("drive") == "fan-1"]
             assert len(logged) == 3

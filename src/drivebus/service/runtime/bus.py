@@ -16,11 +16,13 @@ from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
+from drivebus.service.api.errors import localized
 from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
+from drivebus.values import Text
 
 REOPEN_INTERVAL_S = 2.0  # between attempts to open a bus
 MAX_BUFFERED_FRAMES = 500
@@ -57,12 +59,22 @@ class BusRuntime:
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""
+        self.has_opened = False
+        """Whether the port has been open once; the bus opens one that is lost afterwards again by itself."""
+        self.reported_open: bool | None = None
+        """Whether the port was last reported as open; None before the first report."""
         self.frames: deque[TracedFrame] = deque(maxlen=MAX_BUFFERED_FRAMES)
         self._stop_bound: tuple[Any, float | None] = ((), None)
         """Polls and the bound that follows from them, computed again only when they change."""
         self.frame_count = 0
         self._opening: asyncio.Task[None] | None = None
         self._untrace = self.bus.trace(self._on_trace)
+
+    @property
+    def title(self) -> Text:
+        """Name of the bus in a sentence: its title, else "bus" and its id."""
+        title, named = self.config.title, localized("plant.bus", {"id": self.config.id})
+        return Text(title.en or named["en"], title.zh or title.en or named["zh"])
 
     def stop_bound_s(self) -> float | None:
         """Return the longest time to the last bit of a stop, for the slowest drive of the bus."""
@@ -105,12 +117,12 @@ class BusRuntime:
                 await self.bus.open()
             except DrivebusError as error:
                 if self.problem is None:
-                    self._on_problem("plant.bus_not_open", {"bus": self.config.id, "why": error})
+                    self._on_problem("plant.bus_not_open", {"bus": self.title, "why": error})
                 self.problem = error
                 await asyncio.sleep(REOPEN_INTERVAL_S)
             else:
                 break
-        self.problem = None
+        self.problem, self.has_opened = None, True
         for runtime in self.drives.values():
             runtime.start_monitor()
 

@@ -69,7 +69,6 @@ class SupervisionCycle:
         self._storage, self._incidents, self._watchdog = storage, incidents, watchdog
         self._cycles = 0
         self._disk_task: asyncio.Task[None] | None = None
-        self._was_open: dict[str, bool] = {}
         self._expiring = {
             alarm.subject for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.CERTIFICATE_EXPIRY
         }
@@ -187,7 +186,7 @@ class SupervisionCycle:
             before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE
         ):
             return
-        params: Json = {"drive": runtime.id}
+        params: Json = {"drive": title_of(runtime.config)}
         key = "plant.drive_silent" if found is Presence.OFFLINE else "plant.drive_back"
         if unusable:
             key, params["reason"] = "plant.drive_unusable_reply", status.unusable_reply
@@ -217,17 +216,19 @@ class SupervisionCycle:
     def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
         bus, plant = bus_runtime.config.id, self._plant
-        title = title_of(bus_runtime.config)
-        is_open, was_open = bus_runtime.bus.is_open, self._was_open.get(bus)
+        title = bus_runtime.title
+        is_open, reported_open = bus_runtime.bus.is_open, bus_runtime.reported_open
         if is_open:
-            self._was_open[bus] = True
+            bus_runtime.reported_open = True
             plant.clear_alarm(SystemAlarm.PORT_LOST, subject=bus)
-        elif was_open or bus_runtime.problem is not None:
-            self._was_open[bus] = False
+            if reported_open is False:
+                plant.publish_event("presence", None, "plant.bus_open", bus=title)
+        elif bus_runtime.has_opened or bus_runtime.problem is not None:
+            bus_runtime.reported_open = False
             reason = bus_runtime.problem or Text(**localized("plant.bus_reopened"))
             plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, bus=title, reason=reason)
-        if was_open is not self._was_open.get(bus) and was_open is not None:
-            plant.publish_event("presence", None, "plant.bus_open" if is_open else "plant.bus_lost", bus=bus)
+            if reported_open is not False and bus_runtime.has_opened:
+                plant.publish_event("presence", None, "plant.bus_lost", bus=title)
         if is_open and bus_runtime.bus.foreign_master:
             plant.raise_alarm(SystemAlarm.FOREIGN_MASTER, subject=bus, bus=title)
         else:
