@@ -113,8 +113,15 @@ def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
 def test_a_wrong_parameter_is_described_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
     error = params_error("drive.run", pydantic_faults(faults_of(OPERATIONS["drive.run"].params, params)))
     message = error_to_json(error)
-    assert message["text"] == {"en": f"{path}: {english}", "zh": f"{path}: {chinese}"}
+    assert message["text"] == {"en": f"{path}: {english}", "zh": f"{path}：{chinese}"}
     assert [fault["expected"] for fault in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
+
+
+def test_several_wrong_parameters_are_joined_with_the_punctuation_of_the_language() -> None:
+    faults = pydantic_faults(faults_of(OPERATIONS["drive.run"].params, {"frequency_hz": 1.0, "direction": 1}))
+    text = error_to_json(params_error("drive.run", faults))["text"]
+    assert text["en"].startswith("drive: is required; direction: expected ")
+    assert text["zh"].startswith("drive：必须给出；direction：应为")
 
 
 def test_a_fault_has_the_exact_bound_and_the_index_in_a_list() -> None:
@@ -137,7 +144,7 @@ def test_a_fault_found_by_a_handler_is_described_in_both_languages() -> None:
         check_time_order(5, 4)
     message = error_to_json(params_error("history.trend", caught.value.params["faults"]))["text"]
     assert message["en"] == "to_ms: expected 5 (from_ms) or more"
-    assert message["zh"] == "to_ms: 应不小于 5（from_ms）"
+    assert message["zh"] == "to_ms：应不小于 5（from_ms）"
 
 
 def test_wrong_parameters_over_the_socket_have_the_same_shape() -> None:

@@ -135,13 +135,15 @@ def _translate(found: Mapping[str, Any], path: str) -> Json:
 
 def params_error(operation: str, faults: list[Json]) -> InvalidParameters:
     """Return the error whose sentence names every fault."""
-    problems = Text.per_language(lambda language: "; ".join(_fault_sentence(one, language) for one in faults))
+    problems = Text.per_language(
+        lambda language: i18n.text("params.separator", language).join(_fault_sentence(one, language) for one in faults)
+    )
     return InvalidParameters("plant.params", operation=operation, problems=problems, faults=faults)
 
 
 def _fault_sentence(one: Json, language: str) -> str:
     expected = one["expected"][language]
-    return f"{one['path']}: {expected}" if one["path"] else expected
+    return i18n.text("params.fault", language, path=one["path"], expected=expected) if one["path"] else expected
 
 
 # --- outcomes ---------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ function Facts({ profile }) {
   return html`<dl class="facts"><dt>${t("page.model")}</dt><dd>${localized(profile.title)} (<code>${profile.model}
     </code>)</dd>
     <dt>${t("page.maker")}</dt><dd>${localized(profile.maker)}</dd>
-    <dt>${t("page.grade")}</dt><dd>${t(`page.grade_${profile.grade}`)}: ${t(`page.grade_${profile.grade}_means`)}</dd>
+    <dt>${t("page.grade")}</dt><dd>${t(`page.grade_${profile.grade}`)}${t("page.colon")}${t(`page.grade_${profile.grade}_means`)}</dd>
     <dt>${t("page.encodings")}</dt><dd>${profile.encodings.join(t("page.comma"))}</dd>
     <dt>${t("page.serial_default")}</dt><dd>${serial.baud} ${serial.format}</dd>
     <dt>${t("page.limits_model")}</dt><dd>${limits.minimum_hz} … ${limits.maximum_hz} Hz</dd>
