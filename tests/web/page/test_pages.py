@@ -130,6 +130,20 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
     expect(parameters.filter(has_text="F9.4")).to_contain_text(i18n.text("drives.no_answer", "en"))
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_list_of_incidents_tells_them_apart_by_their_faults(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """Regression: each row had the word "fault" and nothing about which one."""
+    trip(stage, "fan-3")
+    fault = stage.view("fan-3")["fault"]
+    page = visit("#/alarms?tab=incidents", language=language)
+    row = page.locator(".incidents a", has_text={"en": "Flue gas fan", "zh": "引风机"}[language]).first
+    expect(row).to_contain_text(i18n.text("alarms.title.fault", language))
+    expect(row).to_contain_text(fault["label"])
+    expect(row).to_contain_text(fault["text"][language].split(fault["label"])[-1])
+
+
 def unread(route: Any) -> None:
     """Answer with an incident whose parameters could not be read."""
     answer = route.fetch()

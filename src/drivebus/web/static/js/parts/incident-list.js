@@ -15,6 +15,6 @@ export function IncidentList() {
     onChange=${setPeriod} />
     <ul class="incidents">${list.items.map((found) => html`<li key=${found.id}><a href=${href("incidents", found.id)}>
       <strong>${driveTitle(found.drive)}</strong>
-      <span>${localized(found.title ?? found.text)}</span><time>${moment(found.time_ms)}</time></a></li>`)}</ul>
+      <span>${found.title && html`<b>${localized(found.title)}</b> `}${localized(found.text)}</span><time>${moment(found.time_ms)}</time></a></li>`)}</ul>
     <${PagedEnd} list=${list} /></div>`;
 }
