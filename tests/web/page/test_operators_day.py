@@ -159,6 +159,29 @@ def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage
     assert page.input_value(".grouppanel input[inputmode=decimal]") == ""
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_start_of_a_group_with_a_blocked_drive_is_disabled_with_its_reason(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """Regression: the button was enabled beside "These can't be started now", and the service refused."""
+    for drive in ("fan-1", "fan-2"):
+        stage.call("waiver.grant", drive=drive, reason="watched bench")
+    page = visit("#/fleet?group=air", language=language)
+    page.click(".grouppanel summary")
+    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', language, n=3)}')")
+    page.fill(".grouppanel input[inputmode=decimal]", "20")
+    setpoint = page.locator(f".grouppanel .button:has-text('{i18n.text('page.set_frequency', language)}')")
+    expecting()(setpoint).to_be_enabled()
+    start = page.locator(".grouppanel [data-step=first]")
+    expecting()(start).to_be_disabled()
+    why = i18n.text("page.group_start_blocked", language, n=1, of=3)
+    expecting()(start).to_have_accessible_description(why)
+    assert page.locator(".grouppanel .hint", has_text=why).is_visible()
+    stage.call("waiver.grant", drive="fan-3", reason="watched bench")
+    expecting()(start).to_be_enabled()
+    expecting()(start).to_have_accessible_description("")
+
+
 COUNT_TONES = """() => {
   window.tones = 0;
   const start = OscillatorNode.prototype.start;

@@ -1,6 +1,6 @@
 // A start in two steps: the first gets an arm token from the server, the second starts with it before it expires.
 // Every start of a motor on the page uses this component.
-import { html, useEffect, useRef, useState } from "../lib.js";
+import { html, useEffect, useId, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { nowMs } from "../store.js";
@@ -11,14 +11,16 @@ import { now } from "../live.js";
  * @param act the second step, given the arm token
  * @param first, second texts of the two buttons
  * @param title of the second step
+ * @param why reason of a disabled start, beside its button
  * @param children description of the start, shown between the steps
  */
 export function ArmStart({
-  arm, act, first, second, title = t("page.step_two"), disabled, children, onDone, kind = "main",
+  arm, act, first, second, title = t("page.step_two"), disabled, why, children, onDone, kind = "main",
 }) {
   const [run, busy, error, , clear] = useRequest();
   const [armed, setArmed] = useState(null);
   const confirm = useRef(null);
+  const note = useId();
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const over = armed && left_s <= 0;
 
@@ -42,8 +44,9 @@ export function ArmStart({
   const key = (event) => { if (event.key === "Escape") cancel(); };
 
   if (!armed) {
-    return html`<div class="stack"><div><${Button} kind=${kind} disabled=${disabled} busy=${busy} onClick=${begin}
-      data-step="first">${first}<//></div><${ErrorNote} error=${error} /></div>`;
+    return html`<div class="stack"><div class="row"><${Button} kind=${kind} disabled=${disabled} busy=${busy}
+      onClick=${begin} data-step="first" aria-describedby=${why ? note : undefined}>${first}<//>
+      ${why && html`<span class="hint" id=${note}>${why}</span>`}</div><${ErrorNote} error=${error} /></div>`;
   }
   return html`<div ref=${confirm} class="confirm" tabindex="-1" onKeyDown=${key}>
     <${Notice} kind="warning" live title=${title}>${children}<//><div class="row"><${Button} kind="main"

@@ -47,9 +47,8 @@ function ActionForAll({ views, act, text, ...rest }) {
 }
 
 function Blocked({ views }) {
-  const blocked = views.filter((view) => view.start_blockers.length > 0);
-  if (blocked.length === 0) return null;
-  const merged = mergeSentences(blocked.flatMap((view) => view.start_blockers.map((one) => ({ ...one, id: view.id }))));
+  if (views.length === 0) return null;
+  const merged = mergeSentences(views.flatMap((view) => view.start_blockers.map((one) => ({ ...one, id: view.id }))));
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((one) => html`
     <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
 }
@@ -73,6 +72,7 @@ function Controls({ id, views }) {
   const limits = commonLimits(views);
   const others = views.filter((view) => !hasControl(view)).length;
   const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
+  const blocked = views.filter((view) => view.start_blockers.length > 0);
   const frequency_hz = numberOf(hertz);
   const send = (rest, body) => api.post(path(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
   const set = () => run(() => send("/set-frequency", { frequency_hz }));
@@ -81,12 +81,14 @@ function Controls({ id, views }) {
       <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
       <${AskForControlButton} views=${views} /></div>`}<${OwnRequests} views=${views} />
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
-    <${Blocked} views=${views} />
+    <${Blocked} views=${blocked} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits} onEnter=${() => !off && !busy && set()}
         disabled=${!isLive.value} />
       <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
-    <${ArmStart} disabled=${off} first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")}
+    <${ArmStart} disabled=${off || blocked.length > 0}
+      why=${blocked.length > 0 && t("page.group_start_blocked", { n: blocked.length, of: views.length })}
+      first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")}
       onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
