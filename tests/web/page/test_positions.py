@@ -8,7 +8,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import trip
+from fixtures.browser_actions import expecting, trip
 
 BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
     "main :is(button, summary, [role=tab]):not(.active-fault *, .confirm *)")].filter((one) => one.offsetParent)
@@ -95,9 +95,28 @@ def test_reset_its_reason_and_the_incident_stand_in_the_red_box_at_every_width(
         for part in ("[data-do=reset]", "[data-do=remedy]", "[data-do=incident]", ".small"):
             inner = box.locator(part).bounding_box()
             assert inner is not None and inner["height"] > 10, (width, part)
-            assert outer["y"] <= inner["y"] and inner["y"] + inner["height"] <= outer["y"] + outer["height"], (width, part)
+            assert outer["y"] <= inner["y"], (width, part)
+            assert inner["y"] + inner["height"] <= outer["y"] + outer["height"], (width, part)
         assert box.evaluate(CUT_OFF) == [], width
         assert width <= 760 or box.locator("h2").evaluate("(one) => one.scrollHeight - one.clientHeight") <= 4, width
+
+
+def test_a_reset_that_a_bus_stop_refuses_is_disabled_with_its_reason(stage: Stage, visit: Any) -> None:
+    """Regression: the button was enabled, and the service refused the reset until the drive was released."""
+    trip(stage, "fan-2")
+    page = visit("#/drive/fan-2")
+    page.click("[data-do=take]")
+    reset = page.locator(".active-fault [data-do=reset]")
+    expecting()(reset).to_be_enabled()
+    page.click("[data-stop=all]")
+    why = page.locator(".active-fault .small", has_text=i18n.text("page.reset_inhibited", "en"))
+    why.wait_for()
+    expecting()(reset).to_be_disabled()
+    page.click(".control [data-do=release]")
+    why.wait_for(state="detached")
+    expecting()(reset).to_be_enabled()
+    reset.click()
+    page.locator(".active-fault").wait_for(state="detached")
 
 
 def not_reset(route: Any) -> None:

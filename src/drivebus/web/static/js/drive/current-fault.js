@@ -35,7 +35,7 @@ function Fault({ view }) {
   const [run, busy, error, result, clear] = useRequest();
   const { fault } = view;
   const incident = openAlarms().find((alarm) => alarm.drive === view.id && alarm.incident)?.incident;
-  const why = controlBlocker(view);
+  const why = controlBlocker(view) ?? (view.start_inhibited ? t("page.reset_inhibited") : null);
   const note = may("operate") ? why ?? t("page.reset_note") : null;
   return html`<div class="active-fault"><${Icon} name="fault" size=${40} /><div class="what"><h2>
       <${FaultTitle} fault=${fault} /></h2>
