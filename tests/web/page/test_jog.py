@@ -84,6 +84,55 @@ def test_a_released_key_a_left_page_and_a_hidden_window_end_the_jog(
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 
+def test_a_pointer_that_slips_off_the_held_button_ends_the_jog(stage: Stage, page: Any) -> None:
+    """The pressed button of the mouse is no hold of the button on the page."""
+    page.hover(HOLD)
+    with page.expect_request("**/jog/renew"):
+        page.mouse.down()
+    assert page.locator(f"{HOLD}.held").count() == 1
+    box = page.locator(HOLD).bounding_box()
+    with page.expect_request("**/jog/renew"):
+        page.mouse.move(box["x"] + 3, box["y"] + 3)
+    with page.expect_request("**/jog/end"):
+        page.mouse.move(box["x"] + 3, box["y"] - 3)
+    stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
+    page.mouse.up()
+    page.locator(f"{HOLD}:disabled:not(.held)").wait_for()
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (360, 740)])
+def test_no_button_of_the_control_panel_moves_while_a_jog_begins_and_ends(
+    stage: Stage, visit: Any, size: tuple[int, int]
+) -> None:
+    """Regression: who stopped the drive stood in a line that came and went above the held button."""
+    page = visit("#/drive/pump-1", size=size)
+    stage.call("waiver.grant", drive="pump-1", reason="watched bench")
+    page.click("[data-do=take]")
+    page.click(".control summary")
+    page.locator(".jog button:not(.hold):enabled").wait_for()
+    place = "(one) => one.getBoundingClientRect().top + scrollY"
+    watched = page.locator(f"{HOLD}, .control [data-step=first], .control [data-do=stop]")
+
+    def places() -> Any:
+        return [watched.nth(n).evaluate(place) for n in range(watched.count())]
+
+    found = []
+    for _ in range(2):
+        page.click(".jog button:not(.hold)")
+        page.locator(f"{HOLD}:enabled").wait_for()
+        found.append(places())
+        page.hover(HOLD)
+        with page.expect_request("**/jog/renew"):
+            page.mouse.down()
+        stage.wait(lambda: stage.view("pump-1")["last_stop"] is None, "the last stop is shown")
+        page.wait_for_timeout(300)
+        found.append(places())
+        page.mouse.up()
+        page.locator("[data-stop-by=jog]").wait_for()
+        found.append(places())
+    assert len(found[0]) == 3 and all(one == found[0] for one in found), found
+
+
 def test_a_jog_whose_renewal_fails_ends_with_an_error(stage: Stage, page: Any) -> None:
     """The page does not show the jog as running any more; a stop follows."""
     page.route("**/jog/renew", lambda route: route.abort())

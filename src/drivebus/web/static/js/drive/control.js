@@ -83,11 +83,12 @@ function StartBlockers({ view }) {
     (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//>`;
 }
 
-/** Who stopped the drive, and how, until it is started again. */
+/** Who stopped the drive, and how, until it is started again. Its place is reserved: a start moves no button that is held. */
 function LastStop({ view: { last_stop } }) {
-  if (!last_stop) return null;
+  if (!last_stop) return html`<p class="last-stop"></p>`;
   const { kind, actor, time_ms } = last_stop;
-  return html`<p class="soft" data-stop-by=${kind}>${t(`page.last_stop_${kind}`, { actor, time: moment(time_ms) })}</p>`;
+  const text = t(`page.last_stop_${kind}`, { actor, time: moment(time_ms) });
+  return html`<p class="last-stop soft" data-stop-by=${kind} title=${text}><span>${text}</span></p>`;
 }
 
 export function ControlPanel({ view }) {

@@ -13,8 +13,15 @@ import { JogSession } from "./jog-session.js";
 
 const HOLD_KEYS = new Set([" ", "Enter"]);
 
-/** A button that is held: `onHold` at the press, `onRelease` at a release, a lost focus or a hidden page. */
-function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
+/** Whether a pointer is on the element; of a captured one no event tells it. */
+function isOver(element, { clientX: x, clientY: y }) {
+  const { left, right, top, bottom } = element.getBoundingClientRect();
+  return x >= left && x <= right && y >= top && y <= bottom;
+}
+
+/** A button that is held: `onHold` at the press, `onRelease` at a release, a lost focus, a hidden page, or when the pointer
+ * slips off it. */
+function HoldButton({ disabled, held, onHold, onRelease, children, ...rest }) {
   const button = useRef(null);
   useEffect(() => {
     const hidden = () => { if (document.hidden) onRelease(); };
@@ -31,14 +38,15 @@ function HoldButton({ disabled, onHold, onRelease, children, ...rest }) {
     button.current.setPointerCapture(event.pointerId);
     onHold();
   };
+  const move = (event) => { if (!isOver(button.current, event)) onRelease(); };
   const key = (event) => {
     if (!HOLD_KEYS.has(event.key)) return;
     event.preventDefault();
     if (!event.repeat) onHold();
   };
   const keyUp = (event) => { if (HOLD_KEYS.has(event.key)) onRelease(); };
-  return html`<button type="button" class="button hold" ref=${button} disabled=${disabled} onPointerDown=${press}
-    onPointerUp=${onRelease} onPointerCancel=${onRelease} onLostPointerCapture=${onRelease} onKeyDown=${key}
+  return html`<button type="button" class=${`button hold ${held ? "held" : ""}`} ref=${button} disabled=${disabled}
+    onPointerDown=${press} onPointerMove=${move} onPointerUp=${onRelease} onPointerCancel=${onRelease} onLostPointerCapture=${onRelease} onKeyDown=${key}
       onKeyUp=${keyUp}
     onBlur=${onRelease} onContextMenu=${(event) => event.preventDefault()} ...${rest}>${children}</button>`;
 }
@@ -64,6 +72,7 @@ export function JogPanel({ view, disabled }) {
   const [armed, setArmed] = useState(null);
   const [hertz, setHertz] = useState("");
   const [status, setStatus] = useState({ phase: null, detail: null });
+  const [chosen, setChosen] = useState(null);
   const jog = useRef(null);
   const release = useRef(() => jog.current?.release()).current;
   useEffect(() => release, []);
@@ -85,20 +94,21 @@ export function JogPanel({ view, disabled }) {
     if (!isReady || isHeld) return;
     const frequency_hz = isEmpty ? null : numberOf(hertz);
     setArmed(null);
+    setChosen(direction);
     jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.token }, (phase, detail = null) => {
       setStatus({ phase, detail });
     });
     jog.current.run();
   };
   const button = (direction) => html`<${HoldButton} key=${direction} disabled=${!isReady && !isHeld}
-    onHold=${hold(direction)}
+    held=${isHeld && chosen === direction} onHold=${hold(direction)}
     onRelease=${release} data-jog=${direction}><${Icon} name=${direction} />${t("page.jog_hold", {
       way: t(`drives.direction_${direction}`) })}<//>`;
   return html`<section class="stack jog" aria-labelledby="jog-title"><h3 class="sr" id="jog-title">${t("page.jog")}</h3><p>
     ${t("page.jog_how")}</p>
     <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />
     <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
-      ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//>
-      ${directions.map(button)}</div>
+      ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//></div>
+    <div class="holds">${directions.map(button)}</div>
     <${ErrorNote} error=${error} /><${JogStatus} ...${status} /></section>`;
 }
