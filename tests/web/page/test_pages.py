@@ -273,6 +273,18 @@ def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, 
     expect(page.locator(".entry")).to_have_count(0)
 
 
+def test_a_search_of_the_trail_without_a_match_says_so(stage: Stage, visit: Any, expect: Any) -> None:
+    """Regression: an empty box stood there, above the number of all records."""
+    stage.call("start_inhibit.release", drive="fan-1")
+    page = visit("#/audit")
+    page.locator(".entry").first.wait_for()
+    none = page.locator("[role=status]", has_text=word("search_none"))
+    assert none.count() == 0
+    page.fill("main input[type=search]", "no record has this text")
+    expect(none).to_be_visible()
+    expect(page.locator(".audit")).to_be_hidden()
+
+
 def test_a_command_is_one_row_with_its_value_and_shows_both_records_when_opened(
     stage: Stage, visit: Any, expect: Any
 ) -> None:

@@ -42,6 +42,7 @@ function Trail() {
       <${Field} label=${t("page.search_loaded")}><input type="search" value=${search}
         onInput=${(event) => setSearch(event.target.value)} /><//><//>
     <ol class="audit">${shown.map((action) => html`<${ActionRow} key=${action.entry.n} action=${action} />`)}</ol>
+    ${shown.length === 0 && actions.length > 0 && html`<p class="nothing" role="status">${t("page.search_none")}</p>`}
     <${PagedEnd} list=${list} /></section>`;
 }
 
