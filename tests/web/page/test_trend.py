@@ -143,6 +143,13 @@ def test_a_duration_is_shown_with_its_two_largest_units(scripts: Any, span: int,
     assert module(scripts, "labels", f"m.duration({span}, name => name)") == message
 
 
+def test_a_tick_of_a_window_dragged_to_a_part_of_a_millisecond_has_its_whole_second(scripts: Any) -> None:
+    """Regression: after a zoom the ticks of 13:00:00 were named 12:59:59."""
+    at = "new Date(2026, 10, 26, 13).getTime() - 0.4"
+    assert module(scripts, "labels", f"m.timeLabel({at}, 60_000, 'en-GB')") == "13:00:00"
+    assert module(scripts, "labels", f"m.dayLine({at.replace('13', '0')}, 60_000, 'en-GB')") == "26 Nov"
+
+
 LINES = [
     {"tag": f"d.{name}", "unit": unit}
     for name, unit in [("hz", "Hz"), ("a", "A"), ("v", "V"), ("set", "Hz"), ("fault_word_0", "")]
