@@ -7,15 +7,16 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.values import Text
 from fixtures.browser import Stage
 from fixtures.web_app import PASSWORD
 
 
-def fall_idle(stage: Stage) -> None:
-    """Let the sessions of the operator become idle."""
-    for session in stage.access.sessions.of_user("operator"):
+def fall_idle(stage: Stage, user: str = "operator") -> None:
+    """Let the sessions of a user become idle."""
+    for session in stage.access.sessions.of_user(user):
         session.active -= SESSION_IDLE_TIMEOUT_S
 
 
@@ -34,6 +35,28 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.click("[data-do=unlock] button")
     page.wait_for_selector("[data-do=unlock]", state="detached")
     page.wait_for_selector(".lease.own")
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
+def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_its_input(
+    stage: Stage, visit: Any, size: tuple[int, int]
+) -> None:
+    """Regression: the form stood behind the dialog's veil, a minute later; a press on it closed the dialog."""
+    page = visit("#/drive/fan-2", size=size)
+    try:
+        page.click(f"text={i18n.text('page.limits_change', 'en')}")
+        page.fill(".dialog input[inputmode=decimal] >> nth=1", "41")
+        fall_idle(stage, "engineer")
+        page.click(".dialog button[type=submit]")
+        page.fill("[data-do=unlock] input[type=password]", PASSWORD)
+        assert page.locator(".stopbar .stop").first.is_enabled()
+        page.click("[data-do=unlock] button")
+        page.wait_for_selector("[data-do=unlock]", state="detached")
+        page.click(".dialog button[type=submit]")
+        page.locator(".dialog").wait_for(state="detached")
+        assert stage.view("fan-2")["maximum_hz"] == 41.0
+    finally:
+        stage.call("drive.limits", drive="fan-2")
 
 
 def test_a_notice_of_the_service_stays_until_it_is_closed_and_a_new_one_comes(stage: Stage, visit: Any) -> None:

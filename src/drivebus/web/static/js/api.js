@@ -63,13 +63,15 @@ async function send(method, path, { body, query, timeout_ms = REQUEST_TIMEOUT_MS
     body: body === undefined ? undefined : JSON.stringify(body),
   };
   const answer = await fetch(urlOf(path, query), how).catch(() => { throw unreachableError(method); });
-  if (!answer.ok) throw await endSessionOn401(await errorFrom(answer));
+  if (!answer.ok) throw followSession(await errorFrom(answer));
   return answer;
 }
 
-/** End the session of the page on any 401, which shows the login page. */
-function endSessionOn401(error) {
-  if (error.status === 401 && session.peek()?.user) session.value = { ...session.peek(), user: null, rights: [] };
+/** Show the login page on any 401, and the form that unlocks on the refusal of an idle session. */
+function followSession(error) {
+  if (!session.peek()?.user) return error;
+  if (error.status === 401) session.value = { ...session.peek(), user: null, rights: [] };
+  else if (error.code === "auth.idle") session.value = { ...session.peek(), idle: true };
   return error;
 }
 
