@@ -194,6 +194,31 @@ def test_a_drive_that_trips_moves_no_tile(stage: Stage, visit: Any, size: str, w
     assert page.evaluate(TURNS) == []
 
 
+TWO_TEXTS = """async (language) => {
+  const store = await import('/static/js/store.js');
+  const text = { en: 'over-voltage while decelerating, see the manual', zh: '减速过电压，见使用手册故障表' };
+  const fault = { code: 6, label: 'E6', text, cause: null, remedy: null };
+  const view = { state: 'fault', fault, start_inhibited: true };
+  const topics = Object.fromEntries(store.idsOf('drives').value.map((id) => [`drives/${id}`, view]));
+  store.applyDelta({ topics });
+  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  return [...document.querySelectorAll('.tile :is(.tilefault, .tilenote)')].map((one) => {
+    const line = parseFloat(getComputedStyle(one).lineHeight);
+    return one.clientHeight % line;
+  });
+}"""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [360, 1440])
+def test_a_fault_beside_a_note_shows_whole_lines(visit: Any, width: int, language: str) -> None:
+    """Regression: on a phone the second line of the fault was cut through its middle."""
+    page = visit("#/fleet", size=(width, 740), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    rests = page.evaluate(TWO_TEXTS)
+    assert len(rests) >= 8 and set(rests) == {0}
+
+
 def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) -> None:
     page = visit("#/fleet", size=(360, 740))
     page.locator(".tile").nth(4).wait_for()
