@@ -259,6 +259,7 @@ MS300 = SourceDrive(
     commands={0x2000: DELTA_ACTIONS.get, 0x2002: {0x02: "reset"}.get},  # 2002H: page 789; bbctrl-firmware writes 2
     setpoint_register=0x2001,
     setpoint_step_hz=0.01,  # page 789; FluidNC writes rpm * 100 / 60
+    settings={0x010C: 1000, 0x010D: 1000},  # GS10 manual page 4-69: 10.00 s; addresses: MH300 manual page A-9
     readings={
         0x2100: fault,  # page 790: low byte the fault, high byte a warning
         0x2101: delta_state,
