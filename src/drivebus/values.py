@@ -11,8 +11,10 @@ from typing import Literal
 from drivebus.i18n import LANGUAGES
 
 Coding = Literal["binary", "signed", "bcd"]
-HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4})[hH]", re.ASCII)
-"""Hexadecimal notation of the manuals and of programmers: ``0010H``, ``0x10``."""
+HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4}|[A-Fa-f][0-9A-Fa-f]{3})[hH]", re.ASCII)
+"""Hexadecimal notation of the manuals and of programmers: ``0010H``, ``FA00H``, ``0x10``; a letter first needs all four
+digits, so that no name is taken for a number.
+"""
 
 
 def parse_hex_word(text: str) -> int | None:

@@ -113,6 +113,31 @@ def test_every_listed_notation_finds_itself_and_is_shown_as_listed(model: str) -
         assert notation.format_locator(parameter.locator, profile) == parameter.notation
 
 
+@pytest.mark.parametrize("model", [name for name in profiles.models() if profiles.load(name).family == "modbus"])
+@pytest.mark.parametrize("space", ["holding", "input", "coil", "discrete"])
+def test_every_modbus_address_is_shown_in_a_form_that_means_the_same_when_it_is_typed(model: str, space: str) -> None:
+    """C34FH and FA00H were rejected, and the 0049H of a coil was read as a holding register."""
+    profile = profiles.load(model)
+    for place in (*range(0, 0x10000, 0x1111), 0x0010, 0x0049, 0xC34F, 0xFA00):
+        shown = notation.format_locator((space, place), profile)
+        for typed in (shown, shown.lower()):
+            assert notation.find_entry(profile, typed).locator == (space, place)
+
+
+def test_an_address_with_its_space_is_read_and_never_written() -> None:
+    """It is a bare address like 0049H: its meaning is not known."""
+    for model in ("h100", "vc660", "df800"):
+        found = notation.find_entry(profiles.load(model), "coil:0049H")
+        assert isinstance(found, Parameter) and not found.writable and not found.listed
+        assert found.locator == ("coil", 0x49) and found.notation == "coil:0049H"
+
+
+@pytest.mark.parametrize("text", ["EACH", "BH", "FFH", "1FA00FH", "FA00", "GA00H", "register:0049H", "coil:", "coil:x"])
+def test_letters_are_no_address_unless_all_four_digits_stand_before_the_h(text: str) -> None:
+    with pytest.raises(ProfileError):
+        notation.find_entry(profiles.load("vc660"), text)
+
+
 @pytest.mark.parametrize("group", "0123456789CEFHLP")
 def test_every_c320_address_is_shown_in_a_form_that_is_read_back(group: str) -> None:
     profile = profiles.load("c320")

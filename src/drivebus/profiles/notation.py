@@ -60,11 +60,14 @@ def parse_number(parameter: Parameter, text: str) -> float:
 
 
 def format_locator(locator: Locator, profile: DriveProfile) -> str:
-    """Return the manual's notation of an address: the profile's own where it lists the address."""
+    """Return the manual's notation of an address: the profile's own where it lists the address.
+
+    Where that notation finds an entry at another address, the space stands before it: ``holding:0000H``.
+    """
     listed = _find_listed(profile, locator)
-    if listed is not None:
-        return listed.notation
-    return _style(profile.notation).format(locator, profile.notation.highest)
+    shown = listed.notation if listed else _style(profile.notation).format(locator, profile.notation.highest)
+    other = _find_by_notation(profile, shown) if listed is None else None
+    return shown if other is None else f"{locator[0]}:{shown}"
 
 
 def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:

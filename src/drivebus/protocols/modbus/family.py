@@ -15,7 +15,21 @@ from drivebus.values import HEX_WORD, parse_hex_word
 
 _PARAMETER = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
 _DECIMAL = re.compile(r"[0-9]{1,5}", re.ASCII)
+_IN_SPACE = re.compile(r"(HOLDING|INPUT|COIL|DISCRETE):(.+)", re.ASCII)
 _LAST_ITEM = 99
+
+_Parse = Callable[[str, int, Mapping[str, int]], Locator | None]
+
+
+def _with_space(parse: _Parse) -> _Parse:
+    """Return a parser that also reads ``coil:0049H``; without its space an address is one of holding registers."""
+
+    def parse_in_space(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
+        match = _IN_SPACE.fullmatch(text)
+        found = parse(match[2] if match else text, highest, group_sizes)
+        return (match[1].lower(), found[1]) if match and found else found
+
+    return parse_in_space
 
 
 def _parse_hundreds(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
@@ -67,16 +81,22 @@ def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
 
 
 def _format_hundreds(locator: Locator, highest: int) -> str:
-    index = locator[1]
-    return f"F{index // 100}.{index % 100:02d}" if index <= highest else _format_register(locator, highest)
+    space, index = locator
+    is_parameter = space == "holding" and index <= highest
+    return f"F{index // 100}.{index % 100:02d}" if is_parameter else _format_register(locator, highest)
 
 
 def _format_register(locator: Locator, highest: int) -> str:
-    return f"{locator[1]:04X}H"
+    space, index = locator
+    return f"{index:04X}H" if space == "holding" else f"{space}:{index:04X}H"
 
 
 def _is_hexadecimal(text: str) -> bool:
     return HEX_WORD.fullmatch(text) is not None
+
+
+def _is_raw_address(text: str) -> bool:
+    return _is_hexadecimal(text) or _IN_SPACE.fullmatch(text) is not None
 
 
 FAMILY: Final = ProtocolFamily(
@@ -90,19 +110,19 @@ FAMILY: Final = ProtocolFamily(
     notations={
         "consecutive": NotationStyle(
             examples="F00.02, 3002H, 0x3002",
-            parse=_parse_consecutive,
+            parse=_with_space(_parse_consecutive),
             format=_format_register,
-            is_raw_address=_is_hexadecimal,
+            is_raw_address=_is_raw_address,
         ),
         "hundreds": NotationStyle(
             examples="F1.07 (F0.00-F9.99), 2001H, 0x2001",
-            parse=_parse_hundreds,
+            parse=_with_space(_parse_hundreds),
             format=_format_hundreds,
-            is_raw_address=_is_hexadecimal,
+            is_raw_address=_is_raw_address,
         ),
         "register": NotationStyle(
             examples="3002H, 0x3002, 12290",
-            parse=_parse_register,
+            parse=_with_space(_parse_register),
             format=_format_register,
             is_raw_address=lambda text: True,
         ),
