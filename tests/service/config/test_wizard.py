@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from drivebus.cli.commands import init as verb
 from drivebus.cli.main import cli
 from drivebus.commissioning.scan import DetectedDrive
+from drivebus.errors import ConfigurationError
 from drivebus.serial_settings import SerialSettings
 from drivebus.service import config
 from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers, plant_toml, read_answers
@@ -154,14 +155,67 @@ def test_a_scan_writes_the_stations_that_replied(tmp_path: Path) -> None:
     assert (bus.baud, bus.format) == (9600, "8N1")
 
 
-def test_a_scan_writes_the_model_of_a_less_common_make_and_notes_what_it_can_not_tell(tmp_path: Path) -> None:
+def test_a_scan_writes_the_model_of_a_less_common_make(tmp_path: Path) -> None:
     """Regression: a Goodrive 10 was written as a VC660."""
     path = tmp_path / "plant.toml"
     words = ["--scan", "--addresses", "2", "--listen-seconds", "0", "-o", path]
     assert init("sim://gd10@2?drives=19200-8E1", *words).exit_code == 0
     assert [drive.model for drive in config.load(path).drives] == ["gd10"]
-    result = init("sim://svd_p@2?drives=9600-8N2", *words, "--force")
-    assert "shihlin_se2 is assumed" in result.output and "svd_p" in path.read_text(encoding="utf-8")
+
+
+LOOK_ALIKES = ("--scan", "--addresses", "2", "--bauds", "9600", "--formats", "8N2", "--listen-seconds", "0")
+
+
+def test_none_of_several_look_alikes_is_written_as_the_model(tmp_path: Path) -> None:
+    """Regression: the first was written, a shihlin_se2 for an svd_p; it was right for 40 of 120 drives."""
+    path = tmp_path / "plant.toml"
+    result = init("sim://svd_p@2?drives=9600-8N2", *LOOK_ALIKES, "-o", path, "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["drives"] == [] and config.load(path).drives == ()
+    (undecided,) = told["undecided"]
+    assert undecided["address"] == 2 and {"svd_p", "shihlin_se2"} <= {*undecided["models"]}
+    assert "can't tell which model" in result.stderr and "--models" in result.stderr
+    text = path.read_text(encoding="utf-8")
+    assert all(model in text for model in undecided["models"])
+    uncommented = re.sub(r"(?m)^# (\[drive\.a-2\]|bus = |address = |model = |encoding = )", r"\1", text)
+    with pytest.raises(ConfigurationError):
+        config.loads(uncommented)
+    (drive,) = config.loads(uncommented.replace('model = "?"', 'model = "svd_p"')).drives
+    assert (drive.id, drive.model, drive.address, drive.bus) == ("a-2", "svd_p", 2, "a")
+
+
+def test_the_model_that_the_user_names_is_written_though_others_answer_alike(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    words = ("--scan", "--models", "c320", "--addresses", "1", "--listen-seconds", "0", "-o", path)
+    assert init("sim://c320@1", *words).exit_code == 0
+    assert [drive.model for drive in config.load(path).drives] == ["c320"]
+    assert "or c300" in path.read_text(encoding="utf-8"), "what else it may be stands beside it"
+    words = ("--scan", "--models", "c320,e300", *words[3:])
+    assert init("sim://c320@1", *words, "--force").exit_code == 0
+    assert config.load(path).drives == (), "two were named"
+
+
+@pytest.mark.parametrize(
+    ("typed", "models"), [("svd_p\n", ["svd_p"]), ("gd10\nshihlin_se2\n", ["shihlin_se2"]), ("\n", [])]
+)
+def test_at_a_terminal_the_user_is_asked_for_the_name_plate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, models: list[str]
+) -> None:
+    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    path = tmp_path / "plant.toml"
+    result = init("sim://svd_p@2?drives=9600-8N2", *LOOK_ALIKES, "-o", path, "--lang", "en", input=typed)
+    assert result.exit_code == 0, result.output
+    assert "which model is on the name plate" in result.output
+    assert [drive.model for drive in config.load(path).drives] == models
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_rules_and_examples_name_only_drives_whose_model_is_known(language: str) -> None:
+    drives = (DriveAnswer(1, "", candidates=("gd10", "vc660")), DriveAnswer(2, "vc660"))
+    text = plant_toml(PlantAnswers("x", (BusAnswer("tcp://127.0.0.1:1", drives),)), language)
+    assert [drive.address for drive in config.loads(text).drives] == [2]
+    assert "gd10, vc660" in text and '# drives = ["vc660-2"]' in text
 
 
 def test_a_model_that_fits_only_partly_is_written_with_its_doubt() -> None:
@@ -192,7 +246,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
 
 def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
-    line = verb._bus_answer("/dev/x", everybody)
+    line = verb._bus_answer("/dev/x", everybody, ("c320",))
     assert [(one.address, one.encoding, one.others) for one in line.drives] == [
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),

@@ -16,7 +16,6 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.scanning import (
     ScanRequest,
     listen_option,
-    note_assumed_models,
     search,
     search_options,
     select_alike,
@@ -24,7 +23,7 @@ from drivebus.cli.scanning import (
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive
-    from drivebus.service.config.wizard import BusAnswer, PlantAnswers
+    from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers
 
 
 def _init(
@@ -41,22 +40,32 @@ def _init(
 ) -> ExitCode:
     """Return 1 if a scan finds no drive. Raises ConfigurationError if the file exists or the answers are invalid."""
     from drivebus.service.config.load import loads
-    from drivebus.service.config.wizard import plant_toml, read_answers
+    from drivebus.service.config.wizard import PlantAnswers, plant_toml, read_answers
 
     _require_new_file(file, force)
     if scan:
         requests = [
             ScanRequest(port=port, models=models, addresses=addresses, bauds=bauds, formats=formats) for port in ports
         ]
-        found = asyncio.run(_scan_ports(requests, listen_seconds))
-        if isinstance(found, ExitCode):
-            return found
+        scanned = asyncio.run(_scan_ports(requests, listen_seconds))
+        if isinstance(scanned, ExitCode):
+            return scanned
+        buses = tuple(_bus_answer(port, drives, models or ()) for port, drives in scanned)
+        found = PlantAnswers(output.text("plant_init.default_title"), buses)
     else:
         found = read_answers(answers) if answers is not None else _ask_answers(ports)
     text = plant_toml(found, output.language())
     config = loads(text, file, Path(file).resolve().parent)
     _write(file, text, force)
-    output.print_json({"file": file, "plant": config.id, "drives": [drive.id for drive in config.drives]})
+    undecided = [
+        {"port": bus.link, "address": drive.address, "models": list(drive.candidates)}
+        for bus in found.buses
+        for drive in bus.drives
+        if drive.candidates
+    ]
+    output.print_json(
+        {"file": file, "plant": config.id, "drives": [drive.id for drive in config.drives], "undecided": undecided}
+    )
     if file != "-":
         output.print_message("plant_init.written", file=file, drives=len(config.drives), buses=len(config.buses))
     return ExitCode.DONE
@@ -89,15 +98,14 @@ def _write(file: str, text: str, force: bool) -> None:
 # --- a scan -------------------------------------------------------------------------------------------------------
 
 
-async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> PlantAnswers | ExitCode:
-    """Scan each port. Raises ConfigurationError without a port."""
+async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> list[tuple[str, list[DetectedDrive]]] | ExitCode:
+    """Scan each port; return it with its drives. Raises ConfigurationError without a port."""
     from drivebus.cli.signals import shutdown_signals
     from drivebus.errors import ConfigurationError
-    from drivebus.service.config.wizard import PlantAnswers
 
     if not requests:
         raise ConfigurationError("plant_init.no_link")
-    buses: list[BusAnswer] = []
+    scanned: list[tuple[str, list[DetectedDrive]]] = []
     with shutdown_signals() as shutdown:
         for request in requests:
             found = await shutdown.interruptible(search(request, listen_s))
@@ -106,30 +114,47 @@ async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> PlantAnsw
             if not found:
                 output.print_note("plant_init.no_drive", link=request.port)
                 return ExitCode.FAILED
-            buses.append(_bus_answer(request.port, found))
-    return PlantAnswers(output.text("plant_init.default_title"), tuple(buses))
+            scanned.append((request.port, found))
+    return scanned
 
 
-def _bus_answer(port: str, found: list[DetectedDrive]) -> BusAnswer:
-    from drivebus.service.config.wizard import BusAnswer, DriveAnswer
+def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...]) -> BusAnswer:
+    """Return the bus of a port. ``named``: models that the user gave with ``--models``."""
+    from drivebus.service.config.wizard import BusAnswer
 
     def left_out(drive: DetectedDrive) -> None:
         models = "/".join(drive.models)
         output.print_note("plant_init.left_out", link=port, address=drive.address, models=models)
 
-    chosen = select_alike(found, left_out)
-    note_assumed_models(chosen)
-    drives = tuple(
-        DriveAnswer(
-            drive.address,
-            drive.models[0],
-            encoding=drive.encoding,
-            others=drive.models[1:],
-            is_doubtful=drive.fits_partly,
-        )
-        for drive in chosen
-    )
+    drives = tuple(_drive_answer(port, drive, named) for drive in select_alike(found, left_out))
     return BusAnswer(port, drives, found[0].settings.baud, found[0].settings.format)
+
+
+def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> DriveAnswer:
+    """Return a drive with the model that the bus, ``--models`` or the user tells, or with all that it may be."""
+    from drivebus.service.config.wizard import DriveAnswer
+
+    stated = [model for model in drive.models if model in named]
+    if not drive.doubtful or len(stated) == 1:
+        model = stated[0] if stated else drive.models[0]
+        others = tuple(other for other in drive.models if other != model)
+        return DriveAnswer(drive.address, model, encoding=drive.encoding, others=others, is_doubtful=drive.fits_partly)
+    chosen = _ask_model(drive) if _on_terminal() else None
+    if chosen is not None:
+        return DriveAnswer(drive.address, chosen, encoding=drive.encoding)
+    output.print_note("plant_init.undecided", link=port, address=drive.address, models=", ".join(drive.models))
+    return DriveAnswer(drive.address, "", encoding=drive.encoding, candidates=drive.models)
+
+
+def _ask_model(drive: DetectedDrive) -> str | None:
+    """Ask which of the models that the bus can't tell apart the drive is; None where the user leaves it open."""
+    models = ", ".join(drive.models)
+    question = output.text("plant_init.ask_alike", address=drive.address, models=models)
+    while answer := click.prompt(question, default="", show_default=False, err=True).strip():
+        if answer in drive.models:
+            return str(answer)
+        output.print_note("cli.found_expected", found=answer, expected=models)
+    return None
 
 
 # --- questions ----------------------------------------------------------------------------------------------------

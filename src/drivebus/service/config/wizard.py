@@ -31,7 +31,10 @@ class DriveAnswer:
     encoding: str | None = None
     _: KW_ONLY
     others: tuple[str, ...] = ()
+    """Models that the bus can't tell from the one that the user stated."""
     is_doubtful: bool = False
+    candidates: tuple[str, ...] = ()
+    """Models that the drive may be where nobody chose one: ``model`` is empty, and its table is commented out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +152,9 @@ def _file_lines(answers: PlantAnswers, language: str) -> Iterator[str]:
         yield ""
         yield from _bus_lines(index, bus, language)
         for drive in bus.drives:
+            if drive.candidates:
+                yield from ("", *_undecided_lines(bus_id(index), drive, language))
+                continue
             ids.append(unique_id(_wanted_id(drive), ids))
             yield from ("", *(comment_lines("drive", language) if len(ids) == 1 else ()))
             yield from _drive_lines(ids[-1], bus_id(index), drive, language)
@@ -190,6 +196,15 @@ def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterat
         yield f"encoding = {toml_string(drive.encoding)}"
     if drive.title:
         yield f"title = {toml_string(drive.title)}"
+
+
+def _undecided_lines(bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
+    """Yield the table of a drive commented out: the model in it is no model until the user writes one."""
+    models = ", ".join(drive.candidates)
+    yield from comment_lines("undecided", language, address=str(drive.address), models=models)
+    yield from (f"# [drive.{bus}-{drive.address}]", f'# bus = "{bus}"', f"# address = {drive.address}", '# model = "?"')
+    if drive.encoding is not None:
+        yield f"# encoding = {toml_string(drive.encoding)}"
 
 
 class _Examples:
