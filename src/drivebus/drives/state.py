@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
 
 from drivebus import i18n
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Reading, Text
 
 
@@ -93,8 +94,7 @@ class DerivedState:
     @property
     def unknown_reason(self) -> Text:
         """Why the state is unknown."""
-        reason = self.reason or "drives.disagree"
-        return Text.per_language(lambda language: i18n.text(reason, language))
+        return bilingual_text(self.reason or "drives.disagree")
 
 
 STATE_NOT_READ = DerivedState(DriveState.UNKNOWN, reason="drives.not_read")

@@ -60,22 +60,26 @@ def text(key: str, language: str = "en", /, **params: Any) -> str:
     if sentence is None:
         return f"{key} {params}" if params else key
     values = _Placeholders({name: _localized(value, language) for name, value in params.items()})
-    return (_close_gaps(sentence, values) if language == "zh" else sentence).format_map(values)
+    return _close_gaps(sentence, values, _unspaced_letters(language)).format_map(values)
 
 
 _PLACEHOLDER = re.compile(r"( ?)(\{(\w+)[^{}]*\})( ?)")
-_CHINESE = re.compile("[\u3000-\u303f\u4e00-\u9fff\uff00-\uffef]")
 
 
-def _close_gaps(sentence: str, values: dict[str, Any]) -> str:
-    """Return a sentence without the spaces that would stand between two Chinese letters, as the page's ``t`` does."""
+def _unspaced_letters(language: str) -> re.Pattern[str]:
+    """Return the letters between two of which no space stands: the catalogue names them, for the page too."""
+    return re.compile(_sentence("language.unspaced_letters", language) or "(?!)")
+
+
+def _close_gaps(sentence: str, values: dict[str, Any], unspaced: re.Pattern[str]) -> str:
+    """Return a sentence without the spaces that would stand between two such letters once its values are in place."""
 
     def close(found: re.Match[str]) -> str:
         before, place, name, after = found.groups()
         value = str(values.get(name, ""))
         left, right = sentence[: found.start()][-1:], sentence[found.end() :][:1]
-        before = "" if _CHINESE.match(left) and _CHINESE.match(value[:1]) else before
-        after = "" if _CHINESE.match(value[-1:]) and _CHINESE.match(right) else after
+        before = "" if unspaced.match(left) and unspaced.match(value[:1]) else before
+        after = "" if unspaced.match(value[-1:]) and unspaced.match(right) else after
         return f"{before}{place}{after}"
 
     return _PLACEHOLDER.sub(close, sentence)

@@ -422,8 +422,7 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
             placed[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
             described = _build_parameter(notation, parameter, ("unplaced", 0), parameter.maximum)
-            reason = Text(locator.text("en"), locator.text("zh"))
-            unplaced[notation] = m.UnplacedParameter(described, reason)
+            unplaced[notation] = m.UnplacedParameter(described, Text.per_language(locator.text))
     return placed, unplaced
 
 

@@ -131,13 +131,14 @@ class StrictTable(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def _table_of_string(text: Any) -> Any:
+def table_of_text(text: Any) -> Any:
+    """Return a plain string as a table of one language. Raises PydanticKnownError for an empty table."""
     if text == {}:
         raise PydanticKnownError("missing", {})
     return {"en": text} if isinstance(text, str) else text
 
 
-LocalizedText = Annotated[dict[LanguageCode, Sentence], BeforeValidator(_table_of_string)]
+LocalizedText = Annotated[dict[LanguageCode, Sentence], BeforeValidator(table_of_text)]
 """Text by language. A plain string, or a table of one language, serves for all."""
 
 

@@ -63,7 +63,7 @@ def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
         key=resolve_path(table.key) if table.key else None,
         origins=tuple(table.origins),
         trusted_proxies=tuple(table.trusted_proxies),
-        login_notice=Text(table.login_notice.en, table.login_notice.zh) if table.login_notice else None,
+        login_notice=Text.from_mapping(table.login_notice) if table.login_notice else None,
     )
 
 

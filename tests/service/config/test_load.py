@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from drivebus.errors import ConfigurationError
 from drivebus.service import config
 from drivebus.service.config.load import state_directory_of
-from drivebus.service.config.model import OnClientLost, OnRestart, OnServiceStop
+from drivebus.service.config.model import OnClientLost, OnRestart, OnServiceStop, title_of
 
 SAMPLES = sorted(Path(config.__file__).parent.glob("sample.*.toml"))
 SMALL = """
@@ -59,3 +60,28 @@ def test_a_title_may_be_one_name_for_both_languages() -> None:
     plant = config.loads(SMALL.replace('id = "small"', 'id = "small"\ntitle = "Line 3"'))
     assert (plant.title.en, plant.title.zh) == ("Line 3", "Line 3")
     assert plant.drive("fan").title.zh == "fan"
+
+
+def test_a_title_may_be_in_any_languages(tmp_path: Path) -> None:
+    """Titles of exactly en and zh: a third language was an unknown key, and one language a missing key."""
+    path = tmp_path / "plant.toml"
+    path.write_text(
+        "format = 1\n[plant]\nid = 'p'\ntitle = { en = 'Mill', zh = '磨坊', de = 'Mühle' }\n"
+        "[bus.a]\nlink = 'sim://c320@1-3'\ntitle = { de = 'Sammelschiene' }\n"
+        "[gateway.web]\nlogin_notice = { en = 'staff only', pt-BR = 'somente equipe' }\n",
+        encoding="utf-8",
+    )
+    plant = config.load(path)
+    assert plant.title.by_language() == {"en": "Mill", "zh": "磨坊", "de": "Mühle"}
+    assert plant.buses[0].title.in_language("en") == "Sammelschiene"
+    assert title_of(plant.buses[0]).in_language("de") == "Sammelschiene"
+    notice = plant.gateway("web").settings.login_notice
+    assert (notice.zh, notice.in_language("pt-BR")) == ("staff only", "somente equipe")
+
+
+@pytest.mark.parametrize("title", ["{}", "{ English = 'x' }", "{ en = '' }", "{ en = 1 }", "1"])
+def test_a_title_without_a_text_or_of_no_language_is_refused(tmp_path: Path, title: str) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text(f"format = 1\n[plant]\nid = 'p'\ntitle = {title}\n", encoding="utf-8")
+    with pytest.raises(ConfigurationError):
+        config.load(path)

@@ -171,9 +171,9 @@ def test_none_of_several_look_alikes_is_written_as_the_model(tmp_path: Path) -> 
     path = tmp_path / "plant.toml"
     result = init("sim://svd_p@2?drives=9600-8N2", *LOOK_ALIKES, "-o", path, "--json")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["drives"] == [] and config.load(path).drives == ()
-    (undecided,) = told["undecided"]
+    printed = json.loads(result.stdout)
+    assert printed["drives"] == [] and config.load(path).drives == ()
+    (undecided,) = printed["undecided"]
     assert undecided["address"] == 2 and {"svd_p", "shihlin_se2"} <= {*undecided["models"]}
     assert "can't tell which model" in result.stderr and "--models" in result.stderr
     text = path.read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ SERVICE_TEXT_KEY = "service.text"  # the sentence of the service, in both langua
 
 
 def parse_text(found: Json | None) -> Text | None:
-    return None if found is None else Text(found["en"], found["zh"])
+    return None if found is None else Text.from_mapping(found)
 
 
 def parse_outcome(found: Json) -> Outcome:

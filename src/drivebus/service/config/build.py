@@ -34,7 +34,7 @@ from drivebus.service.config.model import (
     PlantConfig,
     RetentionConfig,
 )
-from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, TitleIn
+from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, Title
 from drivebus.values import Text
 
 
@@ -258,5 +258,5 @@ def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
         )
 
 
-def _text(title: TitleIn | None, id: str) -> Text:
-    return Text(id, id) if title is None else Text(title.en, title.zh)
+def _text(title: Title | None, id: str) -> Text:
+    return Text.from_mapping(title or {"en": id})

@@ -94,9 +94,10 @@ class GroupConfig:
     """Drive → ratio of its frequency to the leader's."""
 
 
-def title_of(item: BusConfig | DriveConfig | GroupConfig) -> Text:
-    """Return the title, in each language that it lacks the other one's or the id."""
-    return Text(item.title.en or item.id, item.title.zh or item.title.en or item.id)
+def title_of(item: BusConfig | DriveConfig | GroupConfig | InterlockConfig) -> Text:
+    """Return the title, in each language that it lacks the other one's; without a title the id."""
+    texts = {language: text for language, text in item.title.by_language().items() if text}
+    return Text.from_mapping(texts or {"en": item.id})
 
 
 class InterlockAction(StrEnum):

@@ -7,11 +7,12 @@ twice and every issue has a line. Each key is described in the catalogues, ``pla
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
+from drivebus.profiles.schema import LanguageCode, table_of_text
 from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig
 
@@ -37,17 +38,8 @@ class StrictModel(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class TitleIn(StrictModel):
-    en: ShortText
-    zh: ShortText
-
-
-def _in_both_languages(value: Any) -> Any:
-    """Expand a title that is written once for both languages."""
-    return {"en": value, "zh": value} if isinstance(value, str) else value
-
-
-Title = Annotated[TitleIn, BeforeValidator(_in_both_languages)]
+Title = Annotated[dict[LanguageCode, ShortText], BeforeValidator(table_of_text)]
+"""Title by language. A plain string, or a table of one language, serves for all."""
 
 
 class PlantTable(StrictModel):

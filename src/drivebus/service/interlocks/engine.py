@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.service.config.model import InterlockAction, InterlockConfig
+from drivebus.service.config.model import InterlockAction, InterlockConfig, title_of
 from drivebus.service.interlocks.evaluation import ValueLookup, compare, evaluate
 from drivebus.service.interlocks.expression import (
     STATE_NAME,
@@ -46,10 +46,9 @@ class Violation:
     @property
     def message_params(self) -> dict[str, Any]:
         """Parameters of the sentence ``interlocks.violated``; ``interlock`` and ``require`` are for programs."""
-        title, id = self.config.title, self.config.id
         why = Text("; ".join(text.en for text in self.reasons), "；".join(text.zh for text in self.reasons))
-        names = Text(title.en or id, title.zh or id)
-        return {"interlock": id, "require": self.config.require, "title": names, "why": why}
+        names = title_of(self.config)
+        return {"interlock": self.config.id, "require": self.config.require, "title": names, "why": why}
 
 
 @dataclass(slots=True)

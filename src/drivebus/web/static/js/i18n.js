@@ -10,6 +10,7 @@ const storedLanguage = loadPreference("language");
 /** "en" or "zh". */
 export const language = signal(storedLanguage in LANGUAGES ? storedLanguage : browserLanguage);
 const sentences = signal({});
+let unspaced = /(?!)/; // letters of the language between two of which no space stands
 
 async function fetchCatalogue(name) {
   const answer = await fetch(`/i18n/${name}.json`);
@@ -19,7 +20,9 @@ async function fetchCatalogue(name) {
 
 /** Load the catalogue of a language and change every text on the page at once. */
 export async function loadLanguage(name) {
-  sentences.value = await fetchCatalogue(name);
+  const found = await fetchCatalogue(name);
+  unspaced = new RegExp(found["language.unspaced_letters"]);
+  sentences.value = found;
   language.value = name;
   document.documentElement.lang = name === "zh" ? "zh-CN" : "en";
 }
@@ -43,15 +46,13 @@ export function t(key, params = {}) {
   });
 }
 
-const CHINESE = /[\u3000-\u303F\u4E00-\u9FFF\uFF00-\uFFEF]/;
-
 /** The space between two letters: Chinese has one beside Latin letters and digits only. */
-const gap = (space, left = "", right = "") => (CHINESE.test(left) && CHINESE.test(right) ? "" : space);
+const gap = (space, left = "", right = "") => (unspaced.test(left) && unspaced.test(right) ? "" : space);
 
-/** Two pieces of a sentence as one, without a space between two Chinese letters. */
+/** Two pieces of a sentence as one, without a space between two letters that have none between them. */
 function joined(left, right) {
-  const isChinese = CHINESE.test(left.trimEnd().at(-1) ?? "") && CHINESE.test(right.trimStart()[0] ?? "");
-  return isChinese ? left.trimEnd() + right.trimStart() : left + right;
+  const isUnspaced = unspaced.test(left.trimEnd().at(-1) ?? "") && unspaced.test(right.trimStart()[0] ?? "");
+  return isUnspaced ? left.trimEnd() + right.trimStart() : left + right;
 }
 
 /** `sentence` with `value` in place of its first `old`. */
