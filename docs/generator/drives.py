@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 from drivebus import profiles
@@ -15,7 +16,8 @@ MODELS_WITH_PAGE = ("c320", "dzb100", "vc660", "df800")
 PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
-def shipped() -> list[DriveProfile]:
+@cache
+def shipped() -> tuple[DriveProfile, ...]:
     """Return the built-in profiles, without those of the user, by maker.
 
     The makers of the models with a protocol page come first, and these models first among those of their maker.
@@ -29,7 +31,7 @@ def shipped() -> list[DriveProfile]:
         rank = makers.index(maker) if maker in makers else len(makers)
         return rank, maker, profile.model not in MODELS_WITH_PAGE, profile.model
 
-    return sorted(found, key=place)
+    return tuple(sorted(found, key=place))
 
 
 def makers_table(language: str) -> str:

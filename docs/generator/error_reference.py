@@ -6,6 +6,7 @@ import ast
 import json
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from drivebus import errors, i18n
@@ -70,6 +71,7 @@ def _sentence(key: str, language: str) -> str:
     return re.sub(r"\{([a-z_]+)[^}]*\}", r"*\1*", i18n.catalogue(language)[key])
 
 
+@cache
 def raised(folder: Path) -> dict[str, set[str]]:
     """Return error class → message keys with which the code raises it."""
     names = {one.__name__ for one in classes()}

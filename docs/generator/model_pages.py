@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import drivebus
@@ -77,7 +78,7 @@ def _parts(profile: DriveProfile, language: str) -> list[tuple[str, str]]:
     return parts
 
 
-def index(found: list[DriveProfile], language: str) -> str:
+def index(found: Iterable[DriveProfile], language: str) -> str:
     """Return the page with the table of all models."""
     title = "Drive models" if language == "en" else "变频器型号"
     switch = "[中文](README.zh.md)" if language == "en" else "[English](README.md)"

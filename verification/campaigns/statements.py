@@ -262,7 +262,7 @@ CAMPAIGN = Campaign(
     },
     unit="sessions",
     evidence_for=("I5",),
-    full_budget=20_000,
+    full_budget=100_000,
     ci_budget=600,
     run=run,
 )
