@@ -219,16 +219,13 @@ class BusCore:
     def health(self, address: int, now: float) -> StationHealth:
         """Return presence, error rates and suspicions of a station. Raises KeyError: address not registered."""
         station = self.stations[address]
-        failed, damaged, damage_rate = station.counters.error_window.rates(now)
         return StationHealth(
             presence=self.presence(address),
             suspect=station.state.is_suspect,
             foreign_master=self.unsolicited.has_foreign_master(now),
             duplicate_address=station.has_duplicate_address(now),
-            error_rate=failed,
-            damaged=damaged,
-            damage_rate=damage_rate,
             last_reply_at=station.last_reply_at,
+            **station.counters.error_window.rates(now)._asdict(),
         )
 
     def statistics(self, now: float) -> BusStatistics:
@@ -537,8 +534,8 @@ class BusCore:
         if transaction.message_size < prepared.reply_bytes:
             # An error reply repeats too little of its request to identify this sync probe (DF800: only the function).
             # Several in a row do, and a station that does not know the request must not stay offline for ever.
-            first_ones = station.sync_rejections < SYNC_REJECTIONS_REQUIRED - 1
-            return UntrustedReply("bus.sync_rejected", station=station.address) if first_ones else None
+            too_few = station.sync_rejections < SYNC_REJECTIONS_REQUIRED - 1
+            return UntrustedReply("bus.sync_rejected", station=station.address) if too_few else None
         if _matches_older_request(transaction):
             return UntrustedReply("bus.sync_ambiguous", station=station.address, seconds=MAX_REPLY_LATENESS_S)
         return None
@@ -777,21 +774,22 @@ class BusCore:
         data, prepared = bytes(transaction.buffer), transaction.prepared
         if not data or data == prepared.data:
             return
-        found = decode_request_prefix(prepared.codec, data)
-        if found is None or data[: found[1]] == prepared.data:
+        request = decode_request_prefix(prepared.codec, data)
+        if request is None or data[: request.size] == prepared.data:
             return
         if prepared.station.decode_reply_to(prepared.request, data) is not None:
             return  # its own reply, with stray bytes or not trusted: one of Huanyang HY has the form of a request
-        request, size = found
-        if is_late_reply(prepared.station, request, data[:size]):
-            frame = UnsolicitedFrame(TraceKind.LATE, prepared.station, request, size)
-        elif data[:size] == prepared.station.last_frame:
-            frame = UnsolicitedFrame(TraceKind.DUPLICATE, prepared.station, request, size)
+        kind, station, frame = TraceKind.FOREIGN_REQUEST, None, data[: request.size]
+        if is_late_reply(prepared.station, request.message, frame):
+            kind, station = TraceKind.LATE, prepared.station
+        elif frame == prepared.station.last_frame:
+            kind, station = TraceKind.DUPLICATE, prepared.station
         else:
             self.unsolicited.record_foreign_request(now)
-            frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request, size)
-        received_at = (transaction.last_byte_at or now) - (len(data) - size) * self.character_s
-        self._record_unsolicited(frame, data[:size], received_at, now)
+        received_at = (transaction.last_byte_at or now) - (len(data) - request.size) * self.character_s
+        self._record_unsolicited(
+            UnsolicitedFrame(kind, station, request.message, request.size), frame, received_at, now
+        )
 
     def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
         """Count an unsolicited frame; a second or a foreign reply makes its station suspect."""

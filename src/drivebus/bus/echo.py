@@ -64,15 +64,15 @@ class EchoDetector:
 
     def observe(self, transaction: Transaction) -> None:
         """Update the state from a finished transaction."""
-        used = transaction.echo
-        if used is not None and used.is_complete and used.sent:
+        echo = transaction.echo
+        if echo is not None and echo.is_complete and echo.sent:
             self.echo_count += 1
             self._missing_echoes = 0
             self.state = EchoState.ON
-        elif used is not None and used.tentative:
-            alone = not used.matched and transaction.message is not None and transaction.final_error() is None
+        elif echo is not None and echo.tentative:
+            alone = not echo.matched and transaction.message is not None and transaction.final_error() is None
             self.state = EchoState.OFF if alone else EchoState.UNKNOWN
-        elif used is not None:
+        elif echo is not None:
             self._missing_echoes += 1
             if self.autodetect and self._missing_echoes >= MAX_MISSING_ECHOES:
                 self.reset()
@@ -81,8 +81,8 @@ class EchoDetector:
 
     def accepts(self, transaction: Transaction) -> bool:
         """Return whether this complete reply is not our own frame; a reply unlike its request rules the echo out."""
-        used = transaction.echo
-        if used is not None and used.is_complete and used.sent:
+        echo = transaction.echo
+        if echo is not None and echo.is_complete and echo.sent:
             return True
         if transaction.buffer != transaction.prepared.data:
             self.ruled_out = self.ruled_out or not transaction.bytes_before_tx_end

@@ -50,7 +50,7 @@ def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | N
     """
     for unanswered in reversed(station.unanswered_requests):
         reply = station.decode_reply_to(unanswered.request, data) if received_at < unanswered.until else None
-        if reply is not None and reply[1] == len(data):
+        if reply is not None and reply.size == len(data):
             return _late_error(station, unanswered.tx_end_at, received_at)
     return None
 
@@ -58,7 +58,7 @@ def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | N
 def late_reply_to_last_request(station: Station, data: bytes, received_at: float) -> NoReply | None:
     """Return the error of a reply to the last request, however long ago that was, None where ``data`` is none."""
     reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
-    if reply is None or reply[1] != len(data):
+    if reply is None or reply.size != len(data):
         return None
     return _late_error(station, station.last_request_sent_at, received_at)
 
@@ -87,7 +87,7 @@ def _stray_bytes_before(transaction: Transaction, data: bytes) -> HeaderError | 
     prepared = transaction.prepared
     for count in range(1, min(MAX_STRAY_BYTES, len(data) - 1) + 1):
         reply = prepared.station.decode_reply_to(prepared.request, data[count:])
-        if reply is not None and reply[1] == len(data) - count:
+        if reply is not None and reply.size == len(data) - count:
             stray = data[:count].hex(" ").upper()
             return HeaderError("bus.stray_before", station=prepared.station.address, count=count, bytes=stray)
     return None

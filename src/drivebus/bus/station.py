@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from drivebus.bus.messages import StationConfig
 from drivebus.bus.statistics import Counters
 from drivebus.errors import ProtocolError
-from drivebus.protocols.codec import Effect, Incomplete
+from drivebus.protocols.codec import DecodedFrame, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
 MIN_PROBE_INTERVAL_S = 1.0  # first pause between sync probes to a station that does not reply; doubles each time
@@ -327,13 +327,13 @@ class Station:
         self.sync_probe_count += 1
         return other
 
-    def decode_reply_to(self, request: Any, data: bytes) -> tuple[Any, int] | None:
-        """Return the reply to ``request`` at the start of ``data`` and its size, None where there is none."""
+    def decode_reply_to(self, request: Any, data: bytes) -> DecodedFrame | None:
+        """Return the reply to ``request`` at the start of ``data``, None where there is none."""
         try:
             result = self.codec.decode_reply(request, data)
         except ProtocolError:
             return None
-        return None if isinstance(result, Incomplete) else (result.message, result.size)
+        return None if isinstance(result, Incomplete) else result
 
 
 class ProbeBudget:

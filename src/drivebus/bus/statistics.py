@@ -46,20 +46,26 @@ class ErrorWindow:
         """Return the numbers of good, unanswered and damaged transactions."""
         if now >= self._ends_at:
             self._advance(now)
-        good, silent, damaged = map(sum, zip(*self._slices, strict=True))
-        return good, silent, damaged
+        good, unanswered, damaged = map(sum, zip(*self._slices, strict=True))
+        return good, unanswered, damaged
 
-    def rates(self, now: float) -> tuple[float, int, float]:
-        """Return the share that failed, the number of damaged ones and their share; 0 without transactions."""
-        totals = self.totals(now)
-        failed, damaged = _rates(totals)
-        return failed, totals[DAMAGED], damaged
+    def rates(self, now: float) -> ErrorRates:
+        """Return the rates of the last five minutes."""
+        return error_rates(*self.totals(now))
 
 
-def _rates(totals: tuple[int, int, int]) -> tuple[float, float]:
-    """Return the shares of failed and of damaged transactions."""
-    count = sum(totals)
-    return ((totals[NO_REPLY] + totals[DAMAGED]) / count, totals[DAMAGED] / count) if count else (0.0, 0.0)
+class ErrorRates(NamedTuple):
+    """Share of the transactions that failed, and number and share of the damaged ones."""
+
+    error_rate: float
+    damaged: int
+    damage_rate: float
+
+
+def error_rates(good: int, unanswered: int, damaged: int) -> ErrorRates:
+    """Return the rates of these numbers of transactions; 0 without any."""
+    count = good + unanswered + damaged
+    return ErrorRates((unanswered + damaged) / count, damaged, damaged / count) if count else ErrorRates(0.0, 0, 0.0)
 
 
 class Counters:
@@ -153,30 +159,41 @@ class BusShare(NamedTuple):
     transactions_per_s: float = 0.0
 
 
+class RecentTransaction(NamedTuple):
+    """Bus time of an ended transaction."""
+
+    ended_at: float
+    wire_s: float
+    """Time of its bytes on the wire, in either direction."""
+    occupied_s: float
+    """Time in which no other frame could be sent."""
+    station: Counters
+
+
 class RecentActivity:
-    """The most recent transactions of a bus: end, time on the wire, time occupied, station."""
+    """The most recent transactions of a bus."""
 
     __slots__ = ("_recent",)
 
     def __init__(self) -> None:
-        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT_TRANSACTIONS)
+        self._recent: deque[RecentTransaction] = deque(maxlen=RECENT_TRANSACTIONS)
 
     def add(self, now: float, wire_s: float, occupied_s: float, station: Counters) -> None:
         """Add a transaction that ended at ``now``."""
-        self._recent.append((now, wire_s, occupied_s, station))
+        self._recent.append(RecentTransaction(now, wire_s, occupied_s, station))
 
     def shares(self, now: float, since: float) -> dict[Counters | None, BusShare]:
         """Return the shares of the whole bus (None) and of each station, over the last minute at most."""
-        earliest = max(since, now - LOAD_WINDOW_S)
-        recent = [entry for entry in self._recent if entry[0] > earliest]
-        full = len(recent) == RECENT_TRANSACTIONS
-        started_at = recent[0][0] if full else earliest
+        started_at = max(since, now - LOAD_WINDOW_S)
+        recent = [transaction for transaction in self._recent if transaction.ended_at > started_at]
+        if len(recent) == RECENT_TRANSACTIONS:  # those before are no longer known: count from the end of the first
+            started_at = recent.pop(0).ended_at
         span_s = max(now - started_at, 1e-9)
         sums: dict[Counters | None, tuple[float, float, int]] = {}
-        for _, wire_s, occupied_s, station in recent[full:]:
-            for owner in (None, station):
-                wire_sum_s, occupied_sum_s, count = sums.get(owner, (0.0, 0.0, 0))
-                sums[owner] = wire_sum_s + wire_s, occupied_sum_s + occupied_s, count + 1
+        for transaction in recent:
+            for owner in (None, transaction.station):
+                wire_s, occupied_s, count = sums.get(owner, (0.0, 0.0, 0))
+                sums[owner] = wire_s + transaction.wire_s, occupied_s + transaction.occupied_s, count + 1
         return {
             owner: BusShare(
                 load_percent=min(100.0, 100 * wire_s / span_s),
@@ -190,7 +207,6 @@ class RecentActivity:
 def station_snapshot(counters: Counters, share: BusShare, now: float) -> StationStatistics:
     """Return the statistics of one station."""
     p50, p95, p99 = percentiles(sorted(counters.reply_times_s))
-    failed, damaged, damage_rate = counters.error_window.rates(now)
     return StationStatistics(
         transactions=counters.transactions,
         replies=counters.replies,
@@ -199,11 +215,9 @@ def station_snapshot(counters: Counters, share: BusShare, now: float) -> Station
         reply_p50_s=p50,
         reply_p95_s=p95,
         reply_p99_s=p99,
-        error_rate=failed,
         errors=dict(counters.errors),
         counters=dict(counters.events),
-        damaged=damaged,
-        damage_rate=damage_rate,
+        **counters.error_window.rates(now)._asdict(),
         **share._asdict(),
     )
 
@@ -224,8 +238,7 @@ def bus_snapshot(
     shares = activity.shares(now, opened_at)
     all_counters = [counters, *stations.values()]
     totals = zip(*(item.error_window.totals(now) for item in all_counters), strict=True)
-    good, unanswered, damaged = (sum(counts) for counts in totals)
-    failed, damage_rate = _rates((good, unanswered, damaged))
+    rates = error_rates(*(sum(counts) for counts in totals))
     p50, p95, p99 = percentiles(sorted(reply_s for item in all_counters for reply_s in item.reply_times_s))
     return BusStatistics(
         transactions=sum(item.transactions for item in all_counters),
@@ -235,11 +248,8 @@ def bus_snapshot(
         reply_p50_s=p50,
         reply_p95_s=p95,
         reply_p99_s=p99,
-        error_rate=failed,
         errors=dict(counters.errors),
         counters={**counters.events, "echo": echoes},
-        damaged=damaged,
-        damage_rate=damage_rate,
         name=name,
         elapsed_s=now - first_opened_at,
         queued=queued,
@@ -247,6 +257,7 @@ def bus_snapshot(
             address: station_snapshot(station, shares.get(station, BusShare()), now)
             for address, station in stations.items()
         },
+        **rates._asdict(),
         **shares.get(None, BusShare())._asdict(),
     )
 

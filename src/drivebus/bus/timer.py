@@ -25,8 +25,9 @@ NEVER = float("inf")
 TIMER_SLACK_S = 20e-6  # a timer due within this time is served now: arming the kernel timer would take as long
 WAKE_UP_S = 40e-6  # from the kernel timer's expiry to the first line of its callback, most of the time
 SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after this: at once would block the loop
-NEAR_TIMER_HORIZON_S = 0.01  # gaps (near) and deadlines (far) have a timer each; setting a kernel timer costs as much
-# as a whole transaction, so a gap must not replace the setting for the deadline, which is seldom reached
+NEAR_TIMER_HORIZON_S = 0.01
+"""Limit between gaps (near) and deadlines (far), which have a timer each: setting a kernel timer costs as much as a
+transaction, so a gap must not replace the setting for the deadline, which is seldom reached."""
 
 
 class TimerBackend(Protocol):
@@ -67,6 +68,8 @@ class TimerQueue:
         self._heap: list[tuple[float, int, BusTimer]] = []
         self._count = 0
         self._running = False
+        self.user_count = 0
+        """Buses that have acquired this queue and not released it."""
         self.precise = False
         """Whether kernel timers are in use."""
         self.now: Callable[[], float] = loop.time
@@ -202,7 +205,7 @@ class _LoopTimer:
             self._handle = None
 
 
-_queues: WeakKeyDictionary[asyncio.AbstractEventLoop, tuple[TimerQueue, list[int]]] = WeakKeyDictionary()
+_queues: WeakKeyDictionary[asyncio.AbstractEventLoop, TimerQueue] = WeakKeyDictionary()
 
 
 def loop_now(loop: asyncio.AbstractEventLoop) -> float:
@@ -216,16 +219,17 @@ def loop_now(loop: asyncio.AbstractEventLoop) -> float:
 
 def acquire(loop: asyncio.AbstractEventLoop) -> TimerQueue:
     """Return the loop's timer queue, created for its first bus and closed when the last one releases it."""
-    queue, users = _queues.get(loop) or (TimerQueue(loop), [0])
-    _queues[loop] = (queue, users)
-    users[0] += 1
+    queue = _queues.get(loop)
+    if queue is None:
+        queue = _queues[loop] = TimerQueue(loop)
+    queue.user_count += 1
     return queue
 
 
 def release(loop: asyncio.AbstractEventLoop) -> None:
     """Release the loop's timer queue for one bus."""
-    queue, users = _queues[loop]
-    users[0] -= 1
-    if users[0] == 0:
+    queue = _queues[loop]
+    queue.user_count -= 1
+    if queue.user_count == 0:
         del _queues[loop]
         queue.close()

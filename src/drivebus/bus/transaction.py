@@ -4,7 +4,8 @@
                             │  ▲                      │
                             │  └ another station's    └ a further byte ▶ invalid (TrailingError)
                             │    frame: dropped
-                            ├ line error, collision, wrong reply ▶ invalid, ends when the bus is silent/ at the deadline
+                            ├ line error, collision, wrong reply ▶ invalid, ends when the bus is silent,
+                            │                                     at the deadline at the latest
                             └ deadline (absolute) ▶ no reply (NoReply)
 
 Received bytes never move the deadline; ``BusCore.on_data`` still adds bytes that a busy host reads up to 0.2 s after
@@ -176,7 +177,7 @@ class Transaction:
         """Return whether the bytes after the reply are another reply, as of two drives at one address."""
         rest = bytes(self.buffer[error.expected :]) if isinstance(error.expected, int) else b""
         second = self.prepared.station.decode_reply_to(self.prepared.request, rest) if rest else None
-        return second is not None and second[1] > 0
+        return second is not None and second.size > 0
 
     def _decode(self) -> None:
         """Decode the buffer. A complete frame of another station is dropped, and the wait continues."""

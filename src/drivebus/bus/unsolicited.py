@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from drivebus.bus.station import Station
 from drivebus.bus.trace import TraceKind
 from drivebus.errors import ProtocolError
-from drivebus.protocols.codec import Codec, Complete, Incomplete
+from drivebus.protocols.codec import Codec, Complete, DecodedFrame, Incomplete
 
 MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; no frame of these families is longer
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
@@ -70,16 +70,19 @@ def classify(data: bytes, stations: Iterable[Station], after_foreign_request: bo
         reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
         if reply is not None:
             kind = TraceKind.LATE if station.state.is_suspect else TraceKind.DUPLICATE
-            return UnsolicitedFrame(TraceKind.FOREIGN if after_foreign_request else kind, station, *reply)
+            kind = TraceKind.FOREIGN if after_foreign_request else kind
+            return UnsolicitedFrame(kind, station, reply.message, reply.size)
     tried: list[object] = []
     for station in known:
         if any(codec is station.codec for codec in tried):
             continue
         tried.append(station.codec)
-        found = decode_request_prefix(station.codec, data)
-        if found is not None:
-            late = next((other for other in known if is_late_reply(other, found[0], data[: found[1]])), None)
-            return UnsolicitedFrame(TraceKind.FOREIGN_REQUEST if late is None else TraceKind.LATE, late, *found)
+        request = decode_request_prefix(station.codec, data)
+        if request is not None:
+            frame = data[: request.size]
+            late = next((other for other in known if is_late_reply(other, request.message, frame)), None)
+            kind = TraceKind.FOREIGN_REQUEST if late is None else TraceKind.LATE
+            return UnsolicitedFrame(kind, late, request.message, request.size)
     return UnsolicitedFrame(TraceKind.UNSOLICITED, None, None, len(data))
 
 
@@ -98,10 +101,10 @@ def is_late_reply(station: Station, request: Any, frame: bytes) -> bool:
         return False
 
 
-def decode_request_prefix(codec: Codec, data: bytes) -> tuple[Any, int] | None:
-    """Return the request at the start of ``data`` and its size, None where there is none."""
+def decode_request_prefix(codec: Codec, data: bytes) -> DecodedFrame | None:
+    """Return the request at the start of ``data``, None where there is none."""
     try:
         result = codec.decode_request(data)
     except ProtocolError:
         return None
-    return None if isinstance(result, Incomplete) else (result.message, result.size)
+    return None if isinstance(result, Incomplete) else result

@@ -44,7 +44,8 @@ class CompleteIfSilent:
     need: int
 
 
-DecodeResult = Incomplete | Complete | CompleteIfSilent
+DecodedFrame = Complete | CompleteIfSilent
+DecodeResult = Incomplete | DecodedFrame
 
 
 class Codec(Protocol):
