@@ -13,7 +13,6 @@ from drivebus.bus import Bus
 from drivebus.drives import Drive, MemoryStore, create_dialect
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, reported_fault
 from drivebus.drives.dialects.dzb100 import (
-    CODINGS,
     Dzb100Dialect,
     decode_or_none,
     highest_safe_word,
@@ -25,6 +24,7 @@ from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import ConfigurationError, LimitError
 from drivebus.ports import open_port
 from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.dzb100 import FREQUENCY_CODINGS
 from drivebus.values import Quality
 from fixtures.drives import MODELS, dialect_for
 
@@ -288,8 +288,8 @@ def test_dzb100_parameters_have_a_coding_of_their_own(coding: str, raw: int, sec
 
 def test_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() -> None:
     """Every word, with every set of codings that may be left."""
-    for count in range(1, 1 << len(CODINGS)):
-        left = tuple(c for place, c in enumerate(CODINGS) if count >> place & 1)
+    for count in range(1, 1 << len(FREQUENCY_CODINGS)):
+        left = tuple(c for place, c in enumerate(FREQUENCY_CODINGS) if count >> place & 1)
         for word in range(highest_safe_word(left) + 1):
             if is_within_cap(word, left):
                 assert all((decode_or_none(word, c) or 0.0) <= 5.0 for c in left)
@@ -297,7 +297,7 @@ def test_no_word_below_the_cap_is_more_than_five_hertz_under_any_coding() -> Non
 
 
 def test_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
-    assert highest_safe_word(CODINGS) == 5
+    assert highest_safe_word(FREQUENCY_CODINGS) == 5
     assert highest_safe_word(("hex-0.1", "hex-0.01", "decimal-0.1")) == 0x32
     assert highest_safe_word(("hex-0.1",)) == 50
 

@@ -129,7 +129,7 @@ def test_byte_by_byte_is_the_same_as_whole_and_a_frame_ends_at_eleven_bytes(vect
 def test_a_stop_leaves_with_0000_whatever_it_is_given(command: Dzb100Command, data: int, everyone: bool) -> None:
     frame = CODEC.encode_request(dzb100.Dzb100Control(0 if everyone else 9, command, data, everyone))
     assert frame[7:] == b"0000"
-    assert dzb100.classify_frame(frame) is Effect.STOP
+    assert dzb100.frame_effect(frame) is Effect.STOP
 
 
 @pytest.mark.parametrize("command", [Dzb100Command.STOP, Dzb100Command.STOP_2])
@@ -163,15 +163,15 @@ def test_a_parameter_is_read_with_r_never_with_p(address: int, parameter: int) -
     frame = CODEC.encode_request(dzb100.Dzb100ReadParameter(address, parameter))
     assert frame[:1] == b"R"
     assert frame[7:] == b"0000"
-    assert dzb100.classify_frame(frame) is Effect.NONE
+    assert dzb100.frame_effect(frame) is Effect.NONE
 
 
 def test_the_manuals_seven_byte_p_read_is_the_beginning_of_a_write_never_a_read() -> None:
     read = b"P\x03\x010323"
     assert CODEC.decode_request(read) == Incomplete(11)
     assert CODEC.decode_request(read + b"0000").message == dzb100.Dzb100WriteParameter(3, 23, 0)
-    assert dzb100.classify_frame(read + b"0000") is Effect.SETTING
-    assert dzb100.classify_frame(read) is Effect.MOTION
+    assert dzb100.frame_effect(read + b"0000") is Effect.SETTING
+    assert dzb100.frame_effect(read) is Effect.MOTION
 
 
 @pytest.mark.parametrize(
@@ -358,7 +358,7 @@ def test_random_bytes_raise_nothing_but_protocol_errors() -> None:
                 decode(data)
             except ProtocolError as error:
                 assert str(error) != error.key
-        dzb100.classify_frame(data)
+        dzb100.frame_effect(data)
 
 
 # -- values --------------------------------------------------------------------------------------------------------
@@ -434,7 +434,7 @@ def test_a_state_word_comes_back(word: dzb100.StateWord) -> None:
 
 @given(requests)
 def test_the_effect_of_a_request_is_read_from_its_bytes(request: dzb100.Dzb100Request) -> None:
-    found = dzb100.classify_frame(CODEC.encode_request(request))
+    found = dzb100.frame_effect(CODEC.encode_request(request))
     if isinstance(request, dzb100.Dzb100Control):
         setting = Effect.SETTING if request.command is Dzb100Command.RESET else Effect.MOTION
         assert found is (Effect.STOP if request.command.is_stop else setting)
@@ -456,7 +456,7 @@ def test_the_effect_of_a_request_is_read_from_its_bytes(request: dzb100.Dzb100Re
     ids=["nothing", "cut", "stop with a frequency", "odd command digit", "trailing", "bad S", "query of everybody"],
 )
 def test_what_is_not_one_canonical_frame_counts_as_motion(frame: bytes) -> None:
-    assert dzb100.classify_frame(frame) is Effect.MOTION
+    assert dzb100.frame_effect(frame) is Effect.MOTION
 
 
 @pytest.mark.parametrize(

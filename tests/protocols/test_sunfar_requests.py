@@ -33,7 +33,7 @@ from fixtures.sunfar_messages import (
 def test_bytes_4_and_5_of_a_read_are_always_the_digits_00(encoding: Encoding, request: sunfar.SunfarRequest) -> None:
     frame = CODECS[encoding].encode_request(request)
     assert frame[4:6] == (b"00" if encoding == "ascii" else b"\x00\x00")
-    assert sunfar.classify_frame(frame) is Effect.NONE
+    assert sunfar.frame_effect(frame) is Effect.NONE
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -52,7 +52,7 @@ def test_no_read_that_there_is_carries_an_operation(encoding: Encoding) -> None:
 def test_a_write_carries_no_operation(encoding: Encoding, request: sunfar.SunfarWriteParameter) -> None:
     frame = CODECS[encoding].encode_request(request)
     assert frame[4:6] == (b"00" if encoding == "ascii" else b"\x00\x00")
-    assert sunfar.classify_frame(frame) is Effect.SETTING
+    assert sunfar.frame_effect(frame) is Effect.SETTING
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_stop_is_never_rejected_and_carries_0000(
 ) -> None:
     frame = CODECS[encoding].encode_request(sunfar.SunfarControl(address, operation, data))
     assert CODECS[encoding].decode_request(frame).message.request == sunfar.SunfarControl(address, operation)
-    assert sunfar.classify_frame(frame) is Effect.STOP
+    assert sunfar.frame_effect(frame) is Effect.STOP
 
 
 @pytest.mark.parametrize(
@@ -118,21 +118,21 @@ def test_an_unknown_encoding_is_rejected() -> None:
 @given(encodings, controls)
 def test_the_effect_of_a_command_is_read_from_its_bytes(encoding: Encoding, request: sunfar.SunfarControl) -> None:
     frame = CODECS[encoding].encode_request(request)
-    name, found = request.operation.name, sunfar.classify_frame(frame)
-    if "STOP" in name:
-        assert found is (Effect.SETTING if request.data and request.operation not in STOPS else Effect.STOP)
-    elif name in ("SET_FREQUENCY", "RESET_FAULT"):
-        assert found is (Effect.SETTING)
+    name, found = request.operation.name, sunfar.frame_effect(frame)
+    if request.operation in STOPS:
+        assert found is Effect.STOP
+    elif name in ("NONE", "STOP_AT", "JOG_STOP_AT", "SET_FREQUENCY", "RESET_FAULT"):
+        assert found is Effect.SETTING
     else:
-        assert found is (Effect.NONE if name == "NONE" else Effect.MOTION)
+        assert found is Effect.MOTION
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_stop_that_brings_a_frequency_or_writes_is_a_setting(encoding: Encoding) -> None:
     form = FORMS[encoding]
-    assert sunfar.classify_frame(form.build(CONTROL_LAYOUT, 1, 4, SunfarOperation.STOP, 999)) is Effect.SETTING
-    assert sunfar.classify_frame(form.build(WRITE_LAYOUT, 1, 3, SunfarOperation.STOP, 0, 0, 1)) is Effect.SETTING
-    assert sunfar.classify_frame(form.build(CONTROL_LAYOUT, 1, 4, SunfarOperation.NONE, 999)) is Effect.SETTING
+    assert sunfar.frame_effect(form.build(CONTROL_LAYOUT, 1, 4, SunfarOperation.STOP, 999)) is Effect.SETTING
+    assert sunfar.frame_effect(form.build(WRITE_LAYOUT, 1, 3, SunfarOperation.STOP, 0, 0, 1)) is Effect.SETTING
+    assert sunfar.frame_effect(form.build(CONTROL_LAYOUT, 1, 4, SunfarOperation.NONE, 999)) is Effect.SETTING
 
 
 @given(encodings, requests)
@@ -141,11 +141,11 @@ def test_what_is_not_one_whole_canonical_frame_counts_as_motion(
 ) -> None:
     frame = CODECS[encoding].encode_request(request)
     for wrong in (frame[:-1], frame + b"\r", b"", b"#" + frame[1:], frame[:-2] + bytes((frame[-2] ^ 1,)) + frame[-1:]):
-        assert sunfar.classify_frame(wrong) is Effect.MOTION
+        assert sunfar.frame_effect(wrong) is Effect.MOTION
 
 
 def test_a_tolerated_spelling_counts_as_motion() -> None:
-    assert sunfar.classify_frame(b"*0010000:018:\r") is Effect.MOTION
+    assert sunfar.frame_effect(b"*0010000:018:\r") is Effect.MOTION
 
 
 @given(groups, items)

@@ -112,7 +112,7 @@ def test_a_station_decodes_the_operation_in_every_class(
     received = CODECS[encoding].decode_request(frame).message
     assert (received.operation, received.request.frame_class, received.request.address) == (operation, kind, 7)
     moves = operation.name.startswith(("RUN", "JOG")) and "STOP" not in operation.name
-    assert (sunfar.classify_frame(frame) is Effect.MOTION) is moves
+    assert (sunfar.frame_effect(frame) is Effect.MOTION) is moves
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

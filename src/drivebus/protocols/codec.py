@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
+from drivebus.errors import ProtocolError
+
 
 class Effect(Enum):
     """Effect of a frame on the drive, derived from its bytes."""
@@ -97,3 +99,13 @@ class Codec(Protocol):
     def address_of(self, request: Any, /) -> int:
         """Return the station that the request addresses."""
         ...
+
+
+def canonical_request(codec: Codec, frame: bytes) -> Any | None:
+    """Return the request of which ``codec`` sends exactly these bytes, None where there is none."""
+    try:
+        result = codec.decode_request(frame)
+        is_canonical = isinstance(result, Complete) and codec.encode_request(result.message) == frame
+    except (ProtocolError, ValueError):
+        return None
+    return result.message if isinstance(result, Complete) and is_canonical else None

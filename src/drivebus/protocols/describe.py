@@ -60,9 +60,17 @@ def error_note(error: ProtocolError) -> Note:
     return error.key, error.params
 
 
-def require_whole_frame(result: DecodeResult, data: bytes) -> None:
-    """Raise LengthError or TrailingError unless the bytes are exactly one message."""
+def whole_message(result: DecodeResult, data: bytes) -> Any:
+    """Return the message of bytes that are exactly one frame. Raises LengthError or TrailingError for all others."""
     if isinstance(result, Incomplete):
         raise LengthError("protocols.length", expected=result.need, found=len(data))
-    if result.size != len(data):
-        raise TrailingError("protocols.trailing", expected=result.size, found=len(data))
+    check_size(result.size, data)
+    return result.message
+
+
+def check_size(size: int, data: bytes) -> None:
+    """Raise LengthError or TrailingError where the bytes are fewer or more than a frame of this size has."""
+    if len(data) < size:
+        raise LengthError("protocols.length", expected=size, found=len(data))
+    if len(data) > size:
+        raise TrailingError("protocols.trailing", expected=size, found=len(data))

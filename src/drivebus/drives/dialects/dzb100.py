@@ -31,6 +31,7 @@ from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.dzb100 import (
     FREQUENCY_CODINGS,
+    LAST_PARAMETER,
     Dzb100Codec,
     Dzb100Command,
     Dzb100Control,
@@ -42,19 +43,19 @@ from drivebus.protocols.dzb100 import (
     StateWord,
     decode_frequency,
     encode_frequency,
+    frame_effect,
 )
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
 
-CODINGS = FREQUENCY_CODINGS
-DEFAULT_CODING = CODINGS[0]
+DEFAULT_CODING = FREQUENCY_CODINGS[0]
 MAX_SETPOINT_WORD = 4000  # setpoints are 0000 to 4000 (manual 2 (5))
 
 
 def possible_codings(options: dict[str, Any]) -> tuple[FrequencyCoding, ...]:
     """Return the setpoint codings that are not excluded; one where it is determined."""
     coding = options.get("setpoint_coding", "unknown")
-    return (coding,) if coding in CODINGS else CODINGS
+    return (coding,) if coding in FREQUENCY_CODINGS else FREQUENCY_CODINGS
 
 
 def is_within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
@@ -67,7 +68,7 @@ def is_within_cap(word: int, codings: tuple[FrequencyCoding, ...]) -> bool:
 
 def decode_or_none(word: int, coding: str) -> float | None:
     """Return a word in Hz; None where the coding can't decode it."""
-    known = next((c for c in CODINGS if c == coding), None)
+    known = next((c for c in FREQUENCY_CODINGS if c == coding), None)
     try:
         return None if known is None else decode_frequency(word, known)
     except ValueError:
@@ -81,8 +82,7 @@ def highest_safe_word(codings: tuple[FrequencyCoding, ...]) -> int:
 
 FREQUENCY_ITEMS = (0, 1)
 STATE_ITEM = 3
-STOP_COMMANDS = frozenset({Dzb100Command.STOP, Dzb100Command.STOP_2})
-PARAMETER_COUNT = 81  # 00 to 80
+PARAMETER_COUNT = LAST_PARAMETER + 1
 
 
 class Dzb100Dialect(Dialect):
@@ -110,9 +110,7 @@ class Dzb100Dialect(Dialect):
         )
 
     def effect(self, frame: bytes) -> Effect:
-        """Return the effect of a frame; a stop with a frequency or an invalid frame may move the motor."""
-        request = decode_whole_request(self.codec, frame)
-        return Effect.MOTION if request is None else _request_effect(request)
+        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> Dzb100ReadParameter:
         request = Dzb100ReadParameter(self.address, 2 * n % (PARAMETER_COUNT + 1))
@@ -189,7 +187,7 @@ class Dzb100Dialect(Dialect):
         """Return a reading by the query coding; uncertain until that is determined, the current too."""
         coding = self.options.get("query_coding", "unknown")
         reading = self._decoded_reading(signal, item, data, at)
-        if coding in CODINGS or reading.quality is Quality.BAD:
+        if coding in FREQUENCY_CODINGS or reading.quality is Quality.BAD:
             return reading
         return replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
 
@@ -198,7 +196,7 @@ class Dzb100Dialect(Dialect):
         if item not in FREQUENCY_ITEMS and coding != "decimal-0.1":
             return signal_reading(signal, data, at)
         try:
-            value = decode_frequency(data, coding if coding in CODINGS else DEFAULT_CODING)
+            value = decode_frequency(data, coding if coding in FREQUENCY_CODINGS else DEFAULT_CODING)
         except ValueError:
             return Reading(
                 value=None, unit=signal.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=data
@@ -234,11 +232,11 @@ class Dzb100Dialect(Dialect):
 
     def can_confirm_speed(self) -> bool:
         """Return whether the query coding is determined."""
-        return self.options.get("query_coding", "unknown") in CODINGS
+        return self.options.get("query_coding", "unknown") in FREQUENCY_CODINGS
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
         """Q03's A is the last command that the drive executed."""
-        return readings.agreed_raw("command") in STOP_COMMANDS
+        return readings.agreed_raw("command") in (Dzb100Command.STOP, Dzb100Command.STOP_2)
 
     def confirms_start(self, readings: ReadingPairs) -> bool:
         """True also where the drive stands by now, stopped at its keypad."""
@@ -316,7 +314,7 @@ class Dzb100Dialect(Dialect):
     def _scaled_parameter(self, parameter: Parameter) -> Parameter:
         """Return the parameter under the coding of parameters; whole numbers are the same in all codings."""
         scale, coding = parameter.scale, self.options.get("parameter_coding", "unknown")
-        if scale.factor >= 1.0 or coding not in CODINGS or coding == DEFAULT_CODING:
+        if scale.factor >= 1.0 or coding not in FREQUENCY_CODINGS or coding == DEFAULT_CODING:
             return parameter
         if coding == "decimal-0.1":
             return replace(parameter, scale=replace(scale, coding="bcd"))
@@ -328,10 +326,10 @@ class Dzb100Dialect(Dialect):
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         reading = parameter_reading(self._scaled_parameter(parameter), raw, at)
-        determined = self.options.get("parameter_coding", "unknown") in CODINGS or parameter.scale.factor >= 1.0
-        return (
-            reading if determined else replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
-        )
+        coding_known = self.options.get("parameter_coding", "unknown") in FREQUENCY_CODINGS
+        if coding_known or parameter.scale.factor >= 1.0:
+            return reading
+        return replace(reading, quality=Quality.UNCERTAIN, reason="drives.coding_undetermined")
 
     def parameter_word(self, parameter: Parameter, value: float) -> int:
         return self._scaled_parameter(parameter).scale.raw(value)
@@ -350,16 +348,3 @@ class Dzb100Dialect(Dialect):
         """Remember the last parameter read, so that the next sync probe of the bus differs from it."""
         if isinstance(request, Dzb100ReadParameter):
             self._last_read = request
-
-
-def _request_effect(request: Any) -> Effect:
-    if isinstance(request, (Dzb100ReadParameter, Dzb100Query)):
-        return Effect.NONE
-    if isinstance(request, Dzb100WriteParameter):
-        return Effect.SETTING if request.parameter < PARAMETER_COUNT else Effect.MOTION
-    if not isinstance(request, Dzb100Control):
-        return Effect.MOTION
-    digit = int(request.command) % 10
-    if digit in STOP_COMMANDS and request.data == 0:
-        return Effect.STOP
-    return Effect.SETTING if digit == Dzb100Command.RESET and request.data == 0 else Effect.MOTION

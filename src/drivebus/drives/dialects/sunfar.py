@@ -28,6 +28,7 @@ from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.sunfar import (
     VOLTAGE_CLASSES,
+    MonitorIndexCoding,
     ReadIdentity,
     ReadMonitor,
     SunfarCodec,
@@ -35,25 +36,28 @@ from drivebus.protocols.sunfar import (
     SunfarOperation,
     SunfarReadParameter,
     SunfarReply,
+    SunfarResponse,
     SunfarState,
     SunfarWriteParameter,
+    frame_effect,
+    monitor_index,
+    monitor_item,
 )
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality, Reading, missing_reading
 
-_F, _R = Direction.FORWARD, Direction.REVERSE
 DRIVE_STATES: dict[int, tuple[DriveState, Direction | None]] = {
     SunfarState.NOT_READY: (DriveState.NOT_READY, None),
-    SunfarState.RUNNING_FORWARD: (DriveState.RUNNING, _F),
-    SunfarState.RUNNING_REVERSE: (DriveState.RUNNING, _R),
+    SunfarState.RUNNING_FORWARD: (DriveState.RUNNING, Direction.FORWARD),
+    SunfarState.RUNNING_REVERSE: (DriveState.RUNNING, Direction.REVERSE),
     SunfarState.STOPPED: (DriveState.STOPPED, None),
-    SunfarState.JOGGING_FORWARD: (DriveState.JOGGING, _F),
-    SunfarState.JOGGING_REVERSE: (DriveState.JOGGING, _R),
-    SunfarState.ACCELERATING_FORWARD: (DriveState.ACCELERATING, _F),
-    SunfarState.ACCELERATING_REVERSE: (DriveState.ACCELERATING, _R),
+    SunfarState.JOGGING_FORWARD: (DriveState.JOGGING, Direction.FORWARD),
+    SunfarState.JOGGING_REVERSE: (DriveState.JOGGING, Direction.REVERSE),
+    SunfarState.ACCELERATING_FORWARD: (DriveState.ACCELERATING, Direction.FORWARD),
+    SunfarState.ACCELERATING_REVERSE: (DriveState.ACCELERATING, Direction.REVERSE),
     SunfarState.RESTARTING: (DriveState.RESTARTING, None),
-    SunfarState.DECELERATING_FORWARD: (DriveState.DECELERATING, _F),
-    SunfarState.DECELERATING_REVERSE: (DriveState.DECELERATING, _R),
+    SunfarState.DECELERATING_FORWARD: (DriveState.DECELERATING, Direction.FORWARD),
+    SunfarState.DECELERATING_REVERSE: (DriveState.DECELERATING, Direction.REVERSE),
     SunfarState.DC_BRAKING: (DriveState.BRAKING, None),
     SunfarState.FAULT: (DriveState.FAULT, None),
     SunfarState.EMERGENCY_STOP: (DriveState.EMERGENCY_STOPPED, None),
@@ -65,39 +69,6 @@ STOP_OPERATIONS_BY_MODE = {
     StopMode.QUICK_STOP: SunfarOperation.EMERGENCY_STOP,
     StopMode.JOG_STOP: SunfarOperation.JOG_STOP,
 }
-STOP_OPERATIONS = frozenset(STOP_OPERATIONS_BY_MODE.values())
-MOTION_OPERATIONS = frozenset(
-    {
-        SunfarOperation.RUN_FORWARD,
-        SunfarOperation.RUN_REVERSE,
-        SunfarOperation.JOG_FORWARD,
-        SunfarOperation.JOG_REVERSE,
-        SunfarOperation.RUN_FORWARD_AT,
-        SunfarOperation.RUN_REVERSE_AT,
-        SunfarOperation.JOG_FORWARD_AT,
-        SunfarOperation.JOG_REVERSE_AT,
-    }
-)
-
-REJECTION_KEYS = {
-    1: "drives.sunfar_response_1",
-    2: "drives.sunfar_response_2",
-    3: "drives.sunfar_response_3",
-    4: "drives.sunfar_response_4",
-    6: "drives.sunfar_response_6",
-    7: "drives.sunfar_response_7",
-    8: "drives.sunfar_response_8",
-}
-"""Manual 2.4.5; the codec lets no other code through."""
-
-
-def operation_effect(request: Any, operation: SunfarOperation) -> Effect:
-    if operation in MOTION_OPERATIONS:
-        return Effect.MOTION
-    if operation is SunfarOperation.NONE:
-        return Effect.SETTING if isinstance(request, (SunfarWriteParameter, SunfarControl)) else Effect.NONE
-    pure_stop = isinstance(request, SunfarControl) and operation in STOP_OPERATIONS and request.data == 0
-    return Effect.STOP if pure_stop else Effect.SETTING
 
 
 def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
@@ -150,9 +121,7 @@ class SunfarDialect(Dialect):
         )
 
     def effect(self, frame: bytes) -> Effect:
-        """Return the effect of a frame; the operation acts in every class, and no valid frame may move the motor."""
-        received = decode_whole_request(self.codec, frame)
-        return Effect.MOTION if received is None else operation_effect(received.request, received.operation)
+        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> SunfarReadParameter:
         tags = self._sync_tags[0::2] if len(self._sync_tags) >= MIN_TAGS_TO_SHARE else self._sync_tags
@@ -199,11 +168,11 @@ class SunfarDialect(Dialect):
         return shortest_period_s(self.profile, tuple(n for n in at if n in names) or at)
 
     def _monitor_read(self, index: int) -> ReadMonitor:
-        bcd = self.options.get("monitor_index") == "bcd"
-        return ReadMonitor(self.address, int(str(index), 16) if bcd else index)
+        return ReadMonitor(self.address, monitor_item(index, self._index_coding))
 
-    def _monitor_index(self, item: int) -> int:
-        return int(f"{item:X}") if self.options.get("monitor_index") == "bcd" else item
+    @property
+    def _index_coding(self) -> MonitorIndexCoding:
+        return "bcd" if self.options.get("monitor_index") == "bcd" else "binary"
 
     def decode_readings(self, request: Any, reply: SunfarReply, at: float | None) -> Readings:
         if isinstance(request, SunfarControl):
@@ -231,7 +200,8 @@ class SunfarDialect(Dialect):
         return found
 
     def _monitor_readings(self, item: int | None, reply: SunfarReply, at: float | None) -> dict[str, Reading]:
-        signals = self._signals.get(self._monitor_index(item or 0), [])
+        index = monitor_index(item or 0, self._index_coding)
+        signals = [] if index is None else self._signals.get(index, [])
         if reply.response != 0 or reply.data is None:
             return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
         found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
@@ -274,8 +244,9 @@ class SunfarDialect(Dialect):
 
     def rejection(self, reply: SunfarReply) -> Rejection | None:
         """Return the rejection of response codes 1 to 8 (manual 2.4.3)."""
-        key = REJECTION_KEYS.get(int(reply.response))
-        return None if key is None else Rejection(key, int(reply.response))
+        if reply.response is SunfarResponse.OK:
+            return None
+        return Rejection(f"drives.sunfar_response_{reply.response.value}", reply.response.value)
 
     def start(self, direction: Direction | None, word: int) -> tuple[CommandFrame, ...]:
         reverse = direction is Direction.REVERSE

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import cast
 
 from drivebus.drives.dialects.dzb100 import (
-    CODINGS,
     Dzb100Dialect,
     decode_or_none,
     highest_safe_word,
@@ -18,6 +17,7 @@ from drivebus.drives.operations.context import EXTRA_VERIFICATION_ROUNDS, VERIFI
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.state import Direction
 from drivebus.errors import StartInhibited, TargetNotReached
+from drivebus.protocols.dzb100 import FREQUENCY_CODINGS
 
 DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C
 
@@ -28,8 +28,8 @@ def calibrate_query_coding(
     """Determine the query coding from Q00 while the keypad is set to ``keypad_hz``. Nothing moves."""
     dialect = cast("Dzb100Dialect", op.dialect)
     word = yield from _read_agreed_word(op, dialect, 0)
-    step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in CODINGS}
-    fits = tuple(coding for coding in CODINGS if step[coding] <= _half_resolution_hz(coding))
+    step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in FREQUENCY_CODINGS}
+    fits = tuple(coding for coding in FREQUENCY_CODINGS if step[coding] <= _half_resolution_hz(coding))
     if not fits:
         raise TargetNotReached("drives.coding_no_match", word=f"{word:04X}H", keypad_hz=keypad_hz)
     return _scaling_result("query_coding", (word,), fits)

@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Final
 
-from drivebus.errors import AddressError, ChecksumError, CodeError, EchoError, LengthError, ProtocolError
+from drivebus.errors import AddressError, ChecksumError, CodeError, EchoError, LengthError
 from drivebus.protocols.checksum import crc16
-from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, canonical_request
 
 BROADCAST: Final = 0
 LAST_ADDRESS: Final = 250
@@ -40,7 +40,6 @@ SMALLEST_FRAME: Final = HEAD_SIZE + 1 + CRC_SIZE
 REQUEST_LENGTHS = {READ: (3,), WRITE: (2, 3), CONTROL: (1,), STATUS: (1, 3), FREQUENCY: (2,)}
 """Function to the length bytes that its requests have."""
 REPLY_LENGTHS = REQUEST_LENGTHS | {READ: (2, 3), STATUS: (3,)}
-LONGEST_REPLY: Final = HEAD_SIZE + 3 + CRC_SIZE
 
 
 class ControlState(IntFlag):
@@ -173,14 +172,9 @@ def parse_reply(data: bytes) -> HuanyangReply:
 
 def frame_effect(frame: bytes) -> Effect:
     """Return the effect of one whole request frame; every frame that is not canonical is MOTION."""
-    codec = HuanyangCodec()
-    try:
-        result = codec.decode_request(frame)
-        if not isinstance(result, Complete) or codec.encode_request(result.message) != frame:
-            return Effect.MOTION
-    except (ProtocolError, ValueError):
+    request: HuanyangRequest | None = canonical_request(HuanyangCodec(), frame)
+    if request is None:
         return Effect.MOTION
-    request = result.message
     if request.function in (READ, STATUS):
         return Effect.NONE
     if request.function in (WRITE, FREQUENCY):

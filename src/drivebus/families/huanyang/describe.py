@@ -22,8 +22,8 @@ from drivebus.families.huanyang.codec import (
 )
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.notation import format_locator
-from drivebus.protocols.codec import Complete, Effect
-from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, require_whole_frame
+from drivebus.protocols.codec import Effect, canonical_request
+from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, whole_message
 
 COMMAND_NAMES = {RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse", STOP: "stop"}
 _CODEC = HuanyangCodec()
@@ -36,7 +36,7 @@ def describe(
 
     The reply to a control request has the form of a control request: only the request before it tells them apart.
     """
-    guessed = direction or ("response" if request is not None or not _is_request(data) else "request")
+    guessed = direction or ("response" if request is not None or canonical_request(_CODEC, data) is None else "request")
     try:
         message = _decode(data, guessed, request)
     except ProtocolError as error:
@@ -55,33 +55,22 @@ def describe(
     )
 
 
-def _is_request(data: bytes) -> bool:
-    try:
-        result = _CODEC.decode_request(data)
-        return isinstance(result, Complete) and _CODEC.encode_request(result.message) == data
-    except (ProtocolError, ValueError):
-        return False
-
-
 def _decode(data: bytes, direction: Direction, request: bytes | None) -> HuanyangRequest | HuanyangReply:
     if direction == "request":
-        result = _CODEC.decode_request(data)
-    else:
-        result = _CODEC.decode_reply(_request_of(data, request), data)
-    require_whole_frame(result, data)
-    assert isinstance(result, Complete)
-    message: HuanyangRequest | HuanyangReply = result.message
-    return message
+        return _decode_request(data)
+    reply: HuanyangReply = whole_message(_CODEC.decode_reply(_request_of(data, request), data), data)
+    return reply
+
+
+def _decode_request(frame: bytes) -> HuanyangRequest:
+    request: HuanyangRequest = whole_message(_CODEC.decode_request(frame), frame)
+    return request
 
 
 def _request_of(data: bytes, request: bytes | None) -> HuanyangRequest:
     """Return the request before a reply; without one, a request that this reply would fit."""
     if request is not None:
-        sent = _CODEC.decode_request(request)
-        require_whole_frame(sent, request)
-        assert isinstance(sent, Complete)
-        found: HuanyangRequest = sent.message
-        return found
+        return _decode_request(request)
     address, function = data[0] if data else 0, data[1] & 0x7F if len(data) > 1 else READ
     value = int.from_bytes(data[3:5], "big") if function == FREQUENCY else 0
     return HuanyangRequest(address, function, data[3] if len(data) > 3 else 0, value)

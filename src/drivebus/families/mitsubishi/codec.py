@@ -20,11 +20,10 @@ from drivebus.errors import (
     CodeError,
     EchoError,
     HeaderError,
-    ProtocolError,
     TerminatorError,
 )
 from drivebus.protocols.checksum import canonical_digits, hex_digits, hex_value
-from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, canonical_request
 
 STX, ETX, ENQ, ACK, NAK = 0x02, 0x03, 0x05, 0x06, 0x15
 LAST_STATION: Final = 0x1F
@@ -145,14 +144,9 @@ class MitsubishiCodec:
 
 def frame_effect(frame: bytes) -> Effect:
     """Return the effect of one whole request frame; every frame that is not canonical is MOTION."""
-    codec = MitsubishiCodec()
-    try:
-        result = codec.decode_request(frame)
-        if not isinstance(result, Complete) or codec.encode_request(result.message) != frame:
-            return Effect.MOTION
-    except (ProtocolError, ValueError):
+    request: MitsubishiRequest | None = canonical_request(MitsubishiCodec(), frame)
+    if request is None:
         return Effect.MOTION
-    request = result.message
     if request.code in READ_DIGITS:
         return Effect.NONE
     if request.code == SET_FREQUENCY:

@@ -22,8 +22,8 @@ from drivebus.families.mitsubishi.codec import (
     frame_effect,
 )
 from drivebus.profiles import DriveProfile
-from drivebus.protocols.codec import Complete, Effect
-from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, require_whole_frame
+from drivebus.protocols.codec import Effect
+from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, whole_message
 
 COMMAND_NAMES = {STOP: "stop", RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse"}
 STATUS_REPLY_SIZE = 8
@@ -55,23 +55,20 @@ def describe(
 
 def _decode(data: bytes, direction: Direction, request: bytes | None) -> MitsubishiRequest | MitsubishiReply:
     if direction == "request":
-        result = _CODEC.decode_request(data)
-    else:
-        result = _CODEC.decode_reply(_request_of(data, request), data)
-    require_whole_frame(result, data)
-    assert isinstance(result, Complete)
-    message: MitsubishiRequest | MitsubishiReply = result.message
-    return message
+        return _decode_request(data)
+    reply: MitsubishiReply = whole_message(_CODEC.decode_reply(_request_of(data, request), data), data)
+    return reply
+
+
+def _decode_request(frame: bytes) -> MitsubishiRequest:
+    request: MitsubishiRequest = whole_message(_CODEC.decode_request(frame), frame)
+    return request
 
 
 def _request_of(data: bytes, request: bytes | None) -> MitsubishiRequest:
     """Return the request before a reply; without one, a request to the same station that this reply would fit."""
     if request is not None:
-        sent = _CODEC.decode_request(request)
-        require_whole_frame(sent, request)
-        assert isinstance(sent, Complete)
-        found: MitsubishiRequest = sent.message
-        return found
+        return _decode_request(request)
     try:
         address = int(data[1:3], 16)
     except ValueError:

@@ -6,7 +6,7 @@ describe   frames for people
 family     the ``ProtocolFamily`` object
 """
 
-from drivebus.protocols.dzb100.codec import Dzb100Codec, classify_frame
+from drivebus.protocols.dzb100.codec import Dzb100Codec, frame_effect
 from drivebus.protocols.dzb100.describe import Dzb100DecodeOptions, coding_key, describe
 from drivebus.protocols.dzb100.messages import (
     BROADCAST,
@@ -42,9 +42,9 @@ __all__ = [
     "FaultCoding",
     "FrequencyCoding",
     "StateWord",
-    "classify_frame",
     "coding_key",
     "decode_frequency",
     "describe",
     "encode_frequency",
+    "frame_effect",
 ]

@@ -8,9 +8,9 @@ check value detects a flipped bit, so head, S, B, address, index, digits and the
 
 from __future__ import annotations
 
-from drivebus.errors import AddressError, ChecksumError, CodeError, EchoError, HeaderError, ProtocolError
+from drivebus.errors import AddressError, ChecksumError, CodeError, EchoError, HeaderError
 from drivebus.protocols.checksum import decimal_digits, decimal_value, hex_digits, hex_value
-from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, canonical_request
 from drivebus.protocols.dzb100.messages import (
     BROADCAST,
     COMMAND_BY_CODE,
@@ -102,21 +102,14 @@ class Dzb100Codec:
 _CODEC = Dzb100Codec()
 
 
-def classify_frame(frame: bytes) -> Effect:
+def frame_effect(frame: bytes) -> Effect:
     """Return the effect of one whole request frame; every frame that is not canonical is MOTION.
 
     A stop is STOP only with data 0000: one flipped bit makes it a run command, which then has 0 Hz.
     """
-    try:
-        result = _CODEC.decode_request(frame)
-        if not isinstance(result, Complete) or _CODEC.encode_request(result.message) != frame:
-            return Effect.MOTION
-    except (ProtocolError, ValueError):
+    request: Dzb100Request | None = canonical_request(_CODEC, frame)
+    if request is None:
         return Effect.MOTION
-    return _request_effect(result.message)
-
-
-def _request_effect(request: Dzb100Request) -> Effect:
     if isinstance(request, Dzb100ReadParameter | Dzb100Query):
         return Effect.NONE
     if isinstance(request, Dzb100WriteParameter) or request.command is Dzb100Command.RESET:

@@ -16,7 +16,7 @@ from drivebus.protocols.describe import (
     bilingual,
     error_note,
     note,
-    require_whole_frame,
+    whole_message,
 )
 from drivebus.protocols.dzb100.codec import (
     ACK_DONE,
@@ -83,11 +83,13 @@ def describe(
     direction = direction or ("request" if request is None and data[2:3] in (b"\x01", b"\x02") else "response")
     problems = _problems(data, direction, request, options)
     fields = _fields(data, direction, options)
-    errata, hazards, canonical = (), (), None if problems else data
+    errata: tuple[Note, ...] = ()
+    hazards: tuple[Note, ...] = ()
+    canonical = None if problems else data
     if direction == "request" and not problems:
-        request_message = _CODEC.decode_request(data).message  # type: ignore[union-attr]
-        canonical = _canonical_request(request_message)
-        errata, hazards = _errata(data, request_message, canonical), _hazards(request_message, options)  # type: ignore[assignment]
+        message = _decode_request(data)
+        canonical = _canonical_request(message)
+        errata, hazards = _errata(data, message, canonical), _hazards(message, options)
     interpretations = _interpretations(data) if guessed and direction == "request" and not problems else ()
     return FrameDescription(
         family="dzb100",
@@ -116,11 +118,11 @@ def _problems(
 ) -> tuple[Note, ...]:
     try:
         if direction == "request":
-            require_whole_frame(_CODEC.decode_request(data), data)
+            _decode_request(data)
         elif request is not None:
-            require_whole_frame(_CODEC.decode_reply(_decode_request(request), data), data)
+            whole_message(_CODEC.decode_reply(_decode_request(request), data), data)
         else:
-            require_whole_frame(check_head(data) or Complete(parse_reply(data), FRAME_SIZE), data)
+            whole_message(check_head(data) or Complete(parse_reply(data), FRAME_SIZE), data)
         if data[:1] == b"Q":
             _check_state_word(data, options)
     except ProtocolError as error:
@@ -128,11 +130,9 @@ def _problems(
     return ()
 
 
-def _decode_request(request: bytes) -> Dzb100Request:
-    result = _CODEC.decode_request(request)
-    require_whole_frame(result, request)
-    sent_request: Dzb100Request = result.message  # type: ignore[union-attr]
-    return sent_request
+def _decode_request(frame: bytes) -> Dzb100Request:
+    request: Dzb100Request = whole_message(_CODEC.decode_request(frame), frame)
+    return request
 
 
 def _check_state_word(data: bytes, options: Dzb100DecodeOptions) -> None:

@@ -12,8 +12,7 @@ from typing import Final
 from drivebus.errors import AddressError, ChecksumError, HeaderError, LengthError, ProtocolError, TerminatorError
 from drivebus.protocols.checksum import hex_bytes, hex_pairs, hex_value, lrc
 from drivebus.protocols.codec import Complete, DecodeResult, Incomplete
-from drivebus.protocols.modbus import pdu as replies
-from drivebus.protocols.modbus import pdu as requests
+from drivebus.protocols.modbus import pdu
 from drivebus.protocols.modbus.messages import BROADCAST, MAX_READ, ModbusReply, ModbusRequest
 from drivebus.protocols.modbus.rtu import ErrorForm
 
@@ -70,11 +69,11 @@ class ModbusAsciiCodec:
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
         """Return the frame of a request. Raises ValueError for a field out of range."""
-        return build_frame(requests.encode_request(request, self.max_read))
+        return build_frame(pdu.encode_request(request, self.max_read))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
         """Return the frame of a reply. Raises ValueError for a field out of range."""
-        return build_frame(replies.encode_reply(reply))
+        return build_frame(pdu.encode_reply(reply))
 
     def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
         """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
@@ -89,7 +88,7 @@ class ModbusAsciiCodec:
             return Incomplete(noise + size)
         octets = check_frame(frame[:size])
         try:
-            return Complete(replies.parse_reply(request, octets), noise + size)
+            return Complete(pdu.parse_reply(request, octets), noise + size)
         except AddressError as error:
             error.size = noise + size
             raise
@@ -97,7 +96,7 @@ class ModbusAsciiCodec:
     def _reply_length(self, request: ModbusRequest, frame: bytes) -> int:
         """Return the octets of a reply; a short error has CR LF where a write acknowledgement has digits."""
         head = hex_bytes(frame[1:7], start=1)
-        length = replies.reply_length(request, head, self._short_errors)
+        length = pdu.reply_length(request, head, self._short_errors)
         if (
             self._short_errors and head[2] == 0 and frame[9:11] == END_MARK
         ):  # for other functions the length is 3 already
@@ -117,14 +116,14 @@ class ModbusAsciiCodec:
             return Incomplete(noise + size)
         octets = check_frame(frame[:size])
         try:
-            return Complete(requests.parse_request(octets), noise + size)
+            return Complete(pdu.parse_request(octets), noise + size)
         except ProtocolError as error:
             error.size = noise + size
             raise
 
     def _request_size(self, frame: bytes) -> int:
         head = hex_bytes(frame[1:5], start=1)
-        length = requests.request_length(head)
+        length = pdu.request_length(head)
         if length is None:
             return self._size_of_unknown_function(frame)
         if length == 7 and len(frame) >= 15:
@@ -150,7 +149,7 @@ class ModbusAsciiCodec:
 
     def reply_size(self, request: ModbusRequest, /) -> int:
         """Return the characters of the normal reply; 0 for a broadcast."""
-        return 0 if request.address == BROADCAST else frame_size(replies.normal_reply_length(request))
+        return 0 if request.address == BROADCAST else frame_size(pdu.normal_reply_length(request))
 
     def largest_reply(self, request: ModbusRequest, /) -> int:
         """Return the characters of the longest valid reply, with the leading noise that is allowed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from drivebus.protocols.codec import Codec
-from drivebus.protocols.describe import require_whole_frame
+from drivebus.protocols.describe import whole_message
 from drivebus.protocols.modbus.ascii import ModbusAsciiCodec
 from drivebus.protocols.modbus.messages import (
     READ_FUNCTIONS,
@@ -24,9 +24,7 @@ _CODECS: Final[dict[str, Codec]] = {"rtu": ModbusRtuCodec(), "ascii": ModbusAsci
 
 def parse_request_frame(frame: bytes, encoding: str) -> ModbusRequest:
     """Parse bytes that are exactly one request. Raises ProtocolError for all others."""
-    result = _CODECS[encoding].decode_request(frame)
-    require_whole_frame(result, frame)
-    request: ModbusRequest = result.message  # type: ignore[union-attr]
+    request: ModbusRequest = whole_message(_CODECS[encoding].decode_request(frame), frame)
     return request
 
 

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 from drivebus.errors import AlphabetError, ChecksumError, CodeError, LengthError, ProtocolError
 from drivebus.protocols.checksum import crc16, hex_bytes
-from drivebus.protocols.codec import Complete, Incomplete
 from drivebus.protocols.describe import (
     Direction,
     FrameDescription,
     Interpretation,
+    check_size,
     error_note,
     note,
-    require_whole_frame,
+    whole_message,
 )
 from drivebus.protocols.modbus import ascii, rtu
 from drivebus.protocols.modbus.classify import parse_request_frame
@@ -99,9 +99,9 @@ def _describe_valid(
     codec = rtu_codec if encoding == "rtu" else ascii.ModbusAsciiCodec(form.error_form)
     interpretations: tuple[Interpretation, ...] = ()
     if direction == "request":
-        require_whole_frame(codec.decode_request(data), data)
+        whole_message(codec.decode_request(data), data)
     elif request is not None:
-        require_whole_frame(codec.decode_reply(parse_request_frame(request, encoding), data), data)
+        whole_message(codec.decode_reply(parse_request_frame(request, encoding), data), data)
     else:
         _check_standalone(data, encoding, form)
         interpretations = _interpretations(data, encoding, form)
@@ -120,12 +120,12 @@ def _describe_valid(
 def _check_standalone(data: bytes, encoding: str, form: ReplyForm) -> None:
     """Check a reply without its request, by its own fields and its check."""
     smallest = rtu.EXCEPTION_FRAME_SIZE if encoding == "rtu" else ascii.EXCEPTION_FRAME_SIZE
-    if len(data) < smallest:
+    if len(data) < smallest:  # too short to tell its length
         raise LengthError("protocols.length", expected=smallest, found=len(data))
     octets = data if encoding == "rtu" else hex_bytes(data[1:7], start=1)
     extent = _standalone_length(octets, _is_short_error(data, encoding, form), form)
     size = extent + rtu.CRC_SIZE if encoding == "rtu" else ascii.frame_size(extent)
-    require_whole_frame(Incomplete(size) if len(data) < size else Complete(None, size), data)
+    check_size(size, data)
     if encoding == "rtu":
         rtu.check_frame(data, size)
     else:

@@ -11,8 +11,7 @@ from typing import Final, Literal
 from drivebus.errors import AddressError, ChecksumError, CodeError, LengthError, ProtocolError
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
-from drivebus.protocols.modbus import pdu as replies
-from drivebus.protocols.modbus import pdu as requests
+from drivebus.protocols.modbus import pdu
 from drivebus.protocols.modbus.messages import (
     BROADCAST,
     ECHO_FUNCTIONS,
@@ -86,11 +85,11 @@ class ModbusRtuCodec:
     def encode_request(self, request: ModbusRequest, /) -> bytes:
         """Return the frame of a request. Raises ValueError for a field out of range."""
         most = self.rejected_read if self._is_rejected_read(request) else self.max_read
-        return build_frame(requests.encode_request(request, most))
+        return build_frame(pdu.encode_request(request, most))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
         """Return the frame of a reply. Raises ValueError for a field out of range."""
-        return build_frame(replies.encode_reply(reply, self.count_bytes))
+        return build_frame(pdu.encode_reply(reply, self.count_bytes))
 
     def decode_reply(self, request: ModbusRequest, data: bytes, /) -> DecodeResult:
         """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
@@ -100,12 +99,12 @@ class ModbusRtuCodec:
             result = self._short_error(request, data)
             if result is not None:
                 return result
-        size = replies.reply_length(request, data, self._short_errors, self.count_bytes) + CRC_SIZE
+        size = pdu.reply_length(request, data, self._short_errors, self.count_bytes) + CRC_SIZE
         if len(data) < size:
             return Incomplete(size)
         octets = check_frame(data, size)
         try:
-            message = replies.parse_reply(request, octets, self.count_bytes)
+            message = pdu.parse_reply(request, octets, self.count_bytes)
         except AddressError as error:
             error.size = size
             raise
@@ -153,13 +152,13 @@ class ModbusRtuCodec:
         """
         if len(data) < MIN_FRAME_SIZE:
             return _INCOMPLETE_REQUEST
-        extent = requests.request_length(data)
+        extent = pdu.request_length(data)
         size = self._size_of_unknown_function(data) if extent is None else extent + CRC_SIZE
         if len(data) < size:
             return Incomplete(size)
         octets = check_frame(data, size)
         try:
-            return Complete(requests.parse_request(octets), size)
+            return Complete(pdu.parse_request(octets), size)
         except ProtocolError as error:
             error.size = size
             raise
@@ -181,7 +180,7 @@ class ModbusRtuCodec:
             return 0
         if self._is_rejected_read(request):
             return EXCEPTION_FRAME_SIZE
-        return replies.normal_reply_length(request, self.count_bytes) + CRC_SIZE
+        return pdu.normal_reply_length(request, self.count_bytes) + CRC_SIZE
 
     def largest_reply(self, request: ModbusRequest, /) -> int:
         """Return the bytes of the longest valid reply: the normal one, as an error is never longer."""

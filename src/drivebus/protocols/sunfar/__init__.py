@@ -7,11 +7,12 @@ describe   frames for people
 family     the entry of the family registry
 """
 
-from drivebus.protocols.sunfar.codec import SunfarCodec, classify_frame
+from drivebus.protocols.sunfar.codec import SunfarCodec, frame_effect
 from drivebus.protocols.sunfar.describe import SunfarDecodeOptions, describe
 from drivebus.protocols.sunfar.messages import (
     BROADCAST,
     VOLTAGE_CLASSES,
+    MonitorIndexCoding,
     ReadIdentity,
     ReadMonitor,
     ReceivedRequest,
@@ -34,6 +35,7 @@ from drivebus.protocols.sunfar.messages import (
 __all__ = [
     "BROADCAST",
     "VOLTAGE_CLASSES",
+    "MonitorIndexCoding",
     "ReadIdentity",
     "ReadMonitor",
     "ReceivedRequest",
@@ -48,9 +50,9 @@ __all__ = [
     "SunfarState",
     "SunfarWriteParameter",
     "UnknownItemError",
-    "classify_frame",
     "describe",
     "error_reply",
+    "frame_effect",
     "monitor_index",
     "monitor_item",
     "parameter_name",

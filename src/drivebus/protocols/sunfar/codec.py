@@ -76,9 +76,23 @@ class SunfarCodec:
     def encode_request(self, request: SunfarRequest) -> bytes:
         """Return the frame of a request.
 
-        Raises ValueError for a field out of range, a broadcast read, or data with an operation that has none.
+        Only ``SunfarControl`` has an operation other than 00. Raises ValueError for a field out of range, a broadcast
+        read, or data with an operation that has none.
         """
-        return build_request(self._format, request)
+        build = self._format.build
+        _check_range("address", request.address, BROADCAST)
+        if type(request) is SunfarControl:
+            return build(CONTROL_LAYOUT, request.address, 4, request.operation, _control_data(request))
+        if type(request) is SunfarWriteParameter:
+            _check_range("group", request.group, 0x0F)
+            _check_range("item", request.item, 0xFF)
+            _check_range("data", request.data, 0xFFFF)
+            head = (request.address, request.frame_class, SunfarOperation.NONE)
+            return build(WRITE_LAYOUT, *head, request.group, request.item, request.data)
+        group, item = _group_and_item(request)
+        if request.address == BROADCAST:
+            raise ValueError(f"address {BROADCAST} is the broadcast address: no station answers a read")
+        return build(READ_LAYOUT, request.address, request.frame_class, SunfarOperation.NONE, group, item)
 
     def decode_reply(self, request: SunfarRequest, data: bytes) -> DecodeResult:
         """Decode the reply to ``request``: checks head, address, echoed fields, codes, digits, checksum and end mark.
@@ -89,7 +103,7 @@ class SunfarCodec:
         size = expected_reply_size(self._format, data)
         if len(data) < size:
             return Incomplete(size)
-        validate = validate_short_reply if size == SHORT_LAYOUT.size else validate_reply
+        validate = _validate_short_reply if size == SHORT_LAYOUT.size else _validate_reply
         return Complete(validate(request, data[:size], self._format), size)
 
     def reply_size(self, request: SunfarRequest) -> int:
@@ -105,8 +119,27 @@ class SunfarCodec:
         return request.address
 
     def encode_reply(self, reply: SunfarReply) -> bytes:
-        """Return the canonical frame of a reply. Raises ValueError for a field out of range or missing."""
-        return build_reply(self._format, reply)
+        """Return the canonical frame of a reply: short for response 6, 7, 8; class-0 digits where ``info`` is set.
+
+        Raises ValueError for a field out of range or missing.
+        """
+        build = self._format.build
+        _check_range("address", reply.address, BROADCAST - 1)
+        if reply.response.is_short:
+            return build(SHORT_LAYOUT, reply.address, reply.response, 0)
+        if reply.state is None or reply.group is None:
+            raise ValueError("a full reply has a state and a group")
+        _check_range("group", reply.group, 0x0F)
+        head = (reply.address, reply.response, reply.state, reply.group)
+        if reply.info is not None and _UNKNOWN_DIGITS not in reply.info:
+            return build(IDENTITY_LAYOUT, *head, *_split_info(reply.info))
+        item = reply.fault_code if reply.state is SunfarState.FAULT else reply.item
+        data = int(reply.info[2:], 16) if reply.info is not None else reply.data
+        if item is None or data is None:
+            raise ValueError("a full reply has data and an item, or in a fault its code")
+        _check_range("item", item, 0xFF)
+        _check_range("data", data, 0xFFFF)
+        return build(WRITE_LAYOUT, *head, item, data)
 
     def decode_request(self, data: bytes) -> DecodeResult:
         """Decode a request as a station; ``messages.error_reply`` gives the reply to the error raised."""
@@ -121,48 +154,31 @@ def _field_format(encoding: str, digits: str, nibble: bool) -> FieldFormat:
     raise ValueError(f"encoding {encoding!r}: expected ascii or hex")
 
 
-_STOP_OPERATIONS = (SunfarOperation.STOP, SunfarOperation.JOG_STOP, SunfarOperation.EMERGENCY_STOP)
+STOP_OPERATIONS = frozenset({SunfarOperation.STOP, SunfarOperation.JOG_STOP, SunfarOperation.EMERGENCY_STOP})
 REQUEST_LAYOUTS = {0: READ_LAYOUT, 1: READ_LAYOUT, 2: READ_LAYOUT, 3: WRITE_LAYOUT, 4: CONTROL_LAYOUT, 5: WRITE_LAYOUT}
 
 
-def build_request(fmt: FieldFormat, request: SunfarRequest) -> bytes:
-    """Return the frame of a request; only ``SunfarControl`` has an operation other than 00."""
-    check_range("address", request.address, BROADCAST)
-    if type(request) is SunfarControl:
-        return fmt.build(CONTROL_LAYOUT, request.address, 4, request.operation, _control_data(request))
-    if type(request) is SunfarWriteParameter:
-        check_range("group", request.group, 0x0F)
-        check_range("item", request.item, 0xFF)
-        check_range("data", request.data, 0xFFFF)
-        head = (request.address, request.frame_class, SunfarOperation.NONE)
-        return fmt.build(WRITE_LAYOUT, *head, request.group, request.item, request.data)
-    group, item = group_and_item(request)
-    if request.address == BROADCAST:
-        raise ValueError(f"address {BROADCAST} is the broadcast address: no station answers a read")
-    return fmt.build(READ_LAYOUT, request.address, request.frame_class, SunfarOperation.NONE, group, item)
-
-
-def group_and_item(request: SunfarRequest) -> tuple[int, int]:
+def _group_and_item(request: SunfarRequest) -> tuple[int, int]:
     group = 0 if type(request) is ReadMonitor else request.group  # type: ignore[union-attr]
     item = 0 if type(request) is ReadIdentity else request.item  # type: ignore[union-attr]
-    check_range("group", group, 0x0F)
-    check_range("item", item, 0xFF)
+    _check_range("group", group, 0x0F)
+    _check_range("item", item, 0xFF)
     return group, item
 
 
 def _control_data(request: SunfarControl) -> int:
     """Return the data word: only an operation that sets a frequency has one. A stop sends 0000 whatever it is given."""
-    if request.operation in _STOP_OPERATIONS:
+    if request.operation in STOP_OPERATIONS:
         return 0
     if request.operation not in OPERATION_BY_CODE:
         raise ValueError(f"operation {request.operation} is not one of the manual's (2.4.4)")
-    check_range("data", request.data, 0xFFFF)
+    _check_range("data", request.data, 0xFFFF)
     if request.data and not SunfarOperation(request.operation).sets_frequency:
         raise ValueError(f"operation {request.operation:02X}H takes no data, {request.data} given")
     return request.data
 
 
-def check_range(name: str, value: int, limit: int) -> None:
+def _check_range(name: str, value: int, limit: int) -> None:
     if not 0 <= value <= limit:
         raise ValueError(f"{name} {value}: expected 0 to {limit}")
 
@@ -244,26 +260,6 @@ _UNKNOWN_DIGITS = "--"
 """Digits 7-8 of a class-0 reply in a fault, whose meaning the manual leaves open."""
 
 
-def build_reply(fmt: FieldFormat, reply: SunfarReply) -> bytes:
-    """Return the frame of a reply: short for response 6, 7, 8; class-0 digits where ``info`` is set."""
-    check_range("address", reply.address, BROADCAST - 1)
-    if reply.response.is_short:
-        return fmt.build(SHORT_LAYOUT, reply.address, reply.response, 0)
-    if reply.state is None or reply.group is None:
-        raise ValueError("a full reply has a state and a group")
-    check_range("group", reply.group, 0x0F)
-    head = (reply.address, reply.response, reply.state, reply.group)
-    if reply.info is not None and _UNKNOWN_DIGITS not in reply.info:
-        return fmt.build(IDENTITY_LAYOUT, *head, *_split_info(reply.info))
-    item = reply.fault_code if reply.state is SunfarState.FAULT else reply.item
-    data = int(reply.info[2:], 16) if reply.info is not None else reply.data
-    if item is None or data is None:
-        raise ValueError("a full reply has data and an item, or in a fault its code")
-    check_range("item", item, 0xFF)
-    check_range("data", data, 0xFFFF)
-    return fmt.build(WRITE_LAYOUT, *head, item, data)
-
-
 def _split_info(info: str) -> tuple[int, int, int]:
     if len(info) != 6 or not set(info) <= set("0123456789ABCDEF"):
         raise ValueError(f"info {info!r}: expected six digits")
@@ -309,7 +305,7 @@ def parse_full_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     )
 
 
-def parse_identity_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
+def _parse_identity_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
     """Parse a reply to class 0. In a fault digits 7-8 may be the fault code, which the manual leaves open."""
     try:
         fields = fmt.read(IDENTITY_LAYOUT, frame)
@@ -350,10 +346,10 @@ def _parse_state(code: int) -> SunfarState:
     return state
 
 
-def validate_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> SunfarReply:
+def _validate_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> SunfarReply:
     """Return the reply in ``frame`` after checking every field that the request determines."""
     if type(request) is ReadIdentity:
-        reply = parse_identity_reply(fmt, frame)
+        reply = _parse_identity_reply(fmt, frame)
         _check_address(request, reply)
         _check_echo("group", request.group, reply.group)
         return reply
@@ -361,7 +357,7 @@ def validate_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> Su
     _check_address(request, reply)
     if type(request) is SunfarControl:
         return _validate_control_reply(request, reply)
-    group, item = group_and_item(request)
+    group, item = _group_and_item(request)
     _check_echo("group", group, reply.group)
     _check_echo("item", item, reply.item)  # None in a fault
     if type(request) is SunfarWriteParameter:
@@ -369,7 +365,7 @@ def validate_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> Su
     return reply
 
 
-def validate_short_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> SunfarReply:
+def _validate_short_reply(request: SunfarRequest, frame: bytes, fmt: FieldFormat) -> SunfarReply:
     """Return a short reply; it echoes only the address."""
     reply = parse_short_reply(fmt, frame)
     _check_address(request, reply)
@@ -420,22 +416,24 @@ def _is_own_echo(request: SunfarWriteParameter, reply: SunfarReply) -> bool:
     return not request.save and reply.response is SunfarResponse.PASSWORD and reply.state is SunfarState.NOT_READY
 
 
-OPERATION_EFFECTS = {
-    SunfarOperation.NONE: Effect.NONE,
-    SunfarOperation.STOP: Effect.STOP,
-    SunfarOperation.JOG_STOP: Effect.STOP,
-    SunfarOperation.STOP_AT: Effect.STOP,
-    SunfarOperation.JOG_STOP_AT: Effect.STOP,
-    SunfarOperation.EMERGENCY_STOP: Effect.STOP,
-    SunfarOperation.SET_FREQUENCY: Effect.SETTING,
-    SunfarOperation.RESET_FAULT: Effect.SETTING,
-}
-"""Operations that are not listed move the motor."""
+OPERATIONS_WITHOUT_MOTION = frozenset(
+    {
+        SunfarOperation.NONE,
+        SunfarOperation.STOP,
+        SunfarOperation.JOG_STOP,
+        SunfarOperation.STOP_AT,
+        SunfarOperation.JOG_STOP_AT,
+        SunfarOperation.EMERGENCY_STOP,
+        SunfarOperation.SET_FREQUENCY,
+        SunfarOperation.RESET_FAULT,
+    }
+)
+"""Every other operation moves the motor."""
 _ASCII_FORMAT = AsciiFormat(STRICT_HEX_DIGITS)
 _PACKED_FORMAT = PackedFormat()
 
 
-def classify_frame(frame: bytes) -> Effect:
+def frame_effect(frame: bytes) -> Effect:
     """Return the effect of one whole request frame; the operation acts in every class.
 
     STOP only where the frame can do nothing but stop: a stop that also sets a frequency or writes a parameter is a
@@ -447,11 +445,11 @@ def classify_frame(frame: bytes) -> Effect:
         return Effect.MOTION
     if not isinstance(result, Complete) or result.size != len(frame):
         return Effect.MOTION
-    return _request_effect(result.message)
-
-
-def _request_effect(received: ReceivedRequest) -> Effect:
-    effect = OPERATION_EFFECTS.get(received.operation, Effect.MOTION)
-    request = received.request
-    writes = isinstance(request, SunfarWriteParameter) or (isinstance(request, SunfarControl) and request.data != 0)
-    return Effect.SETTING if writes and effect is not Effect.MOTION else effect
+    received: ReceivedRequest = result.message
+    request, operation = received.request, received.operation
+    if operation not in OPERATIONS_WITHOUT_MOTION:
+        return Effect.MOTION
+    if operation is SunfarOperation.NONE and not isinstance(request, SunfarWriteParameter | SunfarControl):
+        return Effect.NONE
+    only_stops = isinstance(request, SunfarControl) and operation in STOP_OPERATIONS and request.data == 0
+    return Effect.STOP if only_stops else Effect.SETTING

@@ -12,19 +12,19 @@ from typing import Any
 
 from drivebus.errors import ProtocolError
 from drivebus.protocols.checksum import STRICT_HEX_DIGITS, TOLERANT_HEX_DIGITS, sum16
-from drivebus.protocols.codec import Complete, Effect, Incomplete
 from drivebus.protocols.describe import (
     Direction,
     FrameDescription,
     Interpretation,
     Note,
     bilingual,
+    check_size,
     error_note,
     note,
-    require_whole_frame,
+    whole_message,
 )
 from drivebus.protocols.sunfar.codec import (
-    OPERATION_EFFECTS,
+    OPERATIONS_WITHOUT_MOTION,
     REQUEST_LAYOUTS,
     SunfarCodec,
     expected_reply_size,
@@ -175,8 +175,7 @@ def _hazards(frame_class: int, operation: int) -> tuple[Note, ...]:
     """Report an operation in a class other than 4: a drive obeys it all the same."""
     if frame_class == 4 or operation == SunfarOperation.NONE:
         return ()
-    effect = OPERATION_EFFECTS.get(OPERATION_BY_CODE[operation], Effect.MOTION)
-    key = "starts" if effect is Effect.MOTION else "acts"
+    key = "acts" if operation in OPERATIONS_WITHOUT_MOTION else "starts"
     name = bilingual(f"protocols.sunfar.order.{OPERATION_BY_CODE[operation].name.lower()}")
     return (note(f"protocols.sunfar.hazard.{key}", operation=operation, name=name, kind=frame_class),)
 
@@ -237,7 +236,7 @@ def _reply_problems(
 ) -> tuple[Note, ...]:
     try:
         if sent_request is not None:
-            require_whole_frame(codec.decode_reply(sent_request, data), data)
+            whole_message(codec.decode_reply(sent_request, data), data)
         else:
             _check_standalone(data, fmt)
     except ProtocolError as error:
@@ -248,7 +247,7 @@ def _reply_problems(
 def _check_standalone(data: bytes, fmt: FieldFormat) -> None:
     """Check a reply without its request: whole, and readable in one layout."""
     size = expected_reply_size(fmt, data)
-    require_whole_frame(Incomplete(size) if len(data) < size else Complete(None, size), data)
+    check_size(size, data)
     if size == SHORT_LAYOUT.size:
         parse_short_reply(fmt, data)
         return
@@ -424,8 +423,6 @@ def _nibble_interpretation(raw: FrameFields) -> tuple[Interpretation, ...]:
 
 def _decode_or_problems(data: bytes, codec: SunfarCodec) -> tuple[ReceivedRequest | None, tuple[Note, ...]]:
     try:
-        result = codec.decode_request(data)
-        require_whole_frame(result, data)
+        return whole_message(codec.decode_request(data), data), ()
     except ProtocolError as error:
         return None, (error_note(error),)
-    return result.message, ()  # type: ignore[union-attr]

@@ -31,7 +31,7 @@ class FrameLayout:
     ascii_template: bytes = field(init=False)
     packed: struct.Struct = field(init=False)
     spans: tuple[tuple[int, int], ...] = field(init=False)
-    """(shift, mask) of each field and of the checksum in the number that all digits fmt."""
+    """(shift, mask) of each field and of the checksum in the number that all digits form."""
     zero_mask: int = field(init=False)
     """Bits that packed fields leave 0."""
 
