@@ -49,12 +49,12 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
 
     Never raises for what the bus or a drive does; see ``unconfirmed``.
     """
-    begun = bus.now()
+    started_at = bus.now()
     bus.inhibit_start(None)
     broadcasts = await _broadcast(bus, drives)
     outcomes = await asyncio.gather(*(_stop(drive, len(drives)) for drive in drives))
     addresses = tuple(drive.address for drive in drives)
-    return StopReport(begun, bus.now(), broadcasts, tuple(zip(addresses, outcomes, strict=True)))
+    return StopReport(started_at, bus.now(), broadcasts, tuple(zip(addresses, outcomes, strict=True)))
 
 
 async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, ...]:

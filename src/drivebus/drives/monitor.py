@@ -19,8 +19,8 @@ from drivebus.values import Quality, Reading
 
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
-WORDS = ("state", "fault")  # beginnings of the names of status and fault words
-_REASONS_OF_SILENCE = ("drives.not_read", "drives.stale")  # less than what is known of a drive that sends something
+WORD_PREFIXES = ("state", "fault")  # of the names of status and fault words
+_REASONS_WITHOUT_REPLY = ("drives.not_read", "drives.stale")  # replaced where the drive sends something unusable
 READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 
@@ -55,12 +55,12 @@ class Monitor:
         self._validity_s: dict[str, float] = {}
         self._requests: dict[str, Any] = {}
         """Poll that each reading comes from."""
-        self._read_twice: set[Any] = set()
+        self._repeated: set[Any] = set()
         """Polls that were repeated at once because a word had changed."""
         polls = status_polls(dialect, self._names, period_s)
         self._poll_validity_s: dict[Any, float] = {poll.request: self._validity_of(poll) for poll in polls}
         self._state_validity_s = min(self._poll_validity_s.values(), default=MIN_READING_VALIDITY_S)
-        self._watch: PollSubscription | None = bus.start_polling(dialect.address, polls, self._on_poll_result)
+        self._subscription: PollSubscription | None = bus.start_polling(dialect.address, polls, self._on_poll_result)
         self._read_listeners = [] if read_listeners is None else read_listeners
         self._read_listeners.append(self._on_command_read)
 
@@ -69,76 +69,75 @@ class Monitor:
         timeout = timing.timeout_s(self._bus.settings, codec.largest_reply(poll.request))
         return max(READING_VALIDITY_PERIODS * poll.period_s, MIN_READING_VALIDITY_S) + timeout
 
-    def _on_poll_result(self, answer: BusResult) -> None:
-        self.last_error = answer.error
-        if answer.error is None and answer.reply is not None:
-            self._apply_poll(answer)
+    def _on_poll_result(self, result: BusResult) -> None:
+        self.last_error = result.error
+        if result.error is None and result.reply is not None:
+            self._apply_poll(result)
         self._notify()
 
     def _notify(self) -> None:
         if self._on_change is not None:
             self._on_change(self.status())
 
-    def _on_command_read(self, answer: BusResult) -> None:
+    def _on_command_read(self, result: BusResult) -> None:
         """Take a read of a command as a newer poll, so that its outcome and the status agree."""
-        if self._watch is not None:
-            facts = self._dialect.decode_readings(answer.bus_request.request, answer.reply, answer.received_at)
-            self._apply({name: reading for name, reading in facts.items() if self._is_newer(name, reading)})
+        if self._subscription is not None:
+            readings = self._dialect.decode_readings(result.bus_request.request, result.reply, result.received_at)
+            self._apply({name: reading for name, reading in readings.items() if self._is_newer(name, reading)})
             self._notify()
 
     def _is_newer(self, name: str, reading: Reading) -> bool:
         known = self._reading_pairs.latest.get(name)
         return known is not None and known.source_time is not None and (reading.source_time or 0.0) > known.source_time
 
-    def _apply_poll(self, answer: BusResult) -> None:
-        request = answer.bus_request.request
-        facts = self._dialect.decode_readings(request, answer.reply, answer.received_at)
+    def _apply_poll(self, result: BusResult) -> None:
+        request = result.bus_request.request
+        readings = self._dialect.decode_readings(request, result.reply, result.received_at)
         limit = self._poll_validity_s.get(request, MIN_READING_VALIDITY_S)
-        self._validity_s |= {name: limit for name in facts if name in self._names or name not in self._validity_s}
-        self._requests |= dict.fromkeys(facts, request)
-        self._apply(facts)
-        self._repeat_changed_words(request, facts)
+        self._validity_s |= {name: limit for name in readings if name in self._names or name not in self._validity_s}
+        self._requests |= dict.fromkeys(readings, request)
+        self._apply(readings)
+        self._repeat_changed_words(request, readings)
 
-    def _repeat_changed_words(self, request: Any, facts: Readings) -> None:
+    def _repeat_changed_words(self, request: Any, readings: Readings) -> None:
         """Repeat a poll at once, and once, where a status or fault word has changed: two equal reads count.
 
         On a slow bus its next turn is many seconds later.
         """
-        words = [name for name in facts if name.startswith(WORDS)]
-        has_changed = any(
-            pair is not None and pair[0] != pair[1] for pair in (self._reading_pairs.raw_pair(name) for name in words)
-        )
-        if self._watch is None or not has_changed or request in self._read_twice:
-            self._read_twice.discard(request)
+        words = [name for name in readings if name.startswith(WORD_PREFIXES)]
+        pairs = [self._reading_pairs.raw_pair(name) for name in words]
+        has_changed = any(pair is not None and pair[0] != pair[1] for pair in pairs)
+        if self._subscription is None or not has_changed or request in self._repeated:
+            self._repeated.discard(request)
             return
-        self._read_twice.add(request)
-        self._watch.make_due({request})
+        self._repeated.add(request)
+        self._subscription.make_due({request})
 
-    def _apply(self, facts: Readings) -> None:
-        self._reading_pairs.add(facts)
+    def _apply(self, readings: Readings) -> None:
+        self._reading_pairs.add(readings)
         derived = self._dialect.derive_state(self._reading_pairs)
         if derived is not None:
             before, self._derived = self._derived, derived
             if before.state is DriveState.FAULT and derived.state is not DriveState.FAULT:
                 self._read_hidden_values()
-            if derived.fault_code == UNNAMED_FAULT_CODE != before.fault_code and self._watch is not None:
+            if derived.fault_code == UNNAMED_FAULT_CODE != before.fault_code and self._subscription is not None:
                 # Its code was not read yet, or it was reset since the state was read.
                 states = {self._requests[name] for name in self._dialect.state_names if name in self._requests}
-                self._watch.make_due({*self._dialect.fault_reads(), *states})
+                self._subscription.make_due({*self._dialect.fault_reads(), *states})
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
 
     def _read_hidden_values(self) -> None:
         """Read at once what could not be read or not be verified during the fault: some polls have a period of 60 s."""
         hidden = [name for name, reading in self._reading_pairs.latest.items() if reading.quality is not Quality.GOOD]
-        if self._watch is not None:
-            self._watch.make_due({self._requests[name] for name in hidden if name in self._requests})
+        if self._subscription is not None:
+            self._subscription.make_due({self._requests[name] for name in hidden if name in self._requests})
 
     def status(self) -> DriveStatus:
         """Return the newest readings; what is too old is marked bad, and an old state is UNKNOWN."""
         now = self._bus.now()
         unusable_reply = self._bus.unusable_reply(self._dialect.address)
         derived = self._current_state(now)
-        if unusable_reply is not None and derived.reason in _REASONS_OF_SILENCE:
+        if unusable_reply is not None and derived.reason in _REASONS_WITHOUT_REPLY:
             derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_answer")
         aged = self._reading_pairs.with_staleness(now, self._validity_s, self._bus.port_opened_at)
         readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
@@ -169,9 +168,9 @@ class Monitor:
 
     def close(self) -> None:
         """End the polls. Idempotent."""
-        if self._watch is not None:
-            self._watch.cancel()
-            self._watch = None
+        if self._subscription is not None:
+            self._subscription.cancel()
+            self._subscription = None
             self._read_listeners.remove(self._on_command_read)
 
     def __enter__(self) -> Monitor:

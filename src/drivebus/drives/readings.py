@@ -18,9 +18,9 @@ class ReadingPairs:
         self.latest: dict[str, Reading] = {}
         self.previous: dict[str, Reading] = {}
 
-    def add(self, facts: Readings) -> None:
+    def add(self, readings: Readings) -> None:
         """Add the readings of one reply."""
-        for name, reading in facts.items():
+        for name, reading in readings.items():
             if name in self.latest:
                 self.previous[name] = self.latest[name]
             self.latest[name] = reading

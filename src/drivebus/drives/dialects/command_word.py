@@ -8,7 +8,8 @@ from drivebus.errors import CapabilityError
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
 from drivebus.protocols.codec import Effect
 
-MOTION_BITS, STOP_BITS = frozenset(MOTION_COMMANDS), frozenset(STOP_COMMANDS)
+MOTION_BITS = frozenset(MOTION_COMMANDS)
+STOP_BITS = frozenset(STOP_COMMANDS)
 DIRECTION_BITS = frozenset({"forward", "reverse"})
 
 
@@ -78,11 +79,11 @@ class CommandBits:
         """Return the words of a jog, a level that stands until jog_stop."""
         return (self._bit(f"jog_{direction.value}") | (self.levels or 0),)
 
-    def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
+    def stop(self, mode: StopMode, model: str) -> tuple[int, ...]:
         """Return the pulse with the held levels, then the levels alone."""
-        name = "jog_stop" if how is StopMode.JOG_STOP else how.value
+        name = "jog_stop" if mode is StopMode.JOG_STOP else mode.value
         if name not in self.map.bits:
-            raise CapabilityError("drives.cannot", model=model, what=how.value)
+            raise CapabilityError("drives.cannot", model=model, what=mode.value)
         pulse = self.map.bits[name].value
         return self._pulse_and_levels(pulse, self.levels or 0) if pulse else (self.levels or 0,)
 
@@ -142,12 +143,12 @@ class CommandValues:
     def jog(self, direction: Direction) -> tuple[int, ...]:
         return (self._value(f"jog_{direction.value}"),)
 
-    def stop(self, how: StopMode, model: str) -> tuple[int, ...]:
+    def stop(self, mode: StopMode, model: str) -> tuple[int, ...]:
         """Return the word of a stop; a jog without a stop of its own ends with the ordinary one."""
-        name = "jog_stop" if how is StopMode.JOG_STOP and "jog_stop" in self.map.values else how.value
+        name = "jog_stop" if mode is StopMode.JOG_STOP and "jog_stop" in self.map.values else mode.value
         name = "stop" if name == StopMode.JOG_STOP.value else name
         if name not in self.map.values:
-            raise CapabilityError("drives.cannot", model=model, what=how.value)
+            raise CapabilityError("drives.cannot", model=model, what=mode.value)
         return (self.map.values[name],)
 
     def reset(self, model: str) -> tuple[int, ...]:

@@ -353,9 +353,9 @@ class ModbusDialect(Dialect):
 
     def _command_frames(self, words: tuple[int, ...]) -> tuple[CommandFrame, ...]:
         """Return the pulse, which is edge-triggered, then the levels alone."""
-        requests = [self._writes.command(word) for word in words]
-        classes = [RetryPolicy.EDGE_TRIGGERED] + [RetryPolicy.IDEMPOTENT] * (len(words) - 1)
-        return tuple(CommandFrame(request, how) for request, how in zip(requests, classes, strict=True))
+        pulse, *levels = (self._writes.command(word) for word in words)
+        frames = [CommandFrame(request, RetryPolicy.IDEMPOTENT) for request in levels]
+        return (CommandFrame(pulse, RetryPolicy.EDGE_TRIGGERED), *frames)
 
     def preparation_frame(self, word: int) -> CommandFrame:
         return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)

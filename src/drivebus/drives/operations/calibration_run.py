@@ -46,19 +46,19 @@ def run_at_word(
     conditions = yield from get_bus_conditions()
     command = op.create_command(CommandKind.START, conditions)
     frames = op.dialect.start(direction, word)
-    answer = yield from send_frames(op, command, frames)
-    if not answer.sent and answer.error is not None:
-        raise answer.error
-    begun = yield from confirm_start(op, command, frames, direction, answer.error is None)
-    seen: T | None = None
-    if begun.status is OutcomeStatus.CONFIRMED:
+    result = yield from send_frames(op, command, frames)
+    if not result.sent and result.error is not None:
+        raise result.error
+    started = yield from confirm_start(op, command, frames, direction, result.error is None)
+    measured: T | None = None
+    if started.status is OutcomeStatus.CONFIRMED:
         yield from wait(CALIBRATION_RUN_S)
         yield from op.check_not_superseded(command)
-        seen = yield from measure()
+        measured = yield from measure()
     stopped = yield from stop(op, StopMode.STOP)
-    if seen is None or stopped.status is not OutcomeStatus.CONFIRMED:
-        raise _failure(word, begun, stopped)
-    return seen
+    if measured is None or stopped.status is not OutcomeStatus.CONFIRMED:
+        raise _failure(word, started, stopped)
+    return measured
 
 
 def _write_word(op: OperationContext, word: int) -> DriveOperation[None]:
@@ -74,9 +74,9 @@ def _write_word(op: OperationContext, word: int) -> DriveOperation[None]:
         raise error
 
 
-def _failure(word: int, begun: Outcome, ended: Outcome) -> TargetNotReached:
+def _failure(word: int, started: Outcome, stopped: Outcome) -> TargetNotReached:
     failure = TargetNotReached(
-        "drives.calibration_run_failed", word=f"{word:04X}H", began=begun.text(), ended=ended.text()
+        "drives.calibration_run_failed", word=f"{word:04X}H", began=started.text(), ended=stopped.text()
     )
-    failure.outcome = ended
+    failure.outcome = stopped
     return failure

@@ -27,7 +27,8 @@ EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its sta
 MIRRORED_REPLY_KEY = "bus.own_echo"  # a loop-back's reply equals its request: accepted once the port has shown no echo
 CHECKS_TIMEOUT_S = 5.0  # limit from the request of a command to the end of its checks
 CHECKS_TIMEOUT_TRANSACTIONS = 40  # or this many transactions, where the bus is so slow (300 baud: 25 s)
-MAX_COMMAND_EXCHANGES, MAX_READ_EXCHANGES = 64, 24  # bound of the frames that an outcome carries
+MAX_COMMAND_EXCHANGES = 64  # bound of the frames of commands and stops that an outcome carries
+MAX_READ_EXCHANGES = 24  # bound of its reads, the last ones: a repeated stop reads again and again
 
 
 class CommandAge:

@@ -27,12 +27,11 @@ def check_jog_lease(lease_s: float) -> float:
 
 def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direction) -> DriveOperation[Outcome]:
     """Begin to jog from standstill. The frame is sent once; an unanswered jog is stopped at once."""
-    memory, dialect = op.drive, op.dialect
-    memory.require_capability("jog")
-    memory.check_direction(direction)
+    op.drive.require_capability("jog")
+    op.drive.check_direction(direction)
     word = None if frequency_hz is None else op.check_frequency(frequency_hz)[0]
     op.limits_checked = True  # without a frequency the drive uses its own, set on its keypad
-    frames = dialect.jog(direction, word)
+    frames = op.dialect.jog(direction, word)
     yield from op.start_clock()
     yield from check_readiness(op)
     yield from op.check_deadline()
@@ -43,12 +42,12 @@ def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOpe
     """Send the jog frame once; stop the drive unless it acknowledges the frame or rejects it."""
     conditions = yield from get_bus_conditions()
     command = op.create_command(CommandKind.JOG, conditions)
-    answer = yield from send_frames(op, command, frames)
-    refused = op.rejected_outcome(answer)
+    result = yield from send_frames(op, command, frames)
+    refused = op.rejected_outcome(result)
     if refused is not None:
         op.may_be_running = False
         return refused
-    if answer.error is None:
+    if result.error is None:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
     yield from end_jog(op)
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.jog_unknown")

@@ -52,8 +52,8 @@ def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[
 def _read_signal(op: OperationContext, signal: Signal) -> DriveOperation[Reading]:
     yield from op.sync()
     for request, _ in op.dialect.polls((signal.name,)):
-        answer = yield from op.read(request)
-        if answer.error is not None:
+        result = yield from op.read(request)
+        if result.error is not None:
             return missing_reading("drives.no_answer", signal.unit)
     return op.reading_pairs.latest.get(signal.name) or missing_reading("drives.not_reported", signal.unit)
 
@@ -65,14 +65,14 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
     error = (yield from op.sync(avoid=request)) if op.dialect.needs_sync(request) else None
     if error is not None:
         return missing_reading("drives.no_answer", parameter.unit)
-    answer = yield from op.transact(request)
-    if answer.error is not None:
+    result = yield from op.transact(request)
+    if result.error is not None:
         return missing_reading("drives.no_answer", parameter.unit)
-    raw = op.dialect.parameter_raw(answer.reply)
+    raw = op.dialect.parameter_raw(result.reply)
     if raw is None:
-        return missing_reading(_missing_reason(op, answer.reply), parameter.unit)
-    reading = op.dialect.parameter_reading(parameter, raw, answer.received_at)
-    return reading if op.dialect.names_parameter(answer.reply) else without_item_echo(reading)
+        return missing_reading(_missing_reason(op, result.reply), parameter.unit)
+    reading = op.dialect.parameter_reading(parameter, raw, result.received_at)
+    return reading if op.dialect.names_parameter(result.reply) else without_item_echo(reading)
 
 
 def _missing_reason(op: OperationContext, reply: Any) -> str:
@@ -157,15 +157,15 @@ def _write_one(op: OperationContext, wanted: ParameterWrite, save: bool) -> Driv
     conditions = yield from op.check_deadline()
     kind = CommandKind.INPUTS if may_move(op.dialect, wanted) else CommandKind.WRITE
     command = op.create_command(kind, conditions)
-    answer = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
-    refused = op.rejected_outcome(answer, **params)
+    result = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
+    refused = op.rejected_outcome(result, **params)
     if refused is not None:
         return refused
-    outcome = yield from _read_back(op, wanted, answer.error is None, params)
+    outcome = yield from _read_back(op, wanted, result.error is None, params)
     if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
-            answer.error is None, "drives.save_acknowledged", "drives.save_unknown", **params
+            result.error is None, "drives.save_acknowledged", "drives.save_unknown", **params
         )
     if save and outcome.succeeded:
         with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe

@@ -17,11 +17,11 @@ from drivebus.values import Quality, Text
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     """Read every precondition of the profile, and the ramp times where the profile names them.
 
-    Raises PreflightError where the drive does not answer, StartInhibited where it names another model.
+    Raises PreflightError where the drive does not result, StartInhibited where it names another model.
     """
     yield from _check_identity_code(op)
-    holds: list[str] = []
-    missing: list[UnmetPrecondition] = []
+    satisfied: list[str] = []
+    unmet: list[UnmetPrecondition] = []
     unreadable: list[tuple[str, Text]] = []
     for condition in op.dialect.profile.preconditions:
         if condition.unreadable is not None:
@@ -30,14 +30,14 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
         reply = yield from read_parameter_reply(op, op.dialect.profile.parameters[condition.notation])
         raw = op.dialect.parameter_raw(reply)
         if raw in condition.accepted:
-            holds.append(condition.notation)
+            satisfied.append(condition.notation)
         else:
-            missing.append(_unmet(op.dialect, condition, reply))
-    if not missing:
+            unmet.append(_unmet(op.dialect, condition, reply))
+    if not unmet:
         yield from _read_maximum_frequency(op)
     yield from _read_ramp_times(op)
     conditions = yield from get_bus_conditions()
-    found = Preflight(tuple(holds), tuple(missing), tuple(unreadable), conditions.now)
+    found = Preflight(tuple(satisfied), tuple(unmet), tuple(unreadable), conditions.now)
     op.drive.preflight = found
     return found
 
@@ -64,12 +64,12 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     fresh = known is not None and known.passed and is_lasting
     found = known if fresh and known is not None else (yield from read_preflight(op))
     if not found.passed:
-        refused = all(unmet.found is None for unmet in found.unmet)
+        refused = all(precondition.found is None for precondition in found.unmet)
         raise PreflightError(
             "drives.preflight_refused" if refused else "drives.preflight",
             model=op.dialect.profile.model,
             station=op.dialect.address,
-            parameters=", ".join(m.notation for m in found.unmet),
+            parameters=", ".join(precondition.notation for precondition in found.unmet),
             steps=_keypad_steps(found.unmet),
         )
     return found
@@ -87,10 +87,10 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
     if op.dialect.needs_sync(request):
         error = yield from op.sync(avoid=request)
     if error is None:
-        answer = yield from op.transact(request)
-        if answer.error is None:
-            return answer.reply
-        error = answer.error if isinstance(answer.error, DrivebusError) else None
+        result = yield from op.transact(request)
+        if result.error is None:
+            return result.reply
+        error = result.error if isinstance(result.error, DrivebusError) else None
     problem = error.text() if error is not None else ""
     raise PreflightError(
         "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
@@ -109,8 +109,8 @@ def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
     for request in op.dialect.identity_reads():
         if (yield from op.sync()) is not None:
             return
-        answer = yield from op.transact(request)
-        code = None if answer.error is not None else op.dialect.parameter_raw(answer.reply)
+        result = yield from op.transact(request)
+        code = None if result.error is not None else op.dialect.parameter_raw(result.reply)
         if code is not None and codes.names_other(code, model):
             named = " / ".join(codes.models[code])
             raise StartInhibited("drives.other_model", station=op.dialect.address, model=model, code=code, named=named)
@@ -176,9 +176,9 @@ def _unmet(dialect: Dialect, condition: Precondition, reply: Any) -> UnmetPrecon
     return UnmetPrecondition(condition.notation, raw, condition.accepted, condition.keypad, why)
 
 
-def _keypad_steps(missing: tuple[UnmetPrecondition, ...]) -> Text:
+def _keypad_steps(unmet: tuple[UnmetPrecondition, ...]) -> Text:
     """Return the value of each unmet parameter and the keypad step that corrects it, in both languages."""
-    sentences = {language: [_precondition_sentence(one, language) for one in missing] for language in i18n.LANGUAGES}
+    sentences = {language: [_precondition_sentence(one, language) for one in unmet] for language in i18n.LANGUAGES}
     return Text(en=" ".join(sentences["en"]), zh="".join(sentences["zh"]))
 
 

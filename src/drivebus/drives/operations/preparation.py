@@ -53,15 +53,15 @@ def _send_confirmed(op: OperationContext, kind: CommandKind, frame: CommandFrame
     conditions = yield from op.check_deadline()
     for unmet in unmet_bus_permissives(op.dialect.address, conditions):
         raise unmet  # an unlock needs no permit, but goes before a start only where that may follow
-    answer = yield from op.send_command(op.create_command(kind, conditions), frame)
-    _check_accepted(op, answer, shown)
-    if answer.error is not None:
-        raise answer.error
+    result = yield from op.send_command(op.create_command(kind, conditions), frame)
+    _check_accepted(op, result, shown)
+    if result.error is not None:
+        raise result.error
 
 
-def _check_accepted(op: OperationContext, answer: BusResult, shown: str) -> None:
+def _check_accepted(op: OperationContext, result: BusResult, shown: str) -> None:
     """Raise StartInhibited where the drive rejected what it needs before a start."""
-    refused = op.rejected_outcome(answer)
+    refused = op.rejected_outcome(result)
     if refused is not None:
         raise StartInhibited("drives.preparation_rejected", word=shown, code=refused.params["code"])
 
@@ -70,10 +70,10 @@ def _take_step(op: OperationContext, step: StartStep) -> DriveOperation[None]:
     """Send one word and wait for the status that it brings about. A word without reply is not sent again."""
     yield from _count_own_stops(op)
     conditions = yield from op.check_deadline()
-    answer = yield from op.send_command(
+    result = yield from op.send_command(
         op.create_command(CommandKind.START, conditions), op.dialect.preparation_frame(step.word)
     )
-    _check_accepted(op, answer, _hex(step.word))
+    _check_accepted(op, result, _hex(step.word))
     command = op.create_command(CommandKind.START, conditions)  # after the word: it may be a stop, which is counted
     yield from _wait_for_status(op, step, command)
 

@@ -53,11 +53,11 @@ def write_setpoint(
     refused = None
     answered = True
     for frame in frames:
-        answer = yield from op.send_command(command, frame)
-        answered = answered and answer.error is None
-        refused = refused or (None if answer.reply is None else op.dialect.rejection(answer.reply))
-        if not answer.sent and answer.error is not None:
-            raise answer.error
+        result = yield from op.send_command(command, frame)
+        answered = answered and result.error is None
+        refused = refused or (None if result.reply is None else op.dialect.rejection(result.reply))
+        if not result.sent and result.error is not None:
+            raise result.error
     if refused is not None:
         return op.outcome(OutcomeStatus.REFUSED, refused.key, code=refused.code)
     return (yield from read_back_setpoint(op, word, frequency_hz, answered))

@@ -32,12 +32,14 @@ from drivebus.errors import (
 from drivebus.values import Quality, Text
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
-RAMP_FACTOR, RAMP_SLACK_S = 1.5, 2.0  # a ramp may take 1.5 times its set time and 2 s
+RAMP_FACTOR = 1.5  # a ramp may take 1.5 times its set time
+RAMP_SLACK_S = 2.0  # and this much longer, which counts for short ramps
 DEFAULT_RAMP_TIMEOUT_S = 60.0  # where the model does not report its ramp
 SPEED_TOLERANCE = 0.005  # of the set frequency, but never less than two steps of what the drive reports
 COMMAND_SETTLE_S = 0.15  # pause before the first read: right after a start a C320 may still report "stopped" (2.4.6)
 START_CONFIRM_TIMEOUT_S = 3.0  # a drive that still stands after this did not execute the start
-OVERSPEED_SHARE, OVERSPEED_HZ = 0.2, 3.0  # above the set frequency; slip compensation and overshoot stay below 10 %
+OVERSPEED_SHARE = 0.2  # of the set frequency, above it: slip compensation and overshoot stay below 10 %
+OVERSPEED_HZ = 3.0  # least distance above the set frequency, at low ones
 WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
 _SPEEDING_STATES = (DriveState.RUNNING, DriveState.ACCELERATING)
 MAX_RESENDS = 2  # of an unanswered command, while it has not expired
@@ -50,9 +52,9 @@ def run(
 
     ``will_wait``: ``wait_at_speed`` follows, so a model that can't show its speed is rejected now.
     """
-    memory, dialect = op.drive, op.dialect
-    memory.require_capability("run")
-    memory.check_direction(direction)
+    dialect = op.dialect
+    op.drive.require_capability("run")
+    op.drive.check_direction(direction)
     word, actual_hz = op.check_frequency(frequency_hz)
     dialect.start(direction, word)  # raises now where the model or a missing calibration forbids it
     if will_wait and not dialect.can_confirm_speed():
@@ -127,11 +129,7 @@ def _start_from_standstill(
         if op.dialect.reports_run_state:
             yield from _require_state(op)
         return (yield from _send_start(op, frequency_hz, direction, word))
-    except (
-        StartInhibited,
-        PreflightError,
-        Expired,
-    ) as withheld:  # the frequency was sent, the start not
+    except (StartInhibited, PreflightError, Expired) as withheld:  # the frequency was sent, the start not
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 
@@ -142,11 +140,11 @@ def _send_start(
     command = op.create_command(CommandKind.START, conditions)
     op.overspeed_hz = frequency_hz + max(OVERSPEED_SHARE * frequency_hz, OVERSPEED_HZ)
     frames = op.dialect.start(direction, word)
-    answer = yield from send_frames(op, command, frames)
-    refused = op.rejected_outcome(answer)
+    result = yield from send_frames(op, command, frames)
+    refused = op.rejected_outcome(result)
     if refused is not None:
         return _refused_outcome(refused, "drives.start_refused")
-    outcome = yield from confirm_start(op, command, frames, direction, answer.error is None)
+    outcome = yield from confirm_start(op, command, frames, direction, result.error is None)
     yield from _stop_at_overspeed(op, frequency_hz)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
         return (yield from _check_setpoint(op, outcome, word, frequency_hz))
@@ -186,10 +184,10 @@ def resend_frames(
 ) -> DriveOperation[bool | None]:
     """Send the frames again. Return whether the drive answered, None where they may not be sent any more."""
     try:
-        answer = yield from send_frames(op, command, frames)
+        result = yield from send_frames(op, command, frames)
     except WITHHELD_ERRORS:
         return None
-    return answer.error is None
+    return result.error is None
 
 
 def confirm_start(

@@ -18,16 +18,16 @@ from drivebus.values import Quality, Reading, missing_reading
 
 
 def identify(op: OperationContext) -> DriveOperation[Identity]:
-    """Read the identity. Raises the error of the bus where the drive does not answer."""
+    """Read the identity. Raises the error of the bus where the drive does not result."""
     dialect = op.dialect
     error = yield from op.sync()
     if error is not None:
         raise error
     replies: list[Any] = []
     for request in dialect.identity_reads():
-        answer = yield from op.transact(request)
-        valid = answer.error is None and answer.reply is not None and dialect.rejection(answer.reply) is None
-        replies.append(answer.reply if valid else None)
+        result = yield from op.transact(request)
+        valid = result.error is None and result.reply is not None and dialect.rejection(result.reply) is None
+        replies.append(result.reply if valid else None)
     return dialect.decode_identity(tuple(replies))
 
 
@@ -89,7 +89,7 @@ CANONICAL_SIGNALS = {
 
 
 def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
-    """Read state and signals. Raises the error of the bus where the drive does not answer at all."""
+    """Read state and signals. Raises the error of the bus where the drive does not result at all."""
     wanted = tuple(op.dialect.profile.signals) if names is None else names
     error = yield from op.read_verified_state()
     answered = error is None and bool(op.dialect.state_reads())
@@ -99,10 +99,10 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
     for request, _ in op.dialect.polls(wanted) if error is None else ():
         if request in done:
             continue
-        answer = yield from op.read(request)
-        answered = answered or answer.error is None
-        if answer.error is not None:
-            error = answer.error if isinstance(answer.error, DrivebusError) else error
+        result = yield from op.read(request)
+        answered = answered or result.error is None
+        if result.error is not None:
+            error = result.error if isinstance(result.error, DrivebusError) else error
     if not answered and error is None:
         error = yield from op.sync()
         answered = error is None

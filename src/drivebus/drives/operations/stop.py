@@ -31,15 +31,15 @@ UNVERIFIABLE_STOP_SENDS = 3  # repetitions for a drive that reports no run statu
 class StopProgress:
     """Progress of a stop and its deadline."""
 
-    def __init__(self, op: OperationContext, begun: float, drives: int = 1) -> None:
+    def __init__(self, op: OperationContext, started_at: float, drives: int = 1) -> None:
         """``drives``: number of drives that are stopped at once and read in turns."""
-        self._op, self._begun, self._drives = op, begun, drives
-        self._decelerating_at = self._checked_progress_at = begun
+        self._op, self._started_at, self._drives = op, started_at, drives
+        self._decelerating_at = self._checked_progress_at = started_at
 
     @property
     def _last_progress_at(self) -> float:
         """Time of the last reading that showed deceleration."""
-        return max(self._decelerating_at, self._op.last_deceleration_at or self._begun)
+        return max(self._decelerating_at, self._op.last_deceleration_at or self._started_at)
 
     def update(self, now: float) -> bool:
         """Return whether the drive has decelerated since the last update, by its frequency or its state."""
@@ -52,14 +52,12 @@ class StopProgress:
     @property
     def deadline(self) -> float:
         """Time at which the stop is unconfirmed: without progress, or beyond the drive's ramp where that is known."""
-        ramp, pace = self._op.drive.deceleration_s or 0.0, self._op.age.fastest_transaction_s
-        patience = max(
-            STOP_PROGRESS_TIMEOUT_S, STOP_PROGRESS_TIMEOUT_TRANSACTIONS * self._drives * pace if isfinite(pace) else 0.0
-        )
-        by_its_ramp = self._begun + STOP_PROGRESS_TIMEOUT_S + ramp
-        return min(
-            max(self._last_progress_at + patience, by_its_ramp), max(self._begun + MAX_DECELERATION_S, by_its_ramp)
-        )
+        transaction_s = self._op.age.fastest_transaction_s
+        turns_s = STOP_PROGRESS_TIMEOUT_TRANSACTIONS * self._drives * transaction_s if isfinite(transaction_s) else 0.0
+        without_progress = self._last_progress_at + max(STOP_PROGRESS_TIMEOUT_S, turns_s)
+        ramp_end = self._started_at + STOP_PROGRESS_TIMEOUT_S + (self._op.drive.deceleration_s or 0.0)
+        longest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
+        return min(max(without_progress, ramp_end), longest)
 
 
 def stop(
@@ -82,18 +80,18 @@ def stop(
 
 
 def _send_and_confirm(
-    op: OperationContext, how: StopMode, wait_for_it: bool, progress: StopProgress
+    op: OperationContext, mode: StopMode, wait_confirmed: bool, progress: StopProgress
 ) -> DriveOperation[Outcome]:
-    begun = (yield from get_bus_conditions()).now
-    answered = yield from send_stop(op, how)
+    started_at = (yield from get_bus_conditions()).now
+    answered = yield from send_stop(op, mode)
     if not op.dialect.reports_run_state:
-        return (yield from _repeat_unverifiable(op, how, answered))
-    if not wait_for_it and not op.stops_sent:
+        return (yield from _repeat_unverifiable(op, mode, answered))
+    if not wait_confirmed and not op.stops_sent:
         return unconfirmed_outcome(op)
-    if not wait_for_it:
+    if not wait_confirmed:
         key = "drives.stop_answered" if answered else "drives.stop_unanswered"
         return op.outcome(OutcomeStatus.UNKNOWN, key)
-    return (yield from _until_confirmed(op, how, begun, progress))
+    return (yield from _until_confirmed(op, mode, started_at, progress))
 
 
 def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
@@ -115,13 +113,13 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
     """Send the frames of one stop. Return whether the drive accepted the first, which stops."""
     answered = False
     for place, request in enumerate(op.dialect.stop(mode)):
-        answer: BusResult = yield from op.transact(
+        result: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )
         if place == 0:
-            op.stops_sent += answer.sent_at is not None
-            op.stop_rejection = None if answer.reply is None else op.dialect.rejection(answer.reply)
-            answered = answer.error is None and answer.reply is not None and op.stop_rejection is None
+            op.stops_sent += result.sent_at is not None
+            op.stop_rejection = None if result.reply is None else op.dialect.rejection(result.reply)
+            answered = result.error is None and result.reply is not None and op.stop_rejection is None
     return answered
 
 
@@ -136,20 +134,20 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
     return op.withheld_stop is None
 
 
-def _repeat_unverifiable(op: OperationContext, how: StopMode, answered: bool) -> DriveOperation[Outcome]:
+def _repeat_unverifiable(op: OperationContext, mode: StopMode, answered: bool) -> DriveOperation[Outcome]:
     """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
         if not answered:
             yield from op.sync()  # the reply mirrors the stop: a read shows whether the adapter echoes
         yield from wait(STOP_POLL_INTERVAL_S)
-        answered = (yield from send_stop(op, how)) or answered
+        answered = (yield from send_stop(op, mode)) or answered
     if answered:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     return unconfirmed_outcome(op)
 
 
 def _until_confirmed(
-    op: OperationContext, how: StopMode, last_sent: float, progress: StopProgress
+    op: OperationContext, mode: StopMode, last_sent_at: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
     """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
     while True:
@@ -160,9 +158,9 @@ def _until_confirmed(
         slowing = progress.update(now)
         if now > progress.deadline:
             return unconfirmed_outcome(op)
-        if not slowing or now - last_sent >= STOP_RESEND_INTERVAL_S:
-            yield from send_stop(op, how)
-            last_sent = now
+        if not slowing or now - last_sent_at >= STOP_RESEND_INTERVAL_S:
+            yield from send_stop(op, mode)
+            last_sent_at = now
         yield from wait(STOP_POLL_INTERVAL_S)
 
 
@@ -176,19 +174,19 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
         return op.outcome(OutcomeStatus.UNKNOWN, key, station=op.dialect.address, model=model, why=withheld.why)
     if not op.stops_sent:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_completed")
-    seen, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
-    if seen.newest is None:
+    reports, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
+    if reports.newest is None:
         key = "drives.stop_no_reply" if why is None else "drives.stop_rejected"
         return op.outcome(OutcomeStatus.UNKNOWN, key, why=why)
-    state, output_hz = seen.newest.state, seen.output_hz
+    state, output_hz = reports.newest.state, reports.output_hz
     params = {
         "found": _reported_text(state, output_hz),
-        "reads": seen.count,
-        "failures": seen.failures,
+        "reads": reports.count,
+        "failures": reports.failures,
         "state": state,
         "output_hz": output_hz,
     }
-    if seen.failures:
+    if reports.failures:
         key = "drives.stop_reply_lost"
     elif why is not None:
         key, params["why"] = "drives.stop_rejected_running", why
@@ -197,7 +195,7 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
     outcome = op.outcome(OutcomeStatus.UNKNOWN, key, **params)
     if op.derived is not STATE_NOT_READ or outcome.drive_status is None:
         return outcome
-    status = replace(outcome.drive_status, state=state, direction=seen.newest.direction, reason=None)
+    status = replace(outcome.drive_status, state=state, direction=reports.newest.direction, reason=None)
     return replace(outcome, drive_status=status)
 
 
