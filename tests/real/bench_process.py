@@ -111,9 +111,9 @@ class RecordedBus:
                 last[0] = (station.motor.energised, trip)
                 self._write(what="motor", t=at, address=station.address, on=station.motor.energised, trip=trip)
 
-        def received(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
+        def received(message: Any, codec: Any, settings: Any, now: float, **named: Any) -> Any:
             self._write(what="received", t=now, address=station.address)
-            return handle_frame(message, codec, line, now, **named)
+            return handle_frame(message, codec, settings, now, **named)
 
         handle_frame = station.handle_frame
         station.advance, station.handle_frame = advance_in_steps, received

@@ -25,8 +25,8 @@ def arrivals(w: Wire, side: Side = Side.MASTERS) -> list[tuple[float, bytes, int
     while (at := w.next_event_at()) is not None:
         event = w.pop_event(at)
         assert event is not None
-        if event[0] is side:
-            found.append((at, *event[1].received(event[2], event[3] if side is Side.MASTERS else None)))
+        if event.side is side:
+            found.append((at, *event.transmission.received(event.first, event.last)))
     return found
 
 

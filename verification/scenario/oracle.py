@@ -111,11 +111,11 @@ class Oracle:
         handle_frame, history = station.handle_frame, DriveHistory(station, self.now, self.trace)
         self.histories[station.address] = history
 
-        def on_handle_frame(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
+        def on_handle_frame(message: Any, codec: Any, settings: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             before = _station_state(station)
             frames = station.frame_count
-            transmission = handle_frame(message, codec, line, now, **named)
+            transmission = handle_frame(message, codec, settings, now, **named)
             if self._current_request is not None and station.frame_count > frames:
                 history.on_frame(self._current_request)
             if _station_state(station) != before and self._current_request is not None:

@@ -99,10 +99,10 @@ class ReplyLog:
     def _watch(self, station: Any, handle_frame: Any) -> None:
         replies = self._replies[station.address] = deque(maxlen=64)
 
-        def on_handle_frame(message: Any, codec: Any, line: Any, now: float, **named: Any) -> Any:
+        def on_handle_frame(message: Any, codec: Any, settings: Any, now: float, **named: Any) -> Any:
             station.advance(now)
             self._show_new_value(station.motor)
-            reply = handle_frame(message, codec, line, now, **named)
+            reply = handle_frame(message, codec, settings, now, **named)
             if reply is not None:
                 replies.append((now, reply.data))
             return reply

@@ -13,7 +13,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.framing import MODBUS_ASCII_FRAMING, MODBUS_RTU_FRAMING
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import ParameterSpec
 from drivebus.simulator.station import SimulatedStation
@@ -58,7 +58,6 @@ class SourceDrive:
 class SourceStation(SimulatedStation):
     """Simulated drive of a ``SourceDrive``."""
 
-    family: ClassVar[str] = "modbus"
     broadcast: ClassVar[int] = modbus.BROADCAST
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
 
@@ -69,11 +68,7 @@ class SourceStation(SimulatedStation):
             specs[drive.maximum[0]] = ParameterSpec(drive.maximum[1])
         specs |= {register: ParameterSpec(word) for register, word in drive.settings.items()}
         super().__init__(address, specs, motor)
-        self.rule = (
-            FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
-            if drive.is_ascii
-            else FramingRule(gap_characters=3.5, ends_by_silence=True)
-        )
+        self.rule = MODBUS_ASCII_FRAMING if drive.is_ascii else MODBUS_RTU_FRAMING
         self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if drive.is_ascii else modbus.ModbusRtuCodec(),)
         baud, _, serial_format = drive.line.partition(" ")
         self.factory_settings = SerialSettings.parse(int(baud), serial_format)  # type: ignore[misc]
@@ -82,8 +77,8 @@ class SourceStation(SimulatedStation):
     def power_up(self) -> None:
         self.setpoint_word = 0
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
-        return max(REPLY_DELAY_S, line.seconds(3.5))
+    def reply_delay_s(self, settings: SerialSettings) -> float:
+        return max(REPLY_DELAY_S, settings.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
         self.motor.accel_s, self.motor.decel_s = self.memory[ACCEL_TIME] / 10.0, self.memory[DECEL_TIME] / 10.0

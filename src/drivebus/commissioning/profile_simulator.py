@@ -44,7 +44,7 @@ from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.family import Locator
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.framing import MODBUS_ASCII_FRAMING, MODBUS_RTU_FRAMING
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import ParameterSpec
 from drivebus.simulator.station import SimulatedModel, SimulatedStation, StationReply
@@ -91,7 +91,6 @@ def simulated_model(model: str) -> SimulatedModel | None:
 class ProfileStation(SimulatedStation):
     """Simulated drive that does what its profile says."""
 
-    family: ClassVar[str] = MODBUS
     broadcast: ClassVar[int] = modbus.BROADCAST
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
 
@@ -101,11 +100,7 @@ class ProfileStation(SimulatedStation):
         self.commands: CommandMap = profile.commands.resolved(profile.options)
         super().__init__(address, _parameter_specs(profile), motor)
         self.is_ascii = profile.encodings[0] == "ascii"
-        self.rule = (
-            FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
-            if self.is_ascii
-            else FramingRule(gap_characters=3.5, ends_by_silence=True)
-        )
+        self.rule = MODBUS_ASCII_FRAMING if self.is_ascii else MODBUS_RTU_FRAMING
         self.features = profile.modbus or ModbusFeatures()
         rtu_codec = modbus.ModbusRtuCodec(count_bytes=self.features.reply_count_bytes)
         self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else rtu_codec,)
@@ -130,8 +125,8 @@ class ProfileStation(SimulatedStation):
         step = f"{self.profile.setpoint_scale.factor:g}"
         return {SETPOINT_STEP: step} if SETPOINT_STEP in self.profile.options else {}
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
-        return max(REPLY_DELAY_S, line.seconds(3.5))
+    def reply_delay_s(self, settings: SerialSettings) -> float:
+        return max(REPLY_DELAY_S, settings.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
         self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0

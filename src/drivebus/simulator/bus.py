@@ -57,14 +57,14 @@ class SimulatedBus:
     def __init__(
         self,
         stations: Iterable[SimulatedStation],
-        line: SerialSettings | None = None,
+        settings: SerialSettings | None = None,
         *,
         line_quality: LineQuality | str = "clean",
         seed: int = 1,
         name: str = "",
     ) -> None:
         self.stations = list(stations)
-        self.settings = line or (self.stations[0].factory_settings if self.stations else SerialSettings())
+        self.settings = settings or (self.stations[0].factory_settings if self.stations else SerialSettings())
         self.name = name
         self.rng = random.Random(seed)
         chosen = parse_line_quality(line_quality) if isinstance(line_quality, str) else line_quality
@@ -194,11 +194,10 @@ class SimulatedBus:
         assert self._loop is not None
         now = self._loop.time()
         while (event := self.wire.pop_event(now)) is not None:
-            side, transmission, first, last = event
-            if side is Side.MASTERS:
-                self._deliver_to_masters(transmission, first, last)
+            if event.side is Side.MASTERS:
+                self._deliver_to_masters(event.transmission, event.first, event.last)
             else:
-                self._deliver_to_stations(transmission, self.wire.station_delays[last], now)
+                self._deliver_to_stations(event.transmission, event.decision_delay_s, now)
         self._arm_timer()
         self._release_timer()
 
@@ -212,12 +211,12 @@ class SimulatedBus:
             else:
                 master.receive(data, line_errors)
 
-    def _deliver_to_stations(self, transmission: Transmission, wait: float, now: float) -> None:
+    def _deliver_to_stations(self, transmission: Transmission, decision_delay_s: float, now: float) -> None:
         data, line_errors = transmission.received()
         over = self.wire.silent_since(now) <= transmission.end + 1e-9
         for group in self._groups:
             receiver = group.receiver
-            if receiver.decision_delay_s != wait:
+            if receiver.decision_delay_s != decision_delay_s:
                 continue
             frames = receiver.feed(data, line_errors, transmission.silence_s)
             if receiver.rule.ends_by_silence and over:

@@ -32,8 +32,12 @@ class FramingRule:
     restarts_on_start_byte: bool = False
     """Whether a start byte always begins a new frame (Modbus ASCII ':')."""
 
-    def gap_s(self, line: SerialSettings) -> float:
-        return max(line.seconds(self.gap_characters), self.gap_floor_s)
+    def gap_s(self, settings: SerialSettings) -> float:
+        return max(settings.seconds(self.gap_characters), self.gap_floor_s)
+
+
+MODBUS_RTU_FRAMING = FramingRule(gap_characters=3.5, ends_by_silence=True)
+MODBUS_ASCII_FRAMING = FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -56,11 +60,11 @@ class FrameReceiver:
     """Frame receiver for one family, or one encoding of it, on one wire."""
 
     def __init__(
-        self, codecs: tuple[Codec, ...], rule: FramingRule, line: SerialSettings, tolerance_s: float = 1e-6
+        self, codecs: tuple[Codec, ...], rule: FramingRule, settings: SerialSettings, tolerance_s: float = 1e-6
     ) -> None:
         self.codecs = codecs
         self.rule = rule
-        self.gap_s = rule.gap_s(line)
+        self.gap_s = rule.gap_s(settings)
         self.tolerance_s = tolerance_s
         """Tolerance of measured silences in seconds (jitter of the operating system)."""
         self.decision_delay_s = self.gap_s if rule.ends_by_silence else 0.0
@@ -153,12 +157,12 @@ class FrameReceiver:
 @lru_cache(DECODED_FRAMES)
 def _decode_request(codec: Codec, frame: bytes) -> tuple[Any, int, int | None] | None:
     """Return message, size and address of the request at offset 0; None while it is incomplete."""
-    verdict = codec.decode_request(frame)
-    if not isinstance(verdict, Complete):
+    result = codec.decode_request(frame)
+    if not isinstance(result, Complete):
         return None
-    request = getattr(verdict.message, "request", verdict.message)
+    request = getattr(result.message, "request", result.message)
     address = codec.broadcast_address if getattr(request, "broadcast", False) else codec.address_of(request)
-    return verdict.message, verdict.size, address
+    return result.message, result.size, address
 
 
 def _error_address(error: ProtocolError) -> int | None:

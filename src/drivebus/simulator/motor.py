@@ -70,8 +70,6 @@ class MotorLoad:
         return cls(0.0, 0.0, torque)
 
 
-__all__ = ["Motor", "MotorLoad", "Nameplate", "OutputPhase", "Trip"]
-
 _MAGNETISING_CURRENT = 0.4
 """Magnetising share of the rated current; the rest produces the rated torque."""
 _TORQUE_CURRENT = sqrt(1.0 - _MAGNETISING_CURRENT**2)

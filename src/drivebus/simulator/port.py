@@ -114,14 +114,16 @@ def open_port(url: Any) -> SimPort:
 
 def _create_bus(url: Any, name: str) -> SimulatedBus:
     names = station_option_names()
-    settings = {key: value for key, value in url.options.items() if key in names}
-    stations = make_stations(url.path, settings, url.options.get("load", "constant"))
+    options = {key: value for key, value in url.options.items() if key in names}
+    stations = make_stations(url.path, options, url.options.get("load", "constant"))
     ramp_s = url.number("ramp", 10.0, 0.1, 3600.0)
     for station in stations if "ramp" in url.options else ():
         station.set_ramps(ramp_s, ramp_s)
-    line = _station_settings(url, _master_settings(url, stations[0].factory_settings))
+    own_settings = _station_settings(url, _master_settings(url, stations[0].factory_settings))
     seed = int(url.number("seed", 1, 0, 2**31))
-    return SimulatedBus(stations, line, line_quality=url.options.get("line_quality", "clean"), seed=seed, name=name)
+    return SimulatedBus(
+        stations, own_settings, line_quality=url.options.get("line_quality", "clean"), seed=seed, name=name
+    )
 
 
 def _master_settings(url: Any, factory: SerialSettings) -> SerialSettings:

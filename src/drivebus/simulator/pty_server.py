@@ -11,6 +11,7 @@ import contextlib
 import os
 import termios
 import tty
+from dataclasses import replace
 from pathlib import Path
 
 from drivebus.serial_settings import SerialSettings
@@ -107,11 +108,9 @@ class PtyServer:
         """Return the program's settings where its baud rate is wrong, else None."""
         if not self._check_baud or self._descriptors is None:
             return None
-        baud = _BAUDS.get(termios.tcgetattr(self._descriptors[0])[5], self.simulated_bus.settings.baud)
-        if baud == self.simulated_bus.settings.baud or not baud:
-            return None
-        line = self.simulated_bus.settings
-        return SerialSettings(baud, line.data_bits, line.parity, line.stop_bits)
+        settings = self.simulated_bus.settings
+        baud = _BAUDS.get(termios.tcgetattr(self._descriptors[0])[5], settings.baud)
+        return None if baud == settings.baud or not baud else replace(settings, baud=baud)
 
 
 async def serve_pty(

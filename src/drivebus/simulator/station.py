@@ -51,7 +51,6 @@ class StationReply:
 class SimulatedStation(ABC):
     """Simulated drive. ``frame_count`` counts its requests, ``gap_violations`` those after too little silence."""
 
-    family: ClassVar[str]
     rule: FramingRule
     broadcast: ClassVar[int]
     factory_settings: ClassVar[SerialSettings]
@@ -84,7 +83,7 @@ class SimulatedStation(ABC):
         return None
 
     @abstractmethod
-    def reply_delay_s(self, line: SerialSettings) -> float:
+    def reply_delay_s(self, settings: SerialSettings) -> float:
         """Return the delay from the last bit of a request to the first of the reply."""
 
     def elapse(self, dt: float) -> None:
@@ -131,7 +130,7 @@ class SimulatedStation(ABC):
         self,
         message: Any,
         codec: Codec,
-        line: SerialSettings,
+        settings: SerialSettings,
         now: float,
         *,
         error: ProtocolError | None = None,
@@ -150,7 +149,7 @@ class SimulatedStation(ABC):
         if faults.wrong_address is not None:
             reply = replace(reply, address=faults.wrong_address)
         late_s = faults.next_added_delays_s.pop(0) if faults.next_added_delays_s else 0.0
-        return StationReply(codec.encode_reply(reply), self.reply_delay_s(line) + faults.added_delay_s + late_s)
+        return StationReply(codec.encode_reply(reply), self.reply_delay_s(settings) + faults.added_delay_s + late_s)
 
     def on_foreign_frame(self, now: float) -> None:
         """Handle a frame for another station that ended at ``now``."""

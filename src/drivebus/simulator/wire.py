@@ -9,6 +9,7 @@ from __future__ import annotations
 from enum import Enum
 from heapq import heappop, heappush
 from math import ceil
+from typing import NamedTuple
 
 from drivebus.clock import Rng
 from drivebus.serial_settings import SerialSettings
@@ -26,7 +27,9 @@ class Side(Enum):
     STATIONS = "stations"
 
 
-TO_MASTERS, TO_STATIONS, TO_ALL = (Side.MASTERS,), (Side.STATIONS,), (Side.STATIONS, Side.MASTERS)
+TO_MASTERS = (Side.MASTERS,)
+TO_STATIONS = (Side.STATIONS,)
+TO_ALL = (Side.STATIONS, Side.MASTERS)
 
 
 class Transmission:
@@ -70,6 +73,21 @@ class Transmission:
         return range(first, max(first, last))
 
 
+class WireEvent(NamedTuple):
+    """Part of a transmission that is received at one time."""
+
+    at: float
+    number: int
+    """Order of events of the same time."""
+    side: Side
+    transmission: Transmission
+    first: int
+    last: int
+    """Characters first…last-1 are received now."""
+    decision_delay_s: float = 0.0
+    """Of a station's event: the delay from the last bit after which it is due."""
+
+
 class Wire:
     """Pair of wires with its noise. ``settings`` are those of the stations."""
 
@@ -88,7 +106,7 @@ class Wire:
         self._rng = rng
         self._recent: list[Transmission] = []
         self._last_end = float("-inf")
-        self._events: list[tuple[float, int, Side, Transmission, int, int]] = []
+        self._events: list[WireEvent] = []
         self._event_number = 0
 
     def transmit(
@@ -152,17 +170,13 @@ class Wire:
 
     def next_event_at(self) -> float | None:
         """Return the time of the next event."""
-        return self._events[0][0] if self._events else None
+        return self._events[0].at if self._events else None
 
-    def pop_event(self, now: float) -> tuple[Side, Transmission, int, int] | None:
-        """Return the next part that is received by ``now``: its side, transmission and characters first…last-1.
-
-        For stations ``last`` is the index of their delay in ``station_delays``.
-        """
-        if not self._events or self._events[0][0] > now + _EPSILON_S:
+    def pop_event(self, now: float) -> WireEvent | None:
+        """Return the next part that is received by ``now``."""
+        if not self._events or self._events[0].at > now + _EPSILON_S:
             return None
-        _, _, side, transmission, first, last = heappop(self._events)
-        return side, transmission, first, last
+        return heappop(self._events)
 
     def discard_pending(self) -> None:
         """Discard everything on its way."""
@@ -220,8 +234,8 @@ class Wire:
     def _schedule(self, transmission: Transmission, sides: tuple[Side, ...]) -> None:
         size = len(transmission.data)
         if Side.STATIONS in sides:
-            for place, wait in enumerate(self.station_delays):
-                self._push(transmission.end + wait, Side.STATIONS, transmission, 0, place)
+            for delay_s in self.station_delays:
+                self._push(transmission.end + delay_s, Side.STATIONS, transmission, 0, size, delay_s)
         if Side.MASTERS not in sides:
             return
         if not self.line_quality.per_byte and not self.line_quality.batch_s:
@@ -239,6 +253,8 @@ class Wire:
         grid = self.line_quality.batch_s
         return ceil(at / grid - _EPSILON_S) * grid if grid else at
 
-    def _push(self, at: float, side: Side, transmission: Transmission, first: int, last: int) -> None:
+    def _push(
+        self, at: float, side: Side, transmission: Transmission, first: int, last: int, decision_delay_s: float = 0.0
+    ) -> None:
         self._event_number += 1
-        heappush(self._events, (at, self._event_number, side, transmission, first, last))
+        heappush(self._events, WireEvent(at, self._event_number, side, transmission, first, last, decision_delay_s))

@@ -183,7 +183,9 @@ class MitsubishiDialect(Dialect):
 
 
 def _state_of(status: int, output: int) -> DerivedState:
-    direction = {FORWARD_BIT: Direction.FORWARD, REVERSE_BIT: Direction.REVERSE}.get(status & 0x06)
+    direction = {FORWARD_BIT: Direction.FORWARD, REVERSE_BIT: Direction.REVERSE}.get(
+        status & (FORWARD_BIT | REVERSE_BIT)
+    )
     if status & FAULT_BIT:
         return DerivedState(DriveState.FAULT, direction, UNNAMED_FAULT_CODE)
     if status & (FORWARD_BIT | REVERSE_BIT) or output > 0:

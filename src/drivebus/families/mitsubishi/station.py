@@ -5,7 +5,19 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from drivebus.errors import ProtocolError
-from drivebus.families.mitsubishi.codec import MitsubishiCodec, MitsubishiReply, MitsubishiRequest
+from drivebus.families.mitsubishi.codec import (
+    OUTPUT_CURRENT,
+    OUTPUT_FREQUENCY,
+    OUTPUT_VOLTAGE,
+    READ_DIGITS,
+    RUN_FORWARD,
+    RUN_REVERSE,
+    SET_FREQUENCY,
+    STATUS,
+    MitsubishiCodec,
+    MitsubishiReply,
+    MitsubishiRequest,
+)
 from drivebus.protocols.codec import Codec
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import FramingRule
@@ -22,7 +34,6 @@ MAXIMUM_WORD = 40000
 class MitsubishiStation(SimulatedStation):
     """Simulated drive with Pr.123 = 9999 and Pr.124 = 0."""
 
-    family: ClassVar[str] = "mitsubishi"
     rule: FramingRule = FramingRule(gap_characters=0.0, start_bytes=b"\x05", restarts_on_start_byte=True)
     broadcast: ClassVar[int] = -1
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL, DECEL)
@@ -33,7 +44,7 @@ class MitsubishiStation(SimulatedStation):
         super().__init__(address, specs, motor)
         self.codecs: tuple[Codec, ...] = (MitsubishiCodec(),)
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
+    def reply_delay_s(self, settings: SerialSettings) -> float:
         return 0.012
 
     def power_up(self) -> None:
@@ -51,30 +62,29 @@ class MitsubishiStation(SimulatedStation):
 
     def handle_request(self, message: Any, codec: Codec) -> Any:
         request: MitsubishiRequest = message
-        match request.code:
-            case 0x7A:
-                return MitsubishiReply(self.address, self._status(), 2)
-            case 0x6F:
-                return MitsubishiReply(self.address, round(abs(self.displayed_motor.output_hz) * 100), 4)
-            case 0x70:
-                return MitsubishiReply(self.address, round(self.displayed_motor.current_a * 100), 4)
-            case 0x71:
-                return MitsubishiReply(self.address, round(self.displayed_motor.voltage_v * 10), 4)
-        error = self._execute(request)
-        return MitsubishiReply(self.address, error=error)
+        motor = self.displayed_motor
+        values = {
+            STATUS: self._status(),
+            OUTPUT_FREQUENCY: round(abs(motor.output_hz) * 100),
+            OUTPUT_CURRENT: round(motor.current_a * 100),
+            OUTPUT_VOLTAGE: round(motor.voltage_v * 10),
+        }
+        if request.code in values:
+            return MitsubishiReply(self.address, values[request.code], READ_DIGITS[request.code])
+        return MitsubishiReply(self.address, error=self._execute(request))
 
     def _execute(self, request: MitsubishiRequest) -> int | None:
         """Execute a write; return the code of its rejection."""
         if self.memory[MODE] not in (0, 1):
             return MODE_ERROR
-        if request.code == 0xED:
+        if request.code == SET_FREQUENCY:
             if request.data > MAXIMUM_WORD:
                 return DATA_RANGE_ERROR
             self.setpoint_hz = request.data / 100.0
             if self.running and not self.motor.stopping:
                 self.run_towards(self.setpoint_hz)
-        elif request.data & 0x06:
-            self.reverse = request.data & 0x06 == 0x04
+        elif request.data & (RUN_FORWARD | RUN_REVERSE):
+            self.reverse = request.data & (RUN_FORWARD | RUN_REVERSE) == RUN_REVERSE
             self.run_towards(self.setpoint_hz)
         else:
             self.motor.stop()

@@ -144,7 +144,6 @@ class C320Station(SimulatedStation):
     The arguments are described in ``docs/reference/simulated-drives.md``.
     """
 
-    family: ClassVar[str] = "c320"
     rule: FramingRule = FramingRule(gap_characters=5.0, requires_gap=True, start_bytes=b"\x2a\x5a")
     broadcast: ClassVar[int] = sunfar.BROADCAST
     factory_settings: ClassVar[SerialSettings] = SerialSettings(9600, 8, "E")
@@ -189,8 +188,8 @@ class C320Station(SimulatedStation):
         self.restarting = False
         self.silent_s: float | None = None  # seconds since the last frame, None before the first
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
-        return line.seconds(self.delay_characters)
+    def reply_delay_s(self, settings: SerialSettings) -> float:
+        return settings.seconds(self.delay_characters)
 
     def handle_frame(self, *frame: Any, **details: Any) -> StationReply | None:
         reply = super().handle_frame(*frame, **details)

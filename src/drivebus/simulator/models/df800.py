@@ -12,7 +12,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.framing import MODBUS_ASCII_FRAMING, MODBUS_RTU_FRAMING
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec
 from drivebus.simulator.station import SimulatedModel, SimulatedStation
@@ -52,7 +52,6 @@ class DF800Station(SimulatedStation):
     reads 2000H, another marks it write-only.
     """
 
-    family: ClassVar[str] = "df800"
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     factory_settings: ClassVar[SerialSettings] = SerialSettings(9600)
@@ -69,8 +68,7 @@ class DF800Station(SimulatedStation):
         motor: Motor | None = None,
     ) -> None:
         super().__init__(address, parameter_specs(address, encoding), motor)
-        ascii_rule = FramingRule(gap_characters=0.0, start_bytes=b":", restarts_on_start_byte=True)
-        self.rule = ascii_rule if encoding == "ascii" else FramingRule(gap_characters=3.5, ends_by_silence=True)
+        self.rule = MODBUS_ASCII_FRAMING if encoding == "ascii" else MODBUS_RTU_FRAMING
         codec: Codec = modbus.ModbusAsciiCodec("short") if encoding == "ascii" else modbus.ModbusRtuCodec("short")
         self.codecs: tuple[Codec, ...] = (codec,)
         self.direction_field = direction_field
@@ -84,8 +82,8 @@ class DF800Station(SimulatedStation):
     def power_up(self) -> None:
         self.bus_hz, self.command = 0.0, 0
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
-        return max(self.delay_s, line.seconds(3.5))
+    def reply_delay_s(self, settings: SerialSettings) -> float:
+        return max(self.delay_s, settings.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
         self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0

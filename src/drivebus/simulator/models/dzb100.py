@@ -75,7 +75,6 @@ class DZB100Station(SimulatedStation):
     Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
-    family: ClassVar[str] = "dzb100"
     rule: FramingRule = FramingRule(gap_characters=5.0, start_bytes=b"CPRQ")
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
@@ -108,8 +107,8 @@ class DZB100Station(SimulatedStation):
         self.command = 0
         self.address = self.memory[ADDRESS]
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
-        return line.seconds(self.delay_characters)
+    def reply_delay_s(self, settings: SerialSettings) -> float:
+        return settings.seconds(self.delay_characters)
 
     def elapse(self, dt: float) -> None:
         self.motor.accel_s = max(1, decode_steps(self.memory[ACCEL_TIME], self.parameter_coding) or 1) / 10.0

@@ -11,7 +11,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.framing import FramingRule
+from drivebus.simulator.framing import MODBUS_RTU_FRAMING, FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
 from drivebus.simulator.parameter_memory import Access, ParameterSpec, RejectReason
 from drivebus.simulator.station import SimulatedModel, SimulatedStation
@@ -80,8 +80,7 @@ class VC660Station(SimulatedStation):
     Address 0 is the factory setting: it executes broadcasts and never replies.
     """
 
-    family: ClassVar[str] = "vc660"
-    rule: FramingRule = FramingRule(gap_characters=3.5, ends_by_silence=True)
+    rule: FramingRule = MODBUS_RTU_FRAMING
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     factory_settings: ClassVar[SerialSettings] = SerialSettings(9600)
@@ -108,9 +107,9 @@ class VC660Station(SimulatedStation):
         self.outputs = 0
         self.analog = [0, 0]
 
-    def reply_delay_s(self, line: SerialSettings) -> float:
+    def reply_delay_s(self, settings: SerialSettings) -> float:
         """Return F06.06, at least the silence that ends the request."""
-        return max(self.memory[REPLY_DELAY] / 1000.0, line.seconds(3.5))
+        return max(self.memory[REPLY_DELAY] / 1000.0, settings.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
         ram = self.memory.ram
