@@ -96,7 +96,7 @@ class Bus:
         return bool(self.call(lambda: self.bus.foreign_master))
 
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
-        """No frame that may move a motor leaves for these stations (None: all) until ``release``."""
+        """No frame that may move a motor leaves for these stations (None: all) until ``release_start``."""
         self.call(self.bus.inhibit_start, addresses)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
@@ -151,7 +151,7 @@ def open_bus(url: str, *, baud: int | None = None, format: str | None = None) ->
 
 
 class JogSession:
-    """``with drive.jog(5.0) as session: ... session.renew()``."""
+    """Jog that stops unless it is renewed: ``with drive.jog(5.0) as session: ... session.renew()``."""
 
     def __init__(self, bus: Bus, session: AsyncJogSession) -> None:
         self._bus, self._session = bus, session
@@ -176,7 +176,7 @@ class JogSession:
 
 
 class Monitor:
-    """``with drive.monitor() as monitor: ... monitor.status()``: the newest readings, polled in the background."""
+    """Newest readings, polled in the background: ``with drive.monitor() as monitor: ... monitor.status()``."""
 
     def __init__(self, bus: Bus, make: Callable[[], drives.Monitor]) -> None:
         self._bus = bus

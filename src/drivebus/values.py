@@ -99,12 +99,13 @@ def missing_reading(reason: str, unit: str = "") -> Reading:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """value = raw × factor + offset. ``decimals``: places that the drive's own display shows."""
+    """Scale of a raw number: value = raw × factor + offset."""
 
     factor: float = 1.0
     offset: float = 0.0
     coding: Coding = "binary"
     decimals: int = 0
+    """Places that the drive's own display shows."""
     words: int = 1
     """Registers of the number, 16 bits each."""
 
@@ -115,19 +116,19 @@ class Scale:
     def raw(self, value: float) -> int:
         """Return the nearest raw number. Raises ValueError where it does not fit its words."""
         number = round((value - self.offset) / self.factor)
-        beyond = 1 << 16 * self.words
-        if self.coding == "signed" and -beyond // 2 <= number < 0:
-            number += beyond
+        modulus = 1 << 16 * self.words
+        if self.coding == "signed" and -modulus // 2 <= number < 0:
+            number += modulus
         elif self.coding == "bcd" and 0 <= number <= 9999:
             return int(str(number), 16)
-        if not 0 <= number < (10000 if self.coding == "bcd" else beyond):
+        if not 0 <= number < (10000 if self.coding == "bcd" else modulus):
             raise ValueError(f"{value} does not fit {16 * self.words} bits at a step of {self.factor}")
         return number
 
     def _number(self, raw: int) -> int:
-        beyond = 1 << 16 * self.words
-        if self.coding == "signed" and raw >= beyond // 2:
-            return raw - beyond
+        modulus = 1 << 16 * self.words
+        if self.coding == "signed" and raw >= modulus // 2:
+            return raw - modulus
         if self.coding == "bcd":
             digits = f"{raw:X}"
             if not digits.isdecimal():

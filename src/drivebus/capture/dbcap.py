@@ -7,6 +7,7 @@ seconds of a monotonic clock since the capture began. The format is described in
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -120,7 +121,7 @@ class CaptureWriter:
         data = line.encode()
         try:
             if os.write(self._fd, data) != len(data):
-                raise OSError(28, "short write")
+                raise OSError(errno.ENOSPC, "short write")
         except OSError as error:
             self.error = error
 

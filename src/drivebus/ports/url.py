@@ -80,11 +80,9 @@ class PortUrl:
         found = self.choice("echo", ("detect", "on", "off"), "detect")
         return "on" if found == "on" else "off" if found == "off" else "detect"
 
-    def flag(self, name: str, default: bool = False) -> bool:
-        """Return an option that is on or off. Raises PortUrlError."""
-        found = self.options.get(name)
-        if found is None:
-            return default
+    def flag(self, name: str) -> bool:
+        """Return an option that is on or off, off where it is not given. Raises PortUrlError."""
+        found = self.options.get(name, "off")
         if found.lower() not in _BOOLEAN_WORDS:
             raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected="on, off")
         return _BOOLEAN_WORDS[found.lower()]
