@@ -107,15 +107,15 @@ def character_s(line: SerialSettings) -> float:
 class TimingBounds:
     """Bounds of a model on a bus, in seconds."""
 
-    def __init__(self, kind: DriveVariant, line: SerialSettings) -> None:
-        self.kind, self.frames = kind, kind.frames
+    def __init__(self, variant: DriveVariant, line: SerialSettings) -> None:
+        self.variant, self.frames = variant, variant.frames
         self.character_s = character_s(line)
-        self.gap_s = max(kind.gap_characters * self.character_s, kind.gap_floor_s)
+        self.gap_s = max(variant.gap_characters * self.character_s, variant.gap_floor_s)
         self.foreign_traffic_max_s = self.gap_s + FOREIGN_TRAFFIC_MAX_CHARACTERS * self.character_s
 
     def reply_timeout_s(self, address: int, data: bytes) -> float:
         """From the last bit of this request until its reply is whole or given up."""
-        if address == self.kind.broadcast:
+        if address == self.variant.broadcast:
             return TURNAROUND_S
         return self._timeout_for_reply_s(self._longest_reply(data))
 

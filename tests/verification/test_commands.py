@@ -37,8 +37,8 @@ def found(campaign_run: CampaignRun, text: str) -> bool:
 
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """Restrict the campaign to these variants."""
-    kinds: tuple[DriveVariant, ...] = tuple(VARIANTS_BY_NAME[name] for name in names)
-    monkeypatch.setattr(commands, "COVERED", kinds)
+    variants: tuple[DriveVariant, ...] = tuple(VARIANTS_BY_NAME[name] for name in names)
+    monkeypatch.setattr(commands, "COVERED", variants)
 
 
 def test_the_product_has_no_violation_and_motors_run() -> None:

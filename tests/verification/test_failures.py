@@ -68,13 +68,13 @@ def test_a_run_does_not_depend_on_the_hash_seed() -> None:
 # --- the port --------------------------------------------------------------------------------------------------------
 
 
-def port(kind: DriveVariant, calls: str, error: str, every: int = 1, most: int = 12) -> CampaignRun:
+def port(variant: DriveVariant, calls: str, error: str, every: int = 1, most: int = 12) -> CampaignRun:
     """Let the calls of this name fail, one in each run."""
     found = campaign_run()
-    row = PortFailureScenario(found, kind, "clean").run_with_failure()
+    row = PortFailureScenario(found, variant, "clean").run_with_failure()
     places = [nth for nth, call in enumerate(row, 1) if call == calls]
     for nth in places[::every][:most]:
-        PortFailureScenario(found, kind, f"{nth}").run_with_failure(nth, error)
+        PortFailureScenario(found, variant, f"{nth}").run_with_failure(nth, error)
     return found
 
 

@@ -18,7 +18,7 @@ from verification.campaigns import late
 from verification.drive_variants import DriveVariant
 from verification.families.registry import DRIVE_VARIANTS, VARIANTS_BY_NAME
 
-ALL = [pytest.param(kind, id=kind.name) for kind in DRIVE_VARIANTS]
+ALL = [pytest.param(variant, id=variant.name) for variant in DRIVE_VARIANTS]
 
 
 def many_late_replies(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,9 +27,9 @@ def many_late_replies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(late, "LATENESS_STEPS_S", (5.0,))
 
 
-def run_bus(kind: DriveVariant, frames: int, seed: int = 1) -> tuple[CampaignRun, late.LateReplyBus]:
+def run_bus(variant: DriveVariant, frames: int, seed: int = 1) -> tuple[CampaignRun, late.LateReplyBus]:
     campaign_run = CampaignRun(campaign="late", seed=seed, budget=frames)
-    found = late.LateReplyBus(campaign_run, kind, kind.name, campaign_run.rng(kind.name))
+    found = late.LateReplyBus(campaign_run, variant, variant.name, campaign_run.rng(variant.name))
     found.run_transactions(frames)
     return campaign_run, found
 
@@ -56,13 +56,13 @@ def test_a_run_does_not_depend_on_the_hash_seed() -> None:
     assert len(digests) == 1
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("variant", ALL)
 def test_late_replies_during_newer_requests_are_never_accepted(
-    kind: DriveVariant, monkeypatch: pytest.MonkeyPatch
+    variant: DriveVariant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Replies later than the model's longest lateness arrive during newer requests and are never accepted."""
     many_late_replies(monkeypatch)
-    campaign_run, found = run_bus(kind, 500)
+    campaign_run, found = run_bus(variant, 500)
     assert campaign_run.violations == []
     assert found.counts["later than the longest lateness"] > 20
     assert found.counts["later than the longest lateness, accepted"] == 0
@@ -70,12 +70,12 @@ def test_late_replies_during_newer_requests_are_never_accepted(
     assert found.counts["in time, accepted"] > 100 and found.counts["from nowhere, accepted"] == 0
 
 
-@pytest.mark.parametrize("kind", ALL)
-def test_a_baseline_host_accepts_wrong_replies(kind: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("variant", ALL)
+def test_a_baseline_host_accepts_wrong_replies(variant: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
     """A host without the product's checks makes mistakes here."""
     many_late_replies(monkeypatch)
     campaign_run = CampaignRun(campaign="late", seed=1, budget=1)
-    counts = late.LateReplyBus(campaign_run, kind, kind.name, campaign_run.rng(kind.name)).run_baseline(1500)
+    counts = late.LateReplyBus(campaign_run, variant, variant.name, campaign_run.rng(variant.name)).run_baseline(1500)
     assert counts["misattributed"] > 0
     assert counts["accepted"] > counts["misattributed"]
 
@@ -84,11 +84,15 @@ def never_suspect(self: BusCore, station: Station, now: float) -> None:
     """Planted fault: a missing reply does not make the station suspect."""
 
 
-@pytest.mark.parametrize("kind", [pytest.param(k, id=k.name) for k in DRIVE_VARIANTS if k.model in ("vc660", "df800")])
-def test_a_bus_without_quarantine_and_sync_probe_is_found(kind: DriveVariant, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "variant", [pytest.param(k, id=k.name) for k in DRIVE_VARIANTS if k.model in ("vc660", "df800")]
+)
+def test_a_bus_without_quarantine_and_sync_probe_is_found(
+    variant: DriveVariant, monkeypatch: pytest.MonkeyPatch
+) -> None:
     many_late_replies(monkeypatch)
     monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
-    campaign_run, _ = run_bus(kind, 1500)
+    campaign_run, _ = run_bus(variant, 1500)
     assert any("I5" in text for text in campaign_run.violations)
     assert any("wrong reply" in text for text in campaign_run.violations)
 
@@ -98,17 +102,17 @@ def test_a_late_reply_with_the_same_item_is_found(name: str, monkeypatch: pytest
     """Where the reply repeats the item, an older reply with the same item is still a wrong one."""
     many_late_replies(monkeypatch)
     monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
-    kind = VARIANTS_BY_NAME[name]
-    monkeypatch.setattr(late, "similar_reads", lambda kind, address: one_question(kind, address))
-    campaign_run, _ = run_bus(kind, 6000)
+    variant = VARIANTS_BY_NAME[name]
+    monkeypatch.setattr(late, "similar_reads", lambda variant, address: one_question(variant, address))
+    campaign_run, _ = run_bus(variant, 6000)
     assert any("wrong reply" in text for text in campaign_run.violations)
 
 
 ORIGINAL_READS = late.similar_reads
 
 
-def one_question(kind: DriveVariant, address: int) -> Any:
-    return ORIGINAL_READS(kind, address)[1:2]
+def one_question(variant: DriveVariant, address: int) -> Any:
+    return ORIGINAL_READS(variant, address)[1:2]
 
 
 def test_a_sync_probe_that_equals_a_read_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,11 +120,11 @@ def test_a_sync_probe_that_equals_a_read_is_found(monkeypatch: pytest.MonkeyPatc
     many_late_replies(monkeypatch)
     monkeypatch.setattr(bus_core, "_matches_older_request", lambda transaction: False)
     monkeypatch.setattr(late, "LATENESS_STEPS_S", (0.4,))
-    kind = VARIANTS_BY_NAME["vc660"]
+    variant = VARIANTS_BY_NAME["vc660"]
     monkeypatch.setattr(
-        ModbusDialect, "_bus_sync_request", lambda self, n: late.similar_reads(kind, self.address)[n % 3]
+        ModbusDialect, "_bus_sync_request", lambda self, n: late.similar_reads(variant, self.address)[n % 3]
     )
-    campaign_run, _ = run_bus(kind, 2000)
+    campaign_run, _ = run_bus(variant, 2000)
     assert any("wrong reply" in text for text in campaign_run.violations)
 
 
@@ -137,8 +141,8 @@ def test_earlier_acceptances_of_late_replies_are_fixed(name: str, number: int) -
     """Cases of the full campaign's seed 1. DF800: the late reply to a user's read was taken for a sync probe's. DZB100:
     two colliding stations made a digit that no checksum reveals; it is counted separately."""
     campaign_run = CampaignRun(campaign="late", seed=1, budget=10**6)
-    kind = VARIANTS_BY_NAME[name]
-    found = late.LateReplyBus(campaign_run, kind, f"{name}/{number}", campaign_run.rng(name, number))
+    variant = VARIANTS_BY_NAME[name]
+    found = late.LateReplyBus(campaign_run, variant, f"{name}/{number}", campaign_run.rng(name, number))
     found.run_transactions(late.TRANSACTIONS_PER_CHUNK)
     assert campaign_run.violations == []
     spoilt = found.counts["right reply, damaged by another station's late reply, accepted"]

@@ -41,20 +41,20 @@ def campaign_run() -> CampaignRun:
 
 
 def make_scenario(
-    campaign_run: CampaignRun, kind: DriveVariant = VC660, addresses: Any = (1, 2), **options: Any
+    campaign_run: CampaignRun, variant: DriveVariant = VC660, addresses: Any = (1, 2), **options: Any
 ) -> Scenario:
-    return Scenario(campaign_run, kind, addresses, **options)
+    return Scenario(campaign_run, variant, addresses, **options)
 
 
 def found(campaign_run: CampaignRun, invariant: str) -> bool:
     return any(f": {invariant} " in text for text in campaign_run.violations)
 
 
-@pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
-def test_the_product_has_no_violation_and_a_trace(campaign_run: CampaignRun, kind: DriveVariant) -> None:
+@pytest.mark.parametrize("variant", DRIVE_VARIANTS, ids=lambda variant: variant.name)
+def test_the_product_has_no_violation_and_a_trace(campaign_run: CampaignRun, variant: DriveVariant) -> None:
     trial: list[str] = []
     campaign_run.listener = trial.append
-    scenario = make_scenario(campaign_run, kind, line_quality="lossy")
+    scenario = make_scenario(campaign_run, variant, line_quality="lossy")
     scenario.monitor(1)
     run = scenario.command(1, "run", 12.0)
     scenario.finish(run)
@@ -64,7 +64,7 @@ def test_the_product_has_no_violation_and_a_trace(campaign_run: CampaignRun, kin
     assert campaign_run.violations == []
     assert scenario.oracle.accepted_count > 5
     assert any(" > 1 move " in line for line in trial) or run.result_word not in ("confirmed", "acknowledged")
-    assert stop.result_word in (("confirmed", "unknown") if kind.reports_running else ("acknowledged", "unknown"))
+    assert stop.result_word in (("confirmed", "unknown") if variant.reports_running else ("acknowledged", "unknown"))
 
 
 def test_a_remembered_command_keeps_no_traceback(campaign_run: CampaignRun) -> None:
@@ -114,13 +114,13 @@ def _granted(inputs: PermitInputs) -> Permit:
     )
 
 
-@pytest.mark.parametrize("kind", [DZB100, DF800], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("variant", [DZB100, DF800], ids=lambda variant: variant.name)
 def test_i2_a_start_that_is_sent_again_blindly(
-    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     """This holds also where the second start finds the motor on and changes nothing."""
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest._max_write_attempts", lambda job: 3)
-    scenario = make_scenario(campaign_run, kind)
+    scenario = make_scenario(campaign_run, variant)
     scenario.loop.run_until_complete(scenario.drives[1].preflight())
     run = scenario.command(1, "run", 12.0)
     while 1 not in scenario.oracle.frame_rules._started:
@@ -199,11 +199,11 @@ def test_i5_a_late_reply_that_is_believed(campaign_run: CampaignRun, monkeypatch
     assert found(campaign_run, "I5")
 
 
-@pytest.mark.parametrize("kind", [C320, C320_HEX, VC660], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("variant", [C320, C320_HEX, VC660], ids=lambda variant: variant.name)
 def test_i6_a_gap_that_is_too_short(
-    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
-    scenario = make_scenario(campaign_run, kind, range(1, 9))
+    scenario = make_scenario(campaign_run, variant, range(1, 9))
     for address, station in scenario.bus.core.stations.items():
         station.gap_s *= 0.9
         scenario.monitor(address)
@@ -226,31 +226,31 @@ def test_i6_a_second_request_while_one_is_out(campaign_run: CampaignRun, monkeyp
     assert found(campaign_run, "I6")
 
 
-@pytest.mark.parametrize("kind", DRIVE_VARIANTS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("variant", DRIVE_VARIANTS, ids=lambda variant: variant.name)
 def test_i7_a_frequency_beyond_the_limit(
-    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     monkeypatch.setattr("drivebus.drives.context.DriveContext._check_limits", lambda memory, hz: None)
-    scenario = make_scenario(campaign_run, kind)
+    scenario = make_scenario(campaign_run, variant)
     scenario.loop.run_until_complete(scenario.drives[1].preflight())
-    scenario.finish(scenario.command(1, "run", kind.maximum_hz + 0.1))
+    scenario.finish(scenario.command(1, "run", variant.maximum_hz + 0.1))
     assert found(campaign_run, "I7")
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [kind for kind in DRIVE_VARIANTS if campaign_of(kind.model).saved_parameters],
-    ids=lambda kind: kind.name,
+    "variant",
+    [variant for variant in DRIVE_VARIANTS if campaign_of(variant.model).saved_parameters],
+    ids=lambda variant: variant.name,
 )
 def test_i7_one_save_more_than_a_day_has(
-    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, kind: DriveVariant
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     """The budget counts days of the wall clock."""
     monkeypatch.setattr(EepromBudget, "consume", lambda wear, notation, day: iter(()))
     clock = JumpingWallClock(before_midnight(3600.0), lambda: 0.0)
-    notation = campaign_of(kind.model).saved_parameters[kind.model]
+    notation = campaign_of(variant.model).saved_parameters[variant.model]
     with installed_clock(clock):
-        scenario = make_scenario(campaign_run, kind)
+        scenario = make_scenario(campaign_run, variant)
         for number in range(20):
             scenario.finish(scenario.command(1, "write", {notation: 10.0 + number}, True))
         assert campaign_run.violations == []
@@ -263,7 +263,7 @@ def test_i7_one_save_more_than_a_day_has(
 
 
 @pytest.mark.parametrize(
-    ("kind", "frame"),
+    ("variant", "frame"),
     [
         (VC660, "01 06 20 0B 00 01"),
         (VC660, "01 06 81 C3 00 01"),
@@ -276,15 +276,15 @@ def test_i7_one_save_more_than_a_day_has(
     ],
     ids=lambda arguments: getattr(arguments, "name", arguments),
 )
-def test_i7_an_unlisted_address_or_word(kind: DriveVariant, frame: str) -> None:
+def test_i7_an_unlisted_address_or_word(variant: DriveVariant, frame: str) -> None:
     """200BH, an address after the last one, undefined codes, the toggle and a monitor are rejected (T12, T16)."""
     data = bytes.fromhex(frame)
     with pytest.raises(ValueError, match=r"is on no list|no command is"):
-        decode_write(kind, data if kind is DZB100 else ModbusReference("rtu").reseal(data + b"\0\0"))
+        decode_write(variant, data if variant is DZB100 else ModbusReference("rtu").reseal(data + b"\0\0"))
 
 
 @pytest.mark.parametrize(
-    ("kind", "frame", "content"),
+    ("variant", "frame", "content"),
     [
         (C320, b"*0041103E701D5\r", ReferenceWrite(hz=9.99)),
         (C320, b"*00500117036602A0\r", ReferenceWrite(parameter=0x117, saved=True)),
@@ -297,9 +297,11 @@ def test_i7_an_unlisted_address_or_word(kind: DriveVariant, frame: str) -> None:
         (DZB100, b"P\x03\x0101800001", ReferenceWrite(parameter=80, saved=True)),
     ],
 )
-def test_a_write_has_the_content_of_the_manual(kind: DriveVariant, frame: bytes | str, content: ReferenceWrite) -> None:
+def test_a_write_has_the_content_of_the_manual(
+    variant: DriveVariant, frame: bytes | str, content: ReferenceWrite
+) -> None:
     data = bytes.fromhex(frame) if isinstance(frame, str) else frame
-    assert decode_write(kind, _sealed(kind.model, kind.encoding, data)) == content
+    assert decode_write(variant, _sealed(variant.model, variant.encoding, data)) == content
 
 
 def test_i7_a_write_of_the_c320_that_carries_an_operation() -> None:

@@ -47,7 +47,7 @@ class ClockTrial:
     """Run of a trial; ``jumps``: the wall clock jumps."""
 
     def __init__(
-        self, campaign_run: CampaignRun, kind: DriveVariant, name: str, seed: int, capture: Path, jumps: bool
+        self, campaign_run: CampaignRun, variant: DriveVariant, name: str, seed: int, capture: Path, jumps: bool
     ) -> None:
         self.lines: list[str] = []
         self.campaign_run = CampaignRun(campaign="clock", seed=campaign_run.seed, budget=1, listener=self.lines.append)
@@ -63,7 +63,7 @@ class ClockTrial:
             return self.recorder
 
         with installed_clock(self.clock):
-            self.scenario = Scenario(self.campaign_run, kind, (1, 2), loop=loop, name=name, seed=seed, around=record)
+            self.scenario = Scenario(self.campaign_run, variant, (1, 2), loop=loop, name=name, seed=seed, around=record)
             self.scenario.simulated_bus.line_quality = rng.choice(CLOCK_LINE_QUALITIES)
             for address in self.scenario.drives:
                 self._record_samples(address)
@@ -101,13 +101,13 @@ class ClockTrial:
         self.recorder.end_capture()
 
 
-def random_script(kind: DriveVariant, rng: Random, jumps: list[str]) -> list[ScriptedEvent]:
+def random_script(variant: DriveVariant, rng: Random, jumps: list[str]) -> list[ScriptedEvent]:
     """Return the events of a trial with their times: commands, and jumps at independent instants."""
     events: list[ScriptedEvent] = [(rng.uniform(0.2, TRIAL_DURATION_S), "jump", (name,)) for name in jumps]
     at = rng.expovariate(1 / MEAN_COMMAND_PAUSE_S)
     while at < TRIAL_DURATION_S:
         address, hz = rng.choice((1, 2)), rng.choice((5.0, 12.0))
-        value = {WRITABLE_PARAMETERS[kind.model]: float(rng.randrange(1, 40))}
+        value = {WRITABLE_PARAMETERS[variant.model]: float(rng.randrange(1, 40))}
         commands: tuple[tuple[str, tuple[Any, ...]], ...] = (
             ("run", (address, hz)),
             ("stop", (address,)),
@@ -120,12 +120,15 @@ def random_script(kind: DriveVariant, rng: Random, jumps: list[str]) -> list[Scr
     return sorted(events, key=lambda event: event[0])
 
 
-def compare_clocks(campaign_run: CampaignRun, kind: DriveVariant, number: int, jumps: list[str], folder: Path) -> None:
+def compare_clocks(
+    campaign_run: CampaignRun, variant: DriveVariant, number: int, jumps: list[str], folder: Path
+) -> None:
     """Run a trial under both clocks and compare the runs."""
-    rng = campaign_run.rng(kind.name, number)
-    events, seed, name = random_script(kind, rng, jumps), rng.randrange(2**31), f"{kind.name}/{number}"
+    rng = campaign_run.rng(variant.name, number)
+    events, seed, name = random_script(variant, rng, jumps), rng.randrange(2**31), f"{variant.name}/{number}"
     trials = [
-        ClockTrial(campaign_run, kind, name, seed, folder / f"{number}-{jumping}", jumping) for jumping in (False, True)
+        ClockTrial(campaign_run, variant, name, seed, folder / f"{number}-{jumping}", jumping)
+        for jumping in (False, True)
     ]
     for trial in trials:
         trial.play(events)
@@ -150,18 +153,18 @@ def compare_clocks(campaign_run: CampaignRun, kind: DriveVariant, number: int, j
 class EepromBudgetTrial:
     """Saves under a jumping clock: only a day later than all before renews the budget."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, name: str, rng: Random) -> None:
-        self.campaign_run, self.kind, self.chance = campaign_run, kind, rng
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, name: str, rng: Random) -> None:
+        self.campaign_run, self.variant, self.chance = campaign_run, variant, rng
         loop = VirtualLoop()
         self.clock = JumpingWallClock(before_midnight(rng.uniform(0.0, 30.0)), loop.time)
-        self.scenario = Scenario(campaign_run, kind, (1,), loop=loop, name=f"{name}/budget")
+        self.scenario = Scenario(campaign_run, variant, (1,), loop=loop, name=f"{name}/budget")
         self.scenario.drives[1].close()
         self.scenario.drives[1] = Drive(
             self.scenario.bus,
-            kind.model,
+            variant.model,
             1,
-            encoding=kind.encoding,
-            options=dict(kind.drive_options),
+            encoding=variant.encoding,
+            options=dict(variant.drive_options),
             store=MemoryStore(),
             limits=DriveLimits(eeprom_writes_per_day=EEPROM_WRITES_PER_DAY),
         )
@@ -185,7 +188,7 @@ class EepromBudgetTrial:
         self.latest = max(self.latest, self.clock.now().date().isoformat())
         before = memory.eeprom_writes.total()
         user_command = scenario.command(
-            1, "write", {WRITABLE_PARAMETERS[self.kind.model]: float(1 + scenario.oracle.command_count % 30)}, True
+            1, "write", {WRITABLE_PARAMETERS[self.variant.model]: float(1 + scenario.oracle.command_count % 30)}, True
         )
         scenario.finish(user_command)
         written = memory.eeprom_writes.total() - before
@@ -203,13 +206,13 @@ def run(campaign_run: CampaignRun) -> None:
     number = 0
     with TemporaryDirectory() as folder:
         while campaign_run.remaining:
-            kind = COVERED[number % len(COVERED)]
+            variant = COVERED[number % len(COVERED)]
             rng = campaign_run.rng("jumps", number)
             jumps = [rng.choice(list(CLOCK_JUMPS_S)) for _ in range(min(JUMPS_PER_TRIAL, campaign_run.remaining))]
             campaign_run.counts.update(f"jump {name}" for name in jumps)
-            compare_clocks(campaign_run, kind, number, jumps, Path(folder))
-            EepromBudgetTrial(campaign_run, kind, f"{kind.name}/{number}", rng).use_budget(jumps)
-            HostSleepScenario(campaign_run, kind, f"{kind.name}/{number}/night", rng).play()
+            compare_clocks(campaign_run, variant, number, jumps, Path(folder))
+            EepromBudgetTrial(campaign_run, variant, f"{variant.name}/{number}", rng).use_budget(jumps)
+            HostSleepScenario(campaign_run, variant, f"{variant.name}/{number}/night", rng).play()
             campaign_run.count("sleeps")
             number += 1
             campaign_run.add_trials(len(jumps))

@@ -70,16 +70,16 @@ COMMAND_WEIGHTS = {
 class CommandEpisode:
     """Bus with two drives and an address without a drive."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
-        self.campaign_run, self.kind = campaign_run, kind
-        self.rng = rng = campaign_run.rng(kind.name, number)
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, number: int) -> None:
+        self.campaign_run, self.variant = campaign_run, variant
+        self.rng = rng = campaign_run.rng(variant.name, number)
         self.adapter, setting = rng.choice(ECHO_SETTINGS)
         self.echoes_right = setting == "detect" or (self.adapter == "echo") is (setting == "on")
         self.scenario = scenario = Scenario(
             campaign_run,
-            kind,
+            variant,
             PRESENT,
-            name=f"{kind.name}/{number}",
+            name=f"{variant.name}/{number}",
             baud=BAUD,
             ramp=RAMP_S,
             echo=setting,
@@ -151,7 +151,7 @@ class CommandEpisode:
             case "set_frequency":
                 user_command = scenario.command(address, what, hz)
             case "write":
-                notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
+                notation, save, _, _ = WRITTEN_PARAMETERS[self.variant.model]
                 user_command = scenario.command(address, what, {notation: float(rng.randrange(1, 20))}, save)
             case "jog":
                 user_command = scenario.command_by(partial(self._jog, address, rng.uniform(0.0, 1.0)), address, what)
@@ -166,7 +166,7 @@ class CommandEpisode:
 
     async def _jog(self, address: int, seconds: float) -> Any:
         """Jog without renewals, at times longer than the lease."""
-        hz = 2.0 if self.kind.model == "dzb100" else None
+        hz = 2.0 if self.variant.model == "dzb100" else None
         async with self.scenario.drives[address].jog(hz) as lease:
             await asyncio.sleep(seconds)
         return lease.start_outcome
@@ -184,7 +184,7 @@ class CommandEpisode:
             self._check_written(command, history.station)
 
     def _check_written(self, command: UserCommand, station: Any) -> None:
-        _, _, key, raw = WRITTEN_PARAMETERS[self.kind.model]
+        _, _, key, raw = WRITTEN_PARAMETERS[self.variant.model]
         (wanted,) = command.arguments[0].values()
         there = station.memory[key] == round(wanted * raw)
         if (command.result_word in ("confirmed", "acknowledged") and not there) or (
@@ -261,7 +261,7 @@ class CommandEpisode:
         overruled = any(one.frames_sent for one in newer)
         if pending and not overruled:
             tell(f"lost stop: {stop} is not done {SETTLING_TIME_S} s after the bus was restored")
-        if history.stop_received_at < stop.at and not overruled and not self.kind.reports_running:
+        if history.stop_received_at < stop.at and not overruled and not self.variant.reports_running:
             tell(f"lost stop: {stop} ended as {stop.result_word}, and the drive never received it")
         run_since = any(
             one.method == "run" and one.frames_sent for one in newer
@@ -275,8 +275,8 @@ class CommandEpisode:
 
     def _check_out_of_range(self) -> None:
         """Check that values out of range are rejected before anything is sent (I7)."""
-        notation, save, _, _ = WRITTEN_PARAMETERS[self.kind.model]
-        too_fast, address = self.kind.maximum_hz + 0.1, PRESENT[0]
+        notation, save, _, _ = WRITTEN_PARAMETERS[self.variant.model]
+        too_fast, address = self.variant.maximum_hz + 0.1, PRESENT[0]
         for user_command in (
             self.scenario.command(address, "run", too_fast),
             self.scenario.command(address, "set_frequency", too_fast),

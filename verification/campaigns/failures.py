@@ -54,23 +54,23 @@ def _failing_calls(
     return [(nth, rng.choice(modes_of_calls[nth - 1])) for nth in sorted(rng.sample(range(1, total + 1), budget))]
 
 
-def fail_port_calls(campaign_run: CampaignRun, kind: DriveVariant) -> None:
+def fail_port_calls(campaign_run: CampaignRun, variant: DriveVariant) -> None:
     def trial(nth: int = 0, error: str = "EIO", late: bool = False) -> PortFailureScenario:
-        name = f"{kind.name}/{nth}/{error}" + ("/sent" if late else "")
-        found = PortFailureScenario(campaign_run, kind, name)
+        name = f"{variant.name}/{nth}/{error}" + ("/sent" if late else "")
+        found = PortFailureScenario(campaign_run, variant, name)
         calls_of_runs.append(found.run_with_failure(nth, error, late))
         return found
 
     calls_of_runs: list[list[str]] = []
     trial()
     for nth, (error, late) in _failing_calls(
-        campaign_run, f"port {kind.name}", [failure_modes(call) for call in calls_of_runs[0]]
+        campaign_run, f"port {variant.name}", [failure_modes(call) for call in calls_of_runs[0]]
     ):
         if not trial(nth, error, late).port.failed:
-            campaign_run.violation(f"{kind.name}: call {nth} of the port never came")
+            campaign_run.violation(f"{variant.name}: call {nth} of the port never came")
         campaign_run.add_trials()
     if trial(len(calls_of_runs[0]) + 1).port.failed:
-        campaign_run.violation(f"{kind.name}: the run after the last call was not clean")
+        campaign_run.violation(f"{variant.name}: the run after the last call was not clean")
 
 
 def fail_file_calls(
@@ -111,8 +111,8 @@ def fail_counted_calls(campaign_run: CampaignRun, target: str, play: Callable[[C
 
 def run(campaign_run: CampaignRun) -> None:
     """Run every target; the store twice, as a kill and a power cut leave different files."""
-    for kind in COVERED:
-        fail_port_calls(campaign_run, kind)
+    for variant in COVERED:
+        fail_port_calls(campaign_run, variant)
     clean: list[str] = []
     records: list[bytes] = []
     fail_file_calls(campaign_run, "store", STORE_FAILURES, partial(files.fail_store, campaign_run))

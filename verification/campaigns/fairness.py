@@ -30,19 +30,21 @@ STEP_S = 0.01
 MISSED_POLL_S = 0.03
 """Longer than any request on the wire, in seconds."""
 CI_CASES = ((VC660, 1), (VC660, 5), (VC660, 15), (VC660, 30)) + tuple(
-    (kind, 4 + 5 * place) for place, kind in enumerate(kind for kind in COVERED if kind is not VC660)
+    (variant, 4 + 5 * place) for place, variant in enumerate(variant for variant in COVERED if variant is not VC660)
 )
 
 
 class FairnessBus:
     """31 stations polled as fast as possible, some of which go silent or never replied."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, dead: int) -> None:
-        self.campaign_run, self.kind, self.number = campaign_run, kind, dead
-        self.rng: Random = campaign_run.rng(kind.name, dead)
-        self.scenario = Scenario(campaign_run, kind, kind.addresses, name=f"{kind.name}, {dead} dead", seed=1 + dead)
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, dead: int) -> None:
+        self.campaign_run, self.variant, self.number = campaign_run, variant, dead
+        self.rng: Random = campaign_run.rng(variant.name, dead)
+        self.scenario = Scenario(
+            campaign_run, variant, variant.addresses, name=f"{variant.name}, {dead} dead", seed=1 + dead
+        )
         self.stations = {station.address: station for station in self.scenario.simulated_bus.stations}
-        self.dead = self.rng.sample(kind.addresses, dead)
+        self.dead = self.rng.sample(variant.addresses, dead)
         self.answers: dict[int, list[float]] = defaultdict(list)
         """Times at which each station answered a poll."""
         self._requested_at = -1
@@ -66,7 +68,7 @@ class FairnessBus:
 
         def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
             if hasattr(source, "receive"):
-                self._requested_at = classify_request(self.kind.model, self.kind.encoding, data)[0]
+                self._requested_at = classify_request(self.variant.model, self.variant.encoding, data)[0]
             return transmit(source, data, *more, **named)
 
         wire.transmit = on_transmit
@@ -146,10 +148,10 @@ class FairnessBus:
 def run(campaign_run: CampaignRun) -> None:
     alone: dict[str, float] = {}
     worst: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    for kind, dead in list(_cases())[: campaign_run.budget]:
-        if kind.name not in alone:
-            alone[kind.name] = _mean(_cycles_without_dead(campaign_run, kind)) / STATION_COUNT
-        _case(campaign_run, FairnessBus(campaign_run, kind, dead), alone[kind.name], worst[kind.name])
+    for variant, dead in list(_cases())[: campaign_run.budget]:
+        if variant.name not in alone:
+            alone[variant.name] = _mean(_cycles_without_dead(campaign_run, variant)) / STATION_COUNT
+        _case(campaign_run, FairnessBus(campaign_run, variant, dead), alone[variant.name], worst[variant.name])
         campaign_run.add_trials()
     for name, found in worst.items():
         campaign_run.figures[name] = {what: round(most, 4) for what, most in found.items()}
@@ -158,12 +160,14 @@ def run(campaign_run: CampaignRun) -> None:
 def _cases() -> Iterator[tuple[DriveVariant, int]]:
     """Yield all cases, those of the slice first."""
     yield from CI_CASES
-    yield from ((kind, dead) for dead in range(1, STATION_COUNT) for kind in COVERED if (kind, dead) not in CI_CASES)
+    yield from (
+        (variant, dead) for dead in range(1, STATION_COUNT) for variant in COVERED if (variant, dead) not in CI_CASES
+    )
 
 
-def _cycles_without_dead(campaign_run: CampaignRun, kind: DriveVariant) -> list[float]:
+def _cycles_without_dead(campaign_run: CampaignRun, variant: DriveVariant) -> list[float]:
     """Return the cycles of a bus on which every station replies."""
-    bus = FairnessBus(campaign_run, kind, 0)
+    bus = FairnessBus(campaign_run, variant, 0)
     bus.scenario.run(ALIVE_S)
     cycles = bus.cycles_s()
     bus.scenario.close()
@@ -177,7 +181,7 @@ def _case(campaign_run: CampaignRun, bus: FairnessBus, alone_s: float, worst: di
     stretch = _mean(cycles) / (alone_s * len(cycles))
     _record_worst(bus, worst, "stretch", stretch, CYCLE_STRETCH_MAX)
     worst["stretch of a single drive"] = max(worst["stretch of a single drive"], max(cycles) / (alone_s * len(cycles)))
-    probe_s = TimingBounds(bus.kind, bus.scenario.simulated_bus.settings).failed_poll_s
+    probe_s = TimingBounds(bus.variant, bus.scenario.simulated_bus.settings).failed_poll_s
     within_s = max(REDISCOVERY_MAX_S, bus.number * probe_s / PROBE_SHARE_MAX)
     _record_worst(bus, worst, "found after s", bus.revive_one(within_s), within_s)
     if bus.dead:
@@ -188,7 +192,7 @@ def _case(campaign_run: CampaignRun, bus: FairnessBus, alone_s: float, worst: di
             worst,
             "found on demand after s",
             on_demand_s,
-            ON_DEMAND_REPLY_MAX_S + bus.kind.identical_probe_quarantine_s,
+            ON_DEMAND_REPLY_MAX_S + bus.variant.identical_probe_quarantine_s,
         )
     _record_worst(bus, worst, "all found after s", bus.revive_all(within_s), within_s)
     campaign_run.count("stations revived", bus.number)

@@ -42,20 +42,20 @@ CHUNK_MAX_S = 3600.0
 READ_PAUSE_S = 0.4
 
 
-def similar_reads(kind: DriveVariant, address: int) -> tuple[Any, ...]:
+def similar_reads(variant: DriveVariant, address: int) -> tuple[Any, ...]:
     """Return reads of one value each whose replies have the same form; all values change."""
-    return campaign_of(kind.model).similar_reads(kind, address)
+    return campaign_of(variant.model).similar_reads(variant, address)
 
 
 class LateReplyBus:
     """Bus with late replies, polled with requests whose replies have the same form."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, name: str, rng: Random) -> None:
-        self.kind, self.rng, self.campaign_run = kind, rng, campaign_run
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, name: str, rng: Random) -> None:
+        self.variant, self.rng, self.campaign_run = variant, rng, campaign_run
         self.share, self.late_s = rng.choice(LATE_SHARES), rng.choice(LATENESS_STEPS_S)
         self.seed, self.bytes = rng.randrange(2**31), rng.random() < 0.1
         self.counts: Counter[str] = Counter()
-        self.scenario = scenario = Scenario(campaign_run, kind, LATE_ADDRESSES, name=name, seed=self.seed)
+        self.scenario = scenario = Scenario(campaign_run, variant, LATE_ADDRESSES, name=name, seed=self.seed)
         scenario.simulated_bus.line_quality = self.line_quality
         self.reply_log, self.late_replies = ReplyLog(scenario.simulated_bus), LateReplyCounter(scenario, self.counts)
         self._product_accept, self.accepted = scenario.bus.core._accept_reply, 0
@@ -63,7 +63,7 @@ class LateReplyBus:
         scenario.monitor(rng.choice(LATE_ADDRESSES))
         with running(scenario.loop):
             for address in LATE_ADDRESSES:
-                polls = [Poll(request, 0.0) for request in similar_reads(kind, address)]
+                polls = [Poll(request, 0.0) for request in similar_reads(variant, address)]
                 scenario.bus.start_polling(address, polls, lambda answer: None)
             scenario.loop.create_task(self._read_parameters())
 
@@ -73,7 +73,7 @@ class LateReplyBus:
 
     async def _read_parameters(self) -> None:
         """Read parameters at random times, where the model has some."""
-        listed = campaign_of(self.kind.model).late_parameters.get(self.kind.model, ())
+        listed = campaign_of(self.variant.model).late_parameters.get(self.variant.model, ())
         while listed:
             await asyncio.sleep(self.rng.expovariate(1 / READ_PAUSE_S))
             names = self.rng.sample(listed, 2)
@@ -86,7 +86,7 @@ class LateReplyBus:
         times = transaction.prepared.station.address, transaction.sent_at, transaction.last_byte_at
         if self.reply_log.matches(*times, bytes(transaction.buffer)):
             pass
-        elif not self.kind.has_checksum and self._collided(transaction, *times):
+        elif not self.variant.has_checksum and self._collided(transaction, *times):
             self.counts["right reply, damaged by another station's late reply, accepted"] += 1
         else:
             self.scenario.oracle.violation(
@@ -118,12 +118,12 @@ class LateReplyBus:
         reads = [
             (address, self.scenario.drives[address].dialect.codec.encode_request(request))
             for address in LATE_ADDRESSES
-            for request in similar_reads(self.kind, address)
+            for request in similar_reads(self.variant, address)
         ]
         with running(loop):
-            options = {"baud": self.kind.baud, "seed": self.seed, **self.kind.options}
+            options = {"baud": self.variant.baud, "seed": self.seed, **self.variant.options}
             query = "&".join(f"{name}={value}" for name, value in options.items())
-            port: Any = open_port(f"sim://{self.kind.model}@{','.join(map(str, LATE_ADDRESSES))}?{query}")
+            port: Any = open_port(f"sim://{self.variant.model}@{','.join(map(str, LATE_ADDRESSES))}?{query}")
             port.simulated_bus.line_quality = self.line_quality
             port.simulated_bus.now()
             reply_log = ReplyLog(port.simulated_bus)
@@ -132,7 +132,7 @@ class LateReplyBus:
                 counts["accepted"] += 1
                 counts["misattributed"] += not reply_log.matches(address, sent_at, now, data)
 
-            host = BaselineHost(self.kind, port, loop, reads, on_accepted)
+            host = BaselineHost(self.variant, port, loop, reads, on_accepted)
         loop.run_until_complete(host.open())
         while host.frames < frames:
             loop.run_until(loop.time() + STEP_S)
@@ -162,17 +162,17 @@ class BlockResult:
 
 def run(campaign_run: CampaignRun) -> None:
     """Run blocks of chunks, from two processes where there is more than one, until each variant has done the budget."""
-    kinds = tuple(kind for kind in COVERED if campaign_run.covers(kind.name))
-    found: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
-    baseline: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
+    variants = tuple(variant for variant in COVERED if campaign_run.covers(variant.name))
+    found: dict[str, Counter[str]] = {variant.name: Counter() for variant in variants}
+    baseline: dict[str, Counter[str]] = {variant.name: Counter() for variant in variants}
     blocks = tuple(_blocks(campaign_run))
     in_process = len(blocks) == 1 or campaign_run.listener is not None
     for result in map_in_order(partial(run_block, campaign_run.listener), blocks, in_process=in_process):
         campaign_run.merge(result.part)
-        for kind in kinds:
-            found[kind.name].update(result.found[kind.name])
-            baseline[kind.name].update(result.baseline[kind.name])
-    _report_results(campaign_run, kinds, found, baseline)
+        for variant in variants:
+            found[variant.name].update(result.found[variant.name])
+            baseline[variant.name].update(result.baseline[variant.name])
+    _report_results(campaign_run, variants, found, baseline)
 
 
 def _blocks(campaign_run: CampaignRun) -> Iterator[Block]:
@@ -196,29 +196,31 @@ def run_block(listener: Callable[[str], None] | None, block: Block) -> BlockResu
         frames = min(TRANSACTIONS_PER_CHUNK, campaign_run.remaining)
         if not frames:
             break
-        for kind in (kind for kind in COVERED if campaign_run.covers(kind.name)):
-            line = LateReplyBus(campaign_run, kind, f"{kind.name}/{number}", campaign_run.rng(kind.name, number))
+        for variant in (variant for variant in COVERED if campaign_run.covers(variant.name)):
+            line = LateReplyBus(
+                campaign_run, variant, f"{variant.name}/{number}", campaign_run.rng(variant.name, number)
+            )
             line.run_transactions(frames)
-            found[kind.name].update(line.counts, transactions=line.scenario.oracle.request_count)
-            baseline[kind.name].update(line.run_baseline(max(1, int(frames * BASELINE_SHARE))))
+            found[variant.name].update(line.counts, transactions=line.scenario.oracle.request_count)
+            baseline[variant.name].update(line.run_baseline(max(1, int(frames * BASELINE_SHARE))))
         campaign_run.add_trials(frames)
     return BlockResult(part=campaign_run.result(), found=dict(found), baseline=dict(baseline))
 
 
 def _report_results(
     campaign_run: CampaignRun,
-    kinds: tuple[DriveVariant, ...],
+    variants: tuple[DriveVariant, ...],
     found: dict[str, Counter[str]],
     baseline: dict[str, Counter[str]],
 ) -> None:
     campaign_run.figures["order"] = "stations reply in the order of the requests, however late"
-    for kind in kinds:
+    for variant in variants:
         shown: dict[str, object] = {
-            "longest_lateness_s": kind.max_reply_lateness_s,
-            **dict(sorted(found[kind.name].items())),
+            "longest_lateness_s": variant.max_reply_lateness_s,
+            **dict(sorted(found[variant.name].items())),
         }
-        campaign_run.figures[kind.name] = shown | {"baseline_host": dict(sorted(baseline[kind.name].items()))}
-        campaign_run.trace(f"{kind.name}: {campaign_run.figures[kind.name]}")
+        campaign_run.figures[variant.name] = shown | {"baseline_host": dict(sorted(baseline[variant.name].items()))}
+        campaign_run.trace(f"{variant.name}: {campaign_run.figures[variant.name]}")
 
 
 CAMPAIGN = Campaign(

@@ -41,15 +41,15 @@ REPLUG_SETTLING_S = 6.0
 class ReplugBus:
     """Three polled drives behind one adapter, which the bus finds by its identity, and a user who commands them."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
-        self.campaign_run, self.kind, self.rng = campaign_run, kind, campaign_run.rng(number)
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, number: int) -> None:
+        self.campaign_run, self.variant, self.rng = campaign_run, variant, campaign_run.rng(number)
         machine = UsbHost(campaign_run.rng("machine", number), "FT4ZK1X9" if number % 3 else None)
         self.adapter: Any = None
         self.scenario = Scenario(
             campaign_run,
-            kind,
+            variant,
             HOTPLUG_ADDRESSES,
-            name=f"{kind.name}/{number}",
+            name=f"{variant.name}/{number}",
             line_quality=HOTPLUG_LINE_QUALITIES[number % len(HOTPLUG_LINE_QUALITIES)],
             seed=number,
             around=lambda port: self._attach_adapter(port, machine),
@@ -77,7 +77,7 @@ class ReplugBus:
         def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
             text = transmit(source, data, *more, **named)
             if hasattr(source, "receive"):
-                self.requests.append((text.start, classify_request(self.kind.model, self.kind.encoding, data)[1]))
+                self.requests.append((text.start, classify_request(self.variant.model, self.variant.encoding, data)[1]))
             return text
 
         wire.transmit = on_transmit
@@ -190,7 +190,7 @@ class ReplugBus:
         """Measure the time until the first and until every drive has a value from after the replug."""
         at, since = self.now, {address: self.newest_reading_at(address) for address in HOTPLUG_ADDRESSES}
         waiting, first_s = set(HOTPLUG_ADDRESSES), inf
-        within_s = 2 * FIRST_POLL_MAX_S + self.kind.identical_probe_quarantine_s
+        within_s = 2 * FIRST_POLL_MAX_S + self.variant.identical_probe_quarantine_s
         while waiting and self.now < at + within_s:
             self.scenario.loop.run_until(self.now + STEP_S)
             waiting = {address for address in waiting if self.newest_reading_at(address) <= max(since[address], at)}
@@ -234,12 +234,12 @@ def run(campaign_run: CampaignRun) -> None:
 
 def _figures(campaign_run: CampaignRun, lines: list[ReplugBus]) -> None:
     detected = sorted(one for bus in lines for one in bus.detected_s)
-    for kind in COVERED:
-        back = sorted(one for bus in lines if bus.kind is kind for one in bus.back_s)
+    for variant in COVERED:
+        back = sorted(one for bus in lines if bus.variant is variant for one in bus.back_s)
         if back:
-            campaign_run.figures[kind.name] = {
+            campaign_run.figures[variant.name] = {
                 "polled again at most s": round(
-                    max(one for bus in lines if bus.kind is kind for one in bus.first_s), 3
+                    max(one for bus in lines if bus.variant is variant for one in bus.first_s), 3
                 ),
                 "every drive polled again p50 s": round(back[len(back) // 2], 3),
                 "every drive polled again at most s": round(back[-1], 3),

@@ -52,16 +52,16 @@ TURNING_STATES = frozenset(
 class SoakDay:
     """Bus that runs for some hours of virtual time."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, seed: int) -> None:
-        self.campaign_run, self.kind, self.rng = campaign_run, kind, Random(f"soak/{seed}")
-        lowest = 0 if kind.model == "c320" else 1
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, seed: int) -> None:
+        self.campaign_run, self.variant, self.rng = campaign_run, variant, Random(f"soak/{seed}")
+        lowest = 0 if variant.model == "c320" else 1
         self.scenario = Scenario(
-            campaign_run, kind, range(lowest, lowest + SOAK_DRIVE_COUNT), seed=seed, name=f"{kind.name}/{seed}"
+            campaign_run, variant, range(lowest, lowest + SOAK_DRIVE_COUNT), seed=seed, name=f"{variant.name}/{seed}"
         )
         self.addresses = list(self.scenario.drives)
         for address in self.addresses:
             self.scenario.monitor(
-                address, ("output_frequency",) if kind.reports_running else None, period_s=SOAK_POLL_PERIOD_S
+                address, ("output_frequency",) if variant.reports_running else None, period_s=SOAK_POLL_PERIOD_S
             )
 
     def run_hour(self) -> None:
@@ -143,7 +143,7 @@ class SoakDay:
         for address, monitor in self.scenario.monitors.items():
             state = monitor.status().state
             on = self.scenario.station(address).motor.energised
-            if self.kind.reports_running and (state is DriveState.UNKNOWN or (state in TURNING_STATES) is not on):
+            if self.variant.reports_running and (state is DriveState.UNKNOWN or (state in TURNING_STATES) is not on):
                 self.scenario.oracle.violation(
                     f"after quiet {address} is called {state}, its motor is {'on' if on else 'off'}"
                 )
@@ -152,9 +152,9 @@ class SoakDay:
 def run_day(seed: int, hours: int, listener: Callable[[str], None] | None = None) -> PartResult:
     """Run one seed, in its own process."""
     campaign_run = CampaignRun(campaign="soak", seed=seed, budget=hours, listener=listener)
-    kind = COVERED[seed % len(COVERED)]
+    variant = COVERED[seed % len(COVERED)]
     began, pages = time.process_time(), list[int]()
-    day = SoakDay(campaign_run, kind, seed)
+    day = SoakDay(campaign_run, variant, seed)
     for _ in range(hours):
         day.run_hour()
         campaign_run.add_trials()
@@ -164,7 +164,7 @@ def run_day(seed: int, hours: int, listener: Callable[[str], None] | None = None
     campaign_run.counts["requests"] += oracle.request_count
     campaign_run.counts["replies accepted"] += oracle.accepted_count
     campaign_run.figures[f"seed {seed}"] = (
-        f"{kind.name}: {oracle.request_count} requests, trace {campaign_run.digest[:16]}"
+        f"{variant.name}: {oracle.request_count} requests, trace {campaign_run.digest[:16]}"
     )
     factor = hours * HOUR_S / (time.process_time() - began)  # of a processor's seconds: others may use it too
     campaign_run.machine[f"seed {seed}"] = {"real_time_factor": round(factor), **_memory_growth(pages)}

@@ -52,12 +52,12 @@ NO_PARAMETER = WrittenParameter("", False, 0, 1)
 class StatementSession:
     """Bus with one misbehaving drive, and a few commands."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
-        self.campaign_run, self.kind, self.number = campaign_run, kind, number
-        self.rng = rng = campaign_run.rng(kind.name, number)
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, number: int) -> None:
+        self.campaign_run, self.variant, self.number = campaign_run, variant, number
+        self.rng = rng = campaign_run.rng(variant.name, number)
         self.loop = VirtualLoop()
-        self.family = campaign_of(kind.model)
-        self.profile = _profile(kind.model)
+        self.family = campaign_of(variant.model)
+        self.profile = _profile(variant.model)
         misbehaviours = frozenset(rng.sample(MISBEHAVIOURS, rng.choice((0, 1, 1, 2))))
         faults = tuple(rng.sample(LINE_FAULTS, rng.choice((0, 0, 1, 1, 2))))
         echoes, setting = rng.choice(ECHOES)
@@ -73,10 +73,10 @@ class StatementSession:
         if rng.random() < 0.15 and not physics.fault:
             physics.setpoint_hz = physics.target_hz = physics.hz = 5.0
             physics.is_on = physics.was_on = True
-        dialect = create_dialect(self.profile, ADDRESS, encoding=kind.encoding)
+        dialect = create_dialect(self.profile, ADDRESS, encoding=variant.encoding)
         settings = SerialSettings(BAUD, 8, self.profile.serial.format[1])
         self.line = FakeLine(
-            station=self.family.stations[kind.model](),
+            station=self.family.stations[variant.model](),
             address=ADDRESS,
             codec=dialect.codec,
             settings=settings,
@@ -85,13 +85,13 @@ class StatementSession:
             rng=rng,
             echo=setting,
         )
-        self.judge = Judge(self.line, reports_state=kind.reports_running)
+        self.judge = Judge(self.line, reports_state=variant.reports_running)
         self.plan_text = f"{sorted(misbehaviours)} {faults} {plan.share} {sorted(plan.refuses)} {setting}"
 
     def play(self) -> None:
         """Run the commands and judge each."""
         with running(self.loop):
-            bus = Bus(self.line, name=self.kind.name)
+            bus = Bus(self.line, name=self.variant.name)
         if self.rng.random() < METHODS["scan"] / sum(METHODS.values()):
             self._scan()
             return
@@ -100,12 +100,12 @@ class StatementSession:
                 bus,
                 self.profile,
                 ADDRESS,
-                encoding=self.kind.encoding,
-                options={**self.kind.drive_options, **self.family.statement_options},
+                encoding=self.variant.encoding,
+                options={**self.variant.drive_options, **self.family.statement_options},
                 store=MemoryStore(),
             )
         self.loop.run_until_complete(bus.open())
-        absent = self.family.lacks | {"scan"} | (set() if self.kind.reports_running else {"status"})
+        absent = self.family.lacks | {"scan"} | (set() if self.variant.reports_running else {"status"})
         names = [name for name in METHODS if name not in absent]
         for _ in range(self.rng.randrange(1, MAX_COMMANDS + 1)):
             self._command(drive, self.rng.choices(names, [METHODS[name] for name in names])[0])
@@ -120,7 +120,7 @@ class StatementSession:
         self.line.physics.was_on = self.line.physics.is_on
         hz, reverse = rng.choice(FREQUENCIES_HZ), rng.random() < 0.2
         way = "reverse" if reverse else "forward"
-        cell = self.family.statement_parameters.get(self.kind.model, NO_PARAMETER)
+        cell = self.family.statement_parameters.get(self.variant.model, NO_PARAMETER)
         value = float(rng.randrange(1, 20))
         call: Any = {
             "status": drive.status,
@@ -164,14 +164,14 @@ class StatementSession:
             direction=way,
         )
         self.campaign_run.count(f"{status}: {key}")
-        self.campaign_run.trace(f"{self.kind.name}/{self.number} {self.loop.time():.6f} {name} {status} {key}")
+        self.campaign_run.trace(f"{self.variant.name}/{self.number} {self.loop.time():.6f} {name} {status} {key}")
         self._report(statement, *self.judge.untrue(statement))
         return statement
 
     def _report(self, statement: Statement, *contradictions: str) -> None:
         for text in contradictions:
             self.campaign_run.violation(
-                f"seed {self.campaign_run.seed}, {self.kind.name}/{self.number}, "
+                f"seed {self.campaign_run.seed}, {self.variant.name}/{self.number}, "
                 f"{statement.command} at {statement.ended_at:.3f} s: "
                 f"{statement.status}, {statement.key} ({statement.text}): {text}; {self.plan_text}"
             )
@@ -190,7 +190,7 @@ class StatementSession:
                     self._report(statement, f"{reading.value} Hz was never reported")
         shows_fault, standing = status.fault is not None, status.state.value in OUTPUT_OFF
         changed = "trips" in self.line.physics.misbehaviours
-        present = bool(self.line.physics.fault) and self.kind.reports_faults
+        present = bool(self.line.physics.fault) and self.variant.reports_faults
         if standing and not changed and shows_fault is not present:
             self._report(statement, f"fault {status.fault} shown, {self.line.physics.fault} present")
 
@@ -208,7 +208,7 @@ class StatementSession:
         passes = plan_scan(
             [self.profile],
             addresses=[ADDRESS - 1, ADDRESS, ADDRESS + 1],
-            encodings=[self.kind.encoding],
+            encodings=[self.variant.encoding],
             fixed=self.line.settings,
         )
         progress = ScanProgress(total_s=1.0)
@@ -217,7 +217,7 @@ class StatementSession:
         for one in found:
             key = "scan.found" if one.models else "scan.rejected" if one.valid_reply else "scan.no_valid_reply"
             self.campaign_run.count(f"scan: {key}")
-            self.campaign_run.trace(f"{self.kind.name}/{self.number} {key} {one.address}")
+            self.campaign_run.trace(f"{self.variant.name}/{self.number} {key} {one.address}")
             statement = _scan_statement(key)
             if one.valid_reply and (one.address != ADDRESS or not replied):
                 self._report(statement, f"a drive was found at address {one.address}")
@@ -247,9 +247,9 @@ def run(campaign_run: CampaignRun) -> None:
     """Play sessions with all variants in turn."""
     number = 0
     while campaign_run.remaining:
-        for kind in COVERED:
+        for variant in COVERED:
             if campaign_run.remaining:
-                StatementSession(campaign_run, kind, number).play()
+                StatementSession(campaign_run, variant, number).play()
                 campaign_run.add_trials()
         number += 1
 

@@ -49,8 +49,8 @@ class StopBus:
     ``number`` selects line quality, ramp and reader priorities.
     """
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, number: int) -> None:
-        self.campaign_run, self.kind, self.rng = campaign_run, kind, campaign_run.rng(number)
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, number: int) -> None:
+        self.campaign_run, self.variant, self.rng = campaign_run, variant, campaign_run.rng(number)
         turn = number // len(COVERED)
         self.ramp_s, self.reader_priorities = (
             LOAD_RAMPS_S[turn % len(LOAD_RAMPS_S)],
@@ -59,9 +59,9 @@ class StopBus:
         line_quality = LOAD_LINE_QUALITIES[turn % len(LOAD_LINE_QUALITIES)]
         self.scenario = Scenario(
             campaign_run,
-            kind,
+            variant,
             LOAD_ADDRESSES,
-            name=f"{kind.name}/{number}",
+            name=f"{variant.name}/{number}",
             line_quality=line_quality,
             ramp=self.ramp_s,
             seed=number,
@@ -187,7 +187,7 @@ class StopBus:
         self.drives_to_stop.add(command.address)
 
     def _stop_bus(self) -> None:
-        scenario, broadcast_address = self.scenario, self.kind.broadcast
+        scenario, broadcast_address = self.scenario, self.variant.broadcast
         can_broadcast = (
             "broadcast_stop" in scenario.drives[LOAD_ADDRESSES[0]].profile.capabilities
             and broadcast_address is not None
@@ -216,7 +216,7 @@ class StopBus:
         first_s, last_s = sent.start - one.at, sent.end - one.at
         if one.foreign_traffic:
             self.campaign_run.count("held back by a late reply")
-        elif one.after_broadcast or self.kind.broadcast in one.earlier_stops:
+        elif one.after_broadcast or self.variant.broadcast in one.earlier_stops:
             self.campaign_run.count("after a broadcast")
         else:
             self.campaign_run.count(f"after {len(one.earlier_stops)} other drives' stops")
@@ -246,7 +246,7 @@ class StopBus:
             self.campaign_run.count("alarmed late, at a drive's limit", int(over_s > UNCONFIRMED_ALARM_MAX_S))
             if over_s > max(
                 UNCONFIRMED_ALARM_MAX_S,
-                TRANSACTIONS_AT_LIMIT * self.stop_timer.bounds.failed_poll_s if self.kind.reports_running else 0.0,
+                TRANSACTIONS_AT_LIMIT * self.stop_timer.bounds.failed_poll_s if self.variant.reports_running else 0.0,
             ):
                 self.violation(f"{command} was {command.result_word} after {took_s:.3f} s")
         return None
@@ -256,7 +256,7 @@ class StopBus:
         self.restore_line()
         self.scenario.run(STOP_SETTLING_S)
         self.stop_timer.finish()
-        for address in sorted(self.drives_to_stop) if self.kind.reports_running else ():
+        for address in sorted(self.drives_to_stop) if self.variant.reports_running else ():
             pending = self.scenario.drives[address].stop_pending
             if self.scenario.station(address).motor.energised or self.open_commands[address] or pending:
                 self.violation(f"drive {address} got a stop, and its motor is on or the stop is still repeated")
@@ -267,13 +267,13 @@ def run(campaign_run: CampaignRun) -> None:
     found: dict[str, list[StopBus]] = defaultdict(list)
     number = 0
     while campaign_run.remaining:
-        kind = COVERED[number % len(COVERED)]
-        bus = StopBus(campaign_run, kind, number)
+        variant = COVERED[number % len(COVERED)]
+        bus = StopBus(campaign_run, variant, number)
         for _ in range(min(INSTANTS_PER_BUS, campaign_run.remaining)):
             bus.run_instant()
             campaign_run.add_trials()
         bus.finish()
-        found[kind.name].append(bus)
+        found[variant.name].append(bus)
         number += 1
     campaign_run.figures.update({name: _figures(lines) for name, lines in found.items()})
 

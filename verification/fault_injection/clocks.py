@@ -301,11 +301,11 @@ def is_bus_timer(timer: VirtualTimer) -> bool:
 class HostSleepScenario:
     """Bus whose host sleeps during a run, a setpoint, a jog or a stop."""
 
-    def __init__(self, campaign_run: CampaignRun, kind: DriveVariant, name: str, rng: Random) -> None:
-        self.campaign_run, self.kind, self.rng = campaign_run, kind, rng
+    def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, name: str, rng: Random) -> None:
+        self.campaign_run, self.variant, self.rng = campaign_run, variant, rng
         self.scenario = Scenario(
             campaign_run,
-            kind,
+            variant,
             (FIRST_ADDRESS, RUNNING_ADDRESS, JOGGED_ADDRESS),
             name=name,
             seed=rng.randrange(2**31),
@@ -381,7 +381,7 @@ class HostSleepScenario:
 
     async def _hold_jog(self) -> Outcome | None:
         """Jog and renew the lease until it expires."""
-        async with self.scenario.drives[JOGGED_ADDRESS].jog(2.0 if self.kind.model == "dzb100" else None) as lease:
+        async with self.scenario.drives[JOGGED_ADDRESS].jog(2.0 if self.variant.model == "dzb100" else None) as lease:
             try:
                 while not lease.expired:
                     await asyncio.sleep(0.1)
@@ -402,7 +402,7 @@ class HostSleepScenario:
         queued = not any(frame.user_command is command for frame in self.frames)
         if not command.is_stop and command.method != "jog" and command.at < self.woke_at and queued:
             self.campaign_run.count(f"asleep over an unsent {command.method}: {command.result_word}")
-        message = ("confirmed" if self.kind.reports_running else "acknowledged", "unknown")
+        message = ("confirmed" if self.variant.reports_running else "acknowledged", "unknown")
         history = self.scenario.oracle.histories[command.address]
         if command.is_stop and (
             command.result_word not in message or history.stop_received_at < command.at or history.on

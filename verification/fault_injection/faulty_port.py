@@ -124,13 +124,17 @@ class PortFailureScenario:
     """Open, monitor two drives, run, set, stop, write and close; then repeat to check that everything works."""
 
     def __init__(
-        self, campaign_run: CampaignRun, kind: DriveVariant, name: str, around: Callable[[Any], Any] = lambda port: port
+        self,
+        campaign_run: CampaignRun,
+        variant: DriveVariant,
+        name: str,
+        around: Callable[[Any], Any] = lambda port: port,
     ) -> None:
-        self.campaign_run, self.kind = campaign_run, kind
+        self.campaign_run, self.variant = campaign_run, variant
         self.loop = ErrorTolerantLoop()
         self.scenario = Scenario(
             campaign_run,
-            kind,
+            variant,
             (1, 2),
             loop=self.loop,
             name=name,
@@ -172,7 +176,7 @@ class PortFailureScenario:
         self.step("set_frequency", 8.0)
         stop = self.step("stop")
         self._check_stopped(stop)
-        self.step("write", {PORT_WRITTEN_PARAMETERS[self.kind.model]: 7.0}, True)
+        self.step("write", {PORT_WRITTEN_PARAMETERS[self.variant.model]: 7.0}, True)
 
     def monitor(self, address: int) -> None:
         self.scenario.monitor(address, period_s=PORT_POLL_PERIOD_S)

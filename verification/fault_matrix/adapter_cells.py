@@ -37,7 +37,7 @@ def transmitter_disabled_too_early(run: CellRun) -> None:
     )
     own = run.scenario(1, 2)
     check_void(own, lambda transmit, data, when: transmit(data, when).dropped.add(len(data) - 1), "NoReply")
-    if not run.kind.has_checksum:
+    if not run.variant.has_checksum:
         _check_missing_last_byte(run)
 
 
@@ -107,7 +107,7 @@ def adapter_unplugged(run: CellRun) -> None:
             f"ended as {user_command.result_word}, {user_command.error!r}",
         )
         scenario.expect(
-            not scenario.requests_since(mark, RequestEffect.SETTING) or not run.kind.start_has_setpoint,
+            not scenario.requests_since(mark, RequestEffect.SETTING) or not run.variant.start_has_setpoint,
             "a setpoint was sent",
         )
         scenario.expect(scenario.bus.is_open and not scenario.bus.health(2).suspect, "polling does not go on")
@@ -151,7 +151,7 @@ def adapter_echo(run: CellRun) -> None:
         )
         command = scenario.command_to_end(1, "run", run.random_hz())
         scenario.expect(
-            command.result_word == ("confirmed" if run.kind.reports_running else "acknowledged"),
+            command.result_word == ("confirmed" if run.variant.reports_running else "acknowledged"),
             f"echo {setting}: run {command.result_word}",
         )
         scenario.expect(scenario.station(1).motor.starts == 1, "not one start")
@@ -170,8 +170,8 @@ def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bo
     """
     scenario = run.scenario(1, echo=setting, line_quality=line_quality)
     scenario.bus.core.has_line_timing, scenario.oracle.frame_rules.misled_drives = paced, not paced
-    family = campaign_of(run.kind.model)
-    notation = family.saved_parameters.get(run.kind.model, "")
+    family = campaign_of(run.variant.model)
+    notation = family.saved_parameters.get(run.variant.model, "")
     saves = notation not in family.matrix.ram_parameters  # T21: a RAM write has an echo of a reply's length in C320
     commands: dict[str, tuple[Any, ...]] = {
         "write": ({notation: 7.0}, saves),
@@ -238,11 +238,11 @@ COMM_LOSS_TIMEOUT_S = 5.0
 def host_restarted_while_running(run: CellRun) -> None:
     """Check that a restarted host only reads and reports what it finds. The C320 stops by itself without requests."""
     scenario, hz = run.scenario(1, 2), run.random_hz()
-    if run.kind.model == "c320":
+    if run.variant.model == "c320":
         scenario.station(1).keypad_set(0x9_04, round(COMM_LOSS_TIMEOUT_S * 10))
     scenario.start_at(1, hz)
     _check_restart(run, scenario, hz)
-    if run.kind.model == "c320":
+    if run.variant.model == "c320":
         scenario.restart_host()
         scenario.run(COMM_LOSS_TIMEOUT_S + 4.0)
         scenario.expect(not scenario.station(1).motor.energised, "F9.4 has passed in silence, and it runs")
@@ -262,7 +262,7 @@ def _check_restart(run: CellRun, scenario: MatrixScenario, hz: float) -> None:
     scenario.expect(scenario.station(1).motor.energised, "a running drive was stopped")
     scenario.expect(not scenario.station(2).motor.starts, "a stopped drive was started")
     status = monitors[0].status()
-    if run.kind.reports_running:
+    if run.variant.reports_running:
         scenario.expect(
             str(status.state) == "running", f"called {status.state} {scenario.loop.time() - at_s:.1f} s after"
         )
@@ -271,7 +271,7 @@ def _check_restart(run: CellRun, scenario: MatrixScenario, hz: float) -> None:
         scenario.expect(str(status.state) == "unknown", f"called {status.state}")
     stop = scenario.command_to_end(1, "stop")
     scenario.expect(
-        stop.result_word == ("confirmed" if run.kind.reports_running else "acknowledged"),
+        stop.result_word == ("confirmed" if run.variant.reports_running else "acknowledged"),
         f"the stop is {stop.result_word}",
     )
 
@@ -283,7 +283,7 @@ def communication_loss_reaction(run: CellRun) -> None:
     report = scenario.loop.run_until_complete(scenario.drives[1].comm_loss_behaviour())
     words = {report.text(language) for language in ("en", "zh")}
     scenario.expect(len(words) == 2 and report.key not in words, f"{report.key} has no words in both languages")
-    if run.kind.model != "c320":
+    if run.variant.model != "c320":
         scenario.expect(report.stops_on_comm_loss is None and report.key == "drives.comm_loss_unpublished", f"{report}")
         return
     scenario.expect(report.stops_on_comm_loss is False and report.key == "drives.comm_loss_off", f"F9.4 = 0: {report}")

@@ -26,11 +26,11 @@ def duplicate_address(run: CellRun) -> None:
     """Check that second replies raise the alarm and block all commands but stops, and colliding replies are invalid."""
     for apart in (True, False):
         scenario = run.scenario(1, 2)
-        second = make_station(run.kind.model, 1, dict(run.kind.options))
+        second = make_station(run.variant.model, 1, dict(run.variant.options))
         second.set_ramps(2.0, 2.0)
         if apart:  # right behind the first one's answer, as a drive of another make or firmware
             second.faults.added_delay_s = scenario.simulated_bus.settings.seconds(
-                run.kind.frames.reply + run.rng.uniform(0.5, 1.5)
+                run.variant.frames.reply + run.rng.uniform(0.5, 1.5)
             )
         with running(scenario.loop):
             scenario.simulated_bus.add(second)
@@ -95,13 +95,13 @@ def foreign_master(run: CellRun) -> None:
     scenario.run(1.0)
     stop = scenario.command_to_end(1, "stop")
     scenario.expect(
-        stop.result_word == ("confirmed" if run.kind.reports_running else "acknowledged"),
+        stop.result_word == ("confirmed" if run.variant.reports_running else "acknowledged"),
         f"the stop is {stop.result_word}",
     )
     scenario.run(FOREIGN_QUIET_S)
     command = scenario.command_to_end(1, "run", run.random_hz())
     scenario.expect(
-        command.result_word == ("confirmed" if run.kind.reports_running else "acknowledged"),
+        command.result_word == ("confirmed" if run.variant.reports_running else "acknowledged"),
         f"after a minute: {command.result_word}",
     )
 
@@ -114,8 +114,8 @@ def only_stops_are_broadcast(run: CellRun) -> None:
     """Check that no broadcast other than a stop is sent, in any priority and through any station."""
     scenario = run.scenario(1, 2)
     mark = len(scenario.requests)
-    for wanted in campaign_of(run.kind.model).matrix.forbidden_broadcasts(run.kind):
-        for station in (1, run.kind.broadcast or 0):
+    for wanted in campaign_of(run.variant.model).matrix.forbidden_broadcasts(run.variant):
+        for station in (1, run.variant.broadcast or 0):
             answer = scenario.loop.run_until_complete(
                 scenario.bus.transact(
                     BusRequest(station=station, request=wanted, priority=run.rng.choice(list(RequestPriority)))
@@ -139,8 +139,8 @@ def broadcast_stop(run: CellRun) -> None:
     report = _stop_all(scenario)
     scenario.run(4.0)
     sent = scenario.requests_since(mark)
-    broadcasts = [one for one in sent if one.address == run.kind.broadcast]
-    if not run.kind.stops_by_broadcast:
+    broadcasts = [one for one in sent if one.address == run.variant.broadcast]
+    if not run.variant.stops_by_broadcast:
         scenario.expect(not broadcasts, "an undocumented broadcast")
     else:
         _check_all_stopped(scenario, broadcasts, sent)
@@ -149,12 +149,12 @@ def broadcast_stop(run: CellRun) -> None:
             any(o.effect is RequestEffect.STOP and o.address == address for o in sent),
             f"{address} got no stop of its own",
         )
-        read_back = any(o.address == address and status_read_key(scenario.kind, o.data) for o in sent)
-        scenario.expect(read_back or not run.kind.reports_running, f"{address} was not read")
+        read_back = any(o.address == address and status_read_key(scenario.variant, o.data) for o in sent)
+        scenario.expect(read_back or not run.variant.reports_running, f"{address} was not read")
         scenario.expect(not scenario.station(address).motor.energised, f"{address} runs")
     words = {outcome.status.value for _, outcome in report.outcomes}
-    scenario.expect(words == {"confirmed" if run.kind.reports_running else "acknowledged"}, f"ended as {words}")
-    scenario.expect(report.confirmed is run.kind.reports_running, "confirmed without evidence")
+    scenario.expect(words == {"confirmed" if run.variant.reports_running else "acknowledged"}, f"ended as {words}")
+    scenario.expect(report.confirmed is run.variant.reports_running, "confirmed without evidence")
     _check_deaf_drive_named(run)
 
 
@@ -166,7 +166,7 @@ def _check_all_stopped(scenario: MatrixScenario, broadcasts: list[MatrixRequest]
         all(one.effect in (RequestEffect.STOP, RequestEffect.RELEASE) for one in broadcasts),
         "a broadcast that is no stop",
     )
-    if scenario.kind.model == "dzb100":
+    if scenario.variant.model == "dzb100":
         scenario.expect(all(one.data[2:5] == b"\x0200" for one in broadcasts), "A is not 02, or the address not 00")
 
 

@@ -36,7 +36,7 @@ class CellRun:
     """Run of a cell: a drive variant, a random generator, and the scenarios of the check."""
 
     def __init__(self, campaign_run: CampaignRun, cell: MatrixCell, number: int) -> None:
-        self.campaign_run, self.kind = campaign_run, cell.kind
+        self.campaign_run, self.variant = campaign_run, cell.variant
         self.name = f"{cell.name}/{number}"
         self.rng: Random = campaign_run.rng(cell.name, number)
         self.scenarios: list[MatrixScenario] = []
@@ -44,7 +44,7 @@ class CellRun:
     def scenario(self, *addresses: int, **options: Any) -> MatrixScenario:
         """Return a scenario whose drives are known to be online. ``options`` are those of ``sim://`` URLs."""
         scenario = MatrixScenario(
-            self.campaign_run, self.kind, self.name, addresses or (1, 2), self.rng.randrange(2**31), options
+            self.campaign_run, self.variant, self.name, addresses or (1, 2), self.rng.randrange(2**31), options
         )
         self.scenarios.append(scenario)
         return scenario
@@ -66,23 +66,23 @@ class MatrixCell:
     """Cell of the table: its row, and its column by the model of the variant."""
 
     row: str
-    kind: DriveVariant
+    variant: DriveVariant
     check: CellCheck
 
     @property
     def name(self) -> str:
-        return f"{self.row}/{self.kind.name}"
+        return f"{self.row}/{self.variant.name}"
 
 
 _CELL_CHECKS: dict[tuple[str, str], CellCheck] = {}
 
 
-def cell(row: str, *kinds: DriveVariant) -> Callable[[CellCheck], CellCheck]:
+def cell(row: str, *variants: DriveVariant) -> Callable[[CellCheck], CellCheck]:
     """Register a function as the check of a row, for these variants (default: all)."""
 
     def register(check: CellCheck) -> CellCheck:
-        for kind in kinds or COVERED:
-            _CELL_CHECKS[row, kind.name] = check
+        for variant in variants or COVERED:
+            _CELL_CHECKS[row, variant.name] = check
         return check
 
     return register
@@ -93,10 +93,10 @@ def all_cells() -> tuple[MatrixCell, ...]:
     for module in CELL_MODULES:
         import_module(f"verification.fault_matrix.{module}")
     return tuple(
-        MatrixCell(row, kind, _CELL_CHECKS[row, kind.name])
+        MatrixCell(row, variant, _CELL_CHECKS[row, variant.name])
         for row, message in TABLE.items()
-        for kind in COVERED
-        if kind.model in message["cells"]
+        for variant in COVERED
+        if variant.model in message["cells"]
     )
 
 
@@ -132,16 +132,16 @@ def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, add
 def check_quarantine(scenario: MatrixScenario, mark: int) -> None:
     """Check that the model's longest lateness of silence and a sync probe follow the request at ``mark``."""
     first, second = scenario.requests[mark : mark + 2]
-    scenario.expect(is_sync_probe(scenario.kind, second.data), f"{second.data.hex()} is no sync probe")
+    scenario.expect(is_sync_probe(scenario.variant, second.data), f"{second.data.hex()} is no sync probe")
     scenario.expect(
-        second.start - first.end >= scenario.kind.max_reply_lateness_s,
+        second.start - first.end >= scenario.variant.max_reply_lateness_s,
         f"sync probe after {second.start - first.end:.3f} s",
     )
 
 
 def check_persistent_failure(scenario: MatrixScenario, act: ReplyAction | str, address: int = 1) -> None:
     """Check that values stay good after one invalid reply, and are bad with an unknown state where the fault lasts."""
-    scenario.run(scenario.kind.identical_probe_quarantine_s)  # until the replies lost before can no longer be due
+    scenario.run(scenario.variant.identical_probe_quarantine_s)  # until the replies lost before can no longer be due
     monitor = scenario.monitored(address)
     scenario.expect(not scenario.has_bad_quality(address), "bad before anything happened")
     scenario.manipulate_replies(address, act, 1)

@@ -32,7 +32,7 @@ def swapped_digits(run: CellRun, first: int, last: int) -> Any:
     return act
 
 
-@cell("digit_swap", *(kind for kind in COVERED if kind.undetected_swaps is None))
+@cell("digit_swap", *(variant for variant in COVERED if variant.undetected_swaps is None))
 def swapped_digits_meet_a_check(run: CellRun) -> None:
     """Check that CRC and LRC detect every swap of neighbours."""
     scenario = run.scenario()
@@ -40,7 +40,7 @@ def swapped_digits_meet_a_check(run: CellRun) -> None:
     for _ in range(4):
         scenario.run(DIGITS_OBSERVATION_S)
         size = len(scenario.replies[0].data)
-        first, last = (1, size - 2) if run.kind.encoding == "ascii" else (0, size)
+        first, last = (1, size - 2) if run.variant.encoding == "ascii" else (0, size)
         failed = scenario.failure_count(1)
         scenario.manipulate_replies(1, swapped_digits(run, first, last), 1)
         answer = scenario.read(1)
@@ -48,18 +48,18 @@ def swapped_digits_meet_a_check(run: CellRun) -> None:
         scenario.expect(scenario.failure_count(1) == failed + 1, f"not counted: {scenario.statistics(1).errors}")
 
 
-@cell("digit_swap", *(kind for kind in COVERED if kind.undetected_swaps is not None))
+@cell("digit_swap", *(variant for variant in COVERED if variant.undetected_swaps is not None))
 def swapped_digits_pass_the_check(run: CellRun) -> None:
     """Check swaps that the sum does not detect: invalid in repeated fields, uncertain in values out of range."""
     scenario = run.scenario(12, 13)
-    assert run.kind.undetected_swaps is not None
-    first, last = run.kind.undetected_swaps
+    assert run.variant.undetected_swaps is not None
+    first, last = run.variant.undetected_swaps
     for _ in range(3):
         scenario.run(DIGITS_OBSERVATION_S)
         attempts = _check_one_swap(run, scenario, first, last)
         scenario.expect(attempts == 2, "a reply with another address or item was accepted")
     single_reads_decide_nothing(run)
-    if run.kind.model == "c320":
+    if run.variant.model == "c320":
         _check_out_of_range_value(run)
 
 
@@ -97,7 +97,7 @@ def falsified_replies(run: CellRun, stands: bool) -> Any:
     """Return an action that falsifies the state in a reply, with a correct check."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
-        return transmit(campaign_of(run.kind.model).matrix.falsify_state(run.kind, data, stands), when)
+        return transmit(campaign_of(run.variant.model).matrix.falsify_state(run.variant, data, stands), when)
 
     return act
 
@@ -109,7 +109,7 @@ def _check_out_of_range_value(run: CellRun) -> None:
     scenario.run(1.0)
     reading = monitor.status().readings["dc_bus_voltage"]
     scenario.expect(reading.quality is Quality.GOOD, f"{reading}")
-    place = 9 if run.kind.encoding == "ascii" else 11
+    place = 9 if run.variant.encoding == "ascii" else 11
     manipulation = scenario.manipulate_replies(
         1, lambda transmit, data, when: transmit(swap_neighbours(data, place), when), 1
     )
@@ -133,7 +133,9 @@ def truncated_answer(run: CellRun) -> None:
     check_void(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
     voided = next(event for event in scenario.events if event.kind is Became.INVALID)
     request = next(one for one in scenario.requests[2:] if one.address == 1)
-    patience_s = run.kind.min_timeout_s + run.kind.min_timeout_characters * scenario.simulated_bus.settings.character_s
+    patience_s = (
+        run.variant.min_timeout_s + run.variant.min_timeout_characters * scenario.simulated_bus.settings.character_s
+    )
     scenario.expect(
         voided.time - request.end >= patience_s, f"void {voided.time - request.end:.4f} s after the request"
     )
@@ -143,7 +145,7 @@ def truncated_answer(run: CellRun) -> None:
 
 def _check_short_form(run: CellRun) -> None:
     """Check that an error reply that is shorter than the normal one is complete."""
-    short = campaign_of(run.kind.model).matrix.short_error(run.kind, run.rng)
+    short = campaign_of(run.variant.model).matrix.short_error(run.variant, run.rng)
     if short is None:
         return
     scenario, (reply, size) = run.scenario(), short
@@ -206,10 +208,15 @@ def _check_tolerated_noise(run: CellRun) -> None:
     timing: StationTiming = replace(drive.dialect.station_config.timing, tolerate_leading_noise=True)
     drive.close()
     scenario.drives[1] = type(drive)(
-        scenario.bus, run.kind.model, 1, encoding=run.kind.encoding, options=dict(run.kind.drive_options), timing=timing
+        scenario.bus,
+        run.variant.model,
+        1,
+        encoding=run.variant.encoding,
+        options=dict(run.variant.drive_options),
+        timing=timing,
     )
     scenario.read(1)
-    most = 4 if run.kind.name == "df800-ascii" else 1
+    most = 4 if run.variant.name == "df800-ascii" else 1
     for size, attempts in ((most, 1), (most + 2, 2)):
         junk = bytes(run.rng.randrange(0x80, 0x100) for _ in range(size))
         scenario.manipulate_replies(1, after_junk(junk), 1)
@@ -235,9 +242,9 @@ def single_flipped_bit(run: CellRun) -> None:
     required."""
     scenario = run.scenario()
     for number in range(FLIPS_PER_CELL):
-        marked = not run.kind.has_checksum or (run.kind.undetected_swaps is not None and number % 2 == 0)
+        marked = not run.variant.has_checksum or (run.variant.undetected_swaps is not None and number % 2 == 0)
         _check_flipped(scenario, corrupt_reply(run, marked))
-    if not run.kind.has_checksum:
+    if not run.variant.has_checksum:
         single_reads_decide_nothing(run)
 
 

@@ -31,8 +31,8 @@ COMMAND_DONE_WORDS = ("confirmed", "acknowledged")
 def burst_of_saves(run: CellRun) -> None:
     """Check that twenty saves a day reach the EEPROM, across restarts, and that RAM writes do not count."""
     scenario = run.scenario(1)
-    family = campaign_of(run.kind.model)
-    notation, saves = family.saved_parameters[run.kind.model], scenario.station(1).memory.eeprom_writes
+    family = campaign_of(run.variant.model)
+    notation, saves = family.saved_parameters[run.variant.model], scenario.station(1).memory.eeprom_writes
     words = [
         scenario.command_to_end(1, "write", {notation: 10.0 + n}, True).result_word
         for n in range(CELL_WRITES_PER_DAY // 2)
@@ -69,10 +69,10 @@ def _check_ram_writes(scenario: MatrixScenario, notation: str) -> None:
         "EEPROM worn",
     )
     for one in scenario.requests_since(mark, RequestEffect.SETTING):
-        if scenario.kind.model == "c320":
-            scenario.expect(class_and_operation(scenario.kind, one.data)[0] == 3, "not class 3")
+        if scenario.variant.model == "c320":
+            scenario.expect(class_and_operation(scenario.variant, one.data)[0] == 3, "not class 3")
         else:
-            scenario.expect((modbus_write(scenario.kind, one.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
+            scenario.expect((modbus_write(scenario.variant, one.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
 
 
 @cell("toggle", C320, C320_HEX)
@@ -87,10 +87,10 @@ def operation_only_after_status(run: CellRun) -> None:
     moves = [index for index, one in enumerate(scenario.requests) if one.effect is RequestEffect.MOTION]
     scenario.expect(len(moves) == 2, f"{len(moves)} starts for two runs from standstill")
     for one, other in pairwise([0, *moves]):
-        status_reads = [sent for sent in scenario.requests[one:other] if status_read_key(scenario.kind, sent.data)]
+        status_reads = [sent for sent in scenario.requests[one:other] if status_read_key(scenario.variant, sent.data)]
         scenario.expect(len(status_reads) >= 2, f"{len(status_reads)} looks before a start")
     for sent in scenario.requests:
-        kind, operation = class_and_operation(scenario.kind, sent.data)
+        kind, operation = class_and_operation(scenario.variant, sent.data)
         scenario.expect(kind == CONTROL or operation == 0, f"{sent.data.hex()} carries an operation")
 
 
@@ -145,7 +145,7 @@ def one_pulse_per_edge(run: CellRun) -> None:
     scenario.station(1).trip(run.rng.choice(list(Trip)))
     scenario.command_to_end(1, "reset_fault")
     words = [
-        word[1] for one in scenario.requests if (word := modbus_write(scenario.kind, one.data)) and word[0] == 0x2000
+        word[1] for one in scenario.requests if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2000
     ]
     for one, other in pairwise(words):
         scenario.expect(
@@ -179,12 +179,12 @@ def toggle_is_never_sent(run: CellRun) -> None:
         frame = scenario.drives[1].dialect.codec.encode_request(request)
         scenario.expect(not scenario.drives[1].dialect.is_allowed(frame), f"the permissives allow {toggle:04X}")
     words = [
-        word[1] for one in scenario.requests if (word := modbus_write(scenario.kind, one.data)) and word[0] == 0x2000
+        word[1] for one in scenario.requests if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2000
     ]
     scenario.expect(len(words) > 6 and not any(word & 0x0C == 0x0C for word in words), f"{words}")
 
 
-@cell("toggle", *(kind for kind in COVERED if campaign_of(kind.model).matrix.undocumented_commands(kind)))
+@cell("toggle", *(variant for variant in COVERED if campaign_of(variant.model).matrix.undocumented_commands(variant)))
 def only_documented_commands(run: CellRun) -> None:
     """Check that no run and no direct request sends a command that no document explains."""
     scenario = run.scenario(1)
@@ -195,7 +195,7 @@ def only_documented_commands(run: CellRun) -> None:
     starts = scenario.station(1).motor.starts
     scenario.expect(starts == 3, f"{starts} starts for three runs")
     dialect, mark = scenario.drives[1].dialect, len(scenario.requests)
-    for request in campaign_of(run.kind.model).matrix.undocumented_commands(run.kind):
+    for request in campaign_of(run.variant.model).matrix.undocumented_commands(run.variant):
         frame = dialect.codec.encode_request(request)
         scenario.expect(not dialect.is_allowed(frame), f"the permissives allow {frame.hex(' ')}")
         answer = scenario.transact(1, request)
@@ -259,7 +259,7 @@ def scale_read_back(run: CellRun) -> None:
     values = [
         word
         for one in scenario.requests_since(mark)
-        if (word := modbus_write(scenario.kind, one.data)) and word[0] == 0x2001
+        if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2001
     ]
     scenario.expect(
         command.result_word == "confirmed" and values == [(0x2001, round(hz * 100))], f"{command.result_word}: {values}"
@@ -284,7 +284,7 @@ def frequency_source(run: CellRun) -> None:
     values = [
         word
         for one in scenario.requests_since(mark)
-        if (word := modbus_write(scenario.kind, one.data)) and word[0] == 0x2001
+        if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2001
     ]
     scenario.expect(
         command.result_word == "acknowledged" and values == [(0x2001, round(hz * 100))],

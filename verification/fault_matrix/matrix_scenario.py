@@ -67,13 +67,13 @@ class MatrixScenario(Scenario):
     def __init__(
         self,
         campaign_run: CampaignRun,
-        kind: DriveVariant,
+        variant: DriveVariant,
         name: str,
         addresses: Iterable[int],
         seed: int,
         options: dict[str, Any],
     ) -> None:
-        super().__init__(campaign_run, kind, addresses, name=name, seed=seed, **options)
+        super().__init__(campaign_run, variant, addresses, name=name, seed=seed, **options)
         self.requests: list[MatrixRequest] = []
         self.replies: list[MatrixReply] = []
         self.events: list[TraceEvent] = []
@@ -104,7 +104,7 @@ class MatrixScenario(Scenario):
                 if self.cuts_last_byte:
                     text.dropped.add(len(data) - 1)
                 sent = MatrixRequest(
-                    text.start, text.end, *classify_request(self.kind.model, self.kind.encoding, data), data
+                    text.start, text.end, *classify_request(self.variant.model, self.variant.encoding, data), data
                 )
                 self.requests.append(sent)
                 self.when_sent(sent)
@@ -160,7 +160,7 @@ class MatrixScenario(Scenario):
         """Manipulate replies from now on to requests with this effect (None: to all)."""
 
         def wanted(data: bytes) -> bool:
-            return effect is None or classify_request(self.kind.model, self.kind.encoding, data)[1] is effect
+            return effect is None or classify_request(self.variant.model, self.variant.encoding, data)[1] is effect
 
         self._manipulations.append(ReplyManipulation(address, wanted, act, times))
         return self._manipulations[-1]
@@ -211,7 +211,7 @@ class MatrixScenario(Scenario):
 
     @property
     def _count_events(self) -> str:
-        return "output_frequency" if self.kind.reports_running else "output_current"
+        return "output_frequency" if self.variant.reports_running else "output_current"
 
     def has_bad_quality(self, address: int) -> bool:
         """Return whether the monitored value is bad."""
@@ -249,7 +249,7 @@ class MatrixScenario(Scenario):
         return [one for one in self.requests[mark:] if not effect or one.effect in effect]
 
     def sync_probes(self, frames: Iterable[MatrixRequest]) -> list[MatrixRequest]:
-        return [one for one in frames if is_sync_probe(self.kind, one.data)]
+        return [one for one in frames if is_sync_probe(self.variant, one.data)]
 
     def statistics(self, address: int) -> StationStatistics:
         return self.bus.statistics().stations[address]

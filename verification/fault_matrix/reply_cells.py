@@ -41,7 +41,7 @@ def no_reply_to_read(run: CellRun) -> None:
 def no_reply_to_setpoint(run: CellRun) -> None:
     """Check a setpoint without a reply: it is sent again after a sync probe, except on the DZB100, whose frame is a run
     command."""
-    whole = _setpoint_is_a_run_command(run.kind)
+    whole = _setpoint_is_a_run_command(run.variant)
     frame = RequestEffect.MOTION if whole else RequestEffect.SETTING
     for lost, ends in (("mute", "done"), ("deaf", "done"), ("always", "open")):
         scenario, first, second = run.scenario(1), run.random_hz(5, 12), run.random_hz(12, 20)
@@ -60,16 +60,18 @@ def no_reply_to_setpoint(run: CellRun) -> None:
         )
 
 
-def _setpoint_is_a_run_command(kind: DriveVariant) -> bool:
+def _setpoint_is_a_run_command(variant: DriveVariant) -> bool:
     """Return whether a setpoint is sent as a run command (DZB100); the C320 has an operation for it."""
-    return kind.start_has_setpoint and kind.setpoint_readable
+    return variant.start_has_setpoint and variant.setpoint_readable
 
 
 def _check_setpoint(
     scenario: MatrixScenario, lost: str, ends: str, word: str, frames: list[MatrixRequest], mark: int
 ) -> None:
-    shows = scenario.kind.setpoint_readable
-    if _setpoint_is_a_run_command(scenario.kind):  # the frame starts the drive: never sent again where it was running
+    shows = scenario.variant.setpoint_readable
+    if _setpoint_is_a_run_command(
+        scenario.variant
+    ):  # the frame starts the drive: never sent again where it was running
         scenario.expect(len(frames) == 1, f"the run command was sent {len(frames)} times")
         scenario.expect(word == ("confirmed" if lost == "mute" else "failed"), f"{lost}: {word}")
         return
@@ -96,9 +98,10 @@ def no_reply_to_start(run: CellRun) -> None:
         scenario.run(1.0)
         starts, motor = scenario.requests_since(mark, RequestEffect.MOTION), scenario.station(1).motor
         scenario.expect(
-            motor.starts == (lost == "mute" or (lost == "deaf" and run.kind.reports_running)), f"{motor.starts} starts"
+            motor.starts == (lost == "mute" or (lost == "deaf" and run.variant.reports_running)),
+            f"{motor.starts} starts",
         )
-        if not run.kind.reports_running:
+        if not run.variant.reports_running:
             scenario.expect(
                 len(starts) == 1 and command.result_word == "unknown",
                 f"{len(starts)} starts, ended as {command.result_word}",
@@ -116,9 +119,9 @@ def _check_start_resent(scenario: MatrixScenario, starts: list[MatrixRequest]) -
         between = [sent for sent in scenario.requests if one.end < sent.start < other.start]
         text = [text for text in scenario.replies if one.end < text.start < other.start]
         shown = [
-            shows_standstill(scenario.kind, text.request, text.data)
+            shows_standstill(scenario.variant, text.request, text.data)
             for text in text
-            if status_read_key(scenario.kind, text.request)
+            if status_read_key(scenario.variant, text.request)
         ]
         scenario.expect(len(scenario.sync_probes(between)) >= 2, "sent again without two sync probes")
         scenario.expect(len(shown) >= 2 and all(shown), "resent without two reads of standstill")
@@ -158,9 +161,10 @@ def _check_recovery(scenario: MatrixScenario) -> None:
         scenario.run(0.05)
     scenario.expect(not scenario.drives[1].stop_pending, "repeated although the drive replies again")
     scenario.expect(
-        not scenario.kind.reports_running or not scenario.station(1).motor.energised, "no longer repeated, and it runs"
+        not scenario.variant.reports_running or not scenario.station(1).motor.energised,
+        "no longer repeated, and it runs",
     )
-    if scenario.kind.reports_running:
+    if scenario.variant.reports_running:
         standstill_confirmed_twice(scenario)
     scenario.run(3.0)
     mark = len(scenario.requests)
@@ -176,12 +180,12 @@ def standstill_confirmed_twice(scenario: MatrixScenario) -> None:
     answers: dict[bytes, list[bool]] = {}
     for text in scenario.replies:
         shown, question = (
-            shows_standstill(scenario.kind, text.request, text.data),
-            status_read_key(scenario.kind, text.request),
+            shows_standstill(scenario.variant, text.request, text.data),
+            status_read_key(scenario.variant, text.request),
         )
         if question is not None and shown is not None:
             answers.setdefault(question, []).append(shown)
-    wanted = scenario.kind.status_read_count
+    wanted = scenario.variant.status_read_count
     scenario.expect(len(answers) == wanted, f"{len(answers)} kinds of questions")
     scenario.expect(
         all(len(one) >= 2 and all(one[-2:]) for one in answers.values()), f"taken for standstill: {answers}"
@@ -212,7 +216,7 @@ PROBE_INTERVAL_S = 8.0
 def late_reply_to_the_same_request(run: CellRun) -> None:
     """Check that a late reply is counted and never accepted, not even for the same request."""
     scenario = run.scenario()
-    late_s = run.rng.uniform(*run.kind.lateness_range_s)
+    late_s = run.rng.uniform(*run.variant.lateness_range_s)
     late = scenario.unsolicited_count("late")
     check_void(scenario, lambda transmit, data, when: transmit(data, when + late_s), "NoReply")
     scenario.expect(scenario.unsolicited_count("late") == late + 1, "a late reply was not counted")
@@ -244,7 +248,7 @@ def late_reply_during_another_request(run: CellRun) -> None:
     scenario.expect(not scenario.bus.health(1).suspect, "never probed again")
     fresh = scenario.transact(1, wanted)
     scenario.expect(fresh.error is None and fresh.received == scenario.replies[-1].data, f"{fresh}")
-    if run.kind.model == "c320":
+    if run.variant.model == "c320":
         _check_same_key_other_class(scenario)
 
 
@@ -257,7 +261,7 @@ def _check_same_key_other_class(scenario: MatrixScenario) -> None:
     parameter = next(
         one
         for one in sent
-        if class_and_operation(scenario.kind, one.data)[0] == 2 and not is_sync_probe(scenario.kind, one.data)
+        if class_and_operation(scenario.variant, one.data)[0] == 2 and not is_sync_probe(scenario.variant, one.data)
     )
     scenario.expect(scenario.sync_probes(one for one in sent if one.start < parameter.start), "F0.1 right after d.1")
 
@@ -312,20 +316,20 @@ def _check_misaddressed(scenario: MatrixScenario, wanted: Any) -> None:
 def error_answers(run: CellRun) -> None:
     """Check that each error code refuses the write once, with a text in both languages."""
     scenario = run.scenario(1)
-    replies = campaign_of(run.kind.model).matrix.error_replies(run.kind)
+    replies = campaign_of(run.variant.model).matrix.error_replies(run.variant)
     for code, reply in run.rng.sample(replies, len(replies)):
         _check_rejected(scenario, code, reply)
 
 
 def _check_rejected(scenario: MatrixScenario, code: int | None, error_reply: Callable[[Any], Any]) -> None:
-    station, family = scenario.station(1), campaign_of(scenario.kind.model)
-    notation = family.saved_parameters.get(scenario.kind.model)
+    station, family = scenario.station(1), campaign_of(scenario.variant.model)
+    notation = family.saved_parameters.get(scenario.variant.model)
     answer = station.handle_request
 
     def refusing(message: Any, codec: Any) -> Any:
         request = getattr(message, "request", message)
         frame = scenario.drives[1].dialect.codec.encode_request(request)
-        effect = classify_request(scenario.kind.model, scenario.kind.encoding, frame)[1]
+        effect = classify_request(scenario.variant.model, scenario.variant.encoding, frame)[1]
         return error_reply(request) if effect is RequestEffect.SETTING else answer(message, codec)
 
     station.handle_request = refusing
@@ -370,11 +374,11 @@ def drive_in_fault(run: CellRun) -> None:
     scenario.start_at(1, run.random_hz())
     station.trip(trip)
     status = scenario.loop.run_until_complete(scenario.drives[1].status())
-    if not run.kind.reports_running:
+    if not run.variant.reports_running:
         scenario.expect(str(status.state) == "unknown" and status.fault is None, f"{status}")
         scenario.expect(status.reason == "drives.no_run_status", f"the reason is {status.reason}")
         return
-    if not run.kind.reports_faults:
+    if not run.variant.reports_faults:
         scenario.expect(str(status.state) == "stopped" and status.fault is None, f"{status}")
         return
     scenario.expect(str(status.state) == "fault", f"{status}")
@@ -384,16 +388,16 @@ def drive_in_fault(run: CellRun) -> None:
         command.result_word == "StartInhibited" and not scenario.requests_since(mark, RequestEffect.MOTION),
         f"a start in fault is {command.result_word}",
     )
-    if run.kind.model == "c320":
+    if run.variant.model == "c320":
         _check_item_missing(scenario)
 
 
 def _check_fault_named(scenario: MatrixScenario, fault: Any, code: int) -> None:
-    named = not scenario.kind.numbers_faults or (fault is not None and fault.code == code)
+    named = not scenario.variant.numbers_faults or (fault is not None and fault.code == code)
     scenario.expect(fault is not None and named, f"{fault} instead of {code}")
     words = {getattr(fault.text, language) for language in ("en", "zh")}
     scenario.expect(len(words) == 2 and "" not in words, f"fault {code} has no words in both languages")
-    if scenario.kind.model == "dzb100":
+    if scenario.variant.model == "dzb100":
         scenario.expect(fault.label == DZB100_FAULT_LABELS.get(code, fault.label), f"{code} is called {fault.label}")
 
 

@@ -30,11 +30,11 @@ class Oracle:
     """Observer of one simulated bus; its violations go to the campaign run."""
 
     def __init__(
-        self, campaign_run: CampaignRun, kind: DriveVariant, simulated_bus: Any, name: str, now: Callable[[], float]
+        self, campaign_run: CampaignRun, variant: DriveVariant, simulated_bus: Any, name: str, now: Callable[[], float]
     ) -> None:
-        self.campaign_run, self.kind, self.simulated_bus, self.name, self.now = (
+        self.campaign_run, self.variant, self.simulated_bus, self.name, self.now = (
             campaign_run,
-            kind,
+            variant,
             simulated_bus,
             name,
             now,
@@ -42,8 +42,8 @@ class Oracle:
         self.request_count = self.reply_count = self.accepted_count = self.command_count = 0
         self.open_commands: dict[int, list[UserCommand]] = {}
         """Commands in progress, by address."""
-        self.frame_rules = FrameRules(kind, character_s(simulated_bus.settings), self.violation)
-        self._write_rules = WriteRules(kind, self.violation)
+        self.frame_rules = FrameRules(variant, character_s(simulated_bus.settings), self.violation)
+        self._write_rules = WriteRules(variant, self.violation)
         self._requests: deque[tuple[Any, ClassifiedFrame]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
         self._replies: deque[tuple[Any, ClassifiedFrame | None]] = deque(maxlen=MAX_REMEMBERED_FRAMES)
         """Replies, each with the request that caused it."""
@@ -127,7 +127,7 @@ class Oracle:
     def _on_request(self, transmission: Any, data: bytes) -> None:
         self.request_count += 1
         try:
-            address, effect = classify_request(self.kind.model, self.kind.encoding, data)
+            address, effect = classify_request(self.variant.model, self.variant.encoding, data)
         except (ValueError, IndexError) as error:
             self.violation(f"I7 no manual knows the request {data.hex(' ')}: {error}")
             return
@@ -212,7 +212,7 @@ class Oracle:
         if history is None and command.result_word in ("confirmed", "acknowledged"):
             self.violation(f"absent drive: {command} ended as {command.result_word}")
         elif history is not None:
-            check_outcome(command, history, self.kind.reports_running, self.violation)
+            check_outcome(command, history, self.variant.reports_running, self.violation)
 
     def on_reply_accepted(self, answer: Any) -> None:
         """Check that an accepted reply is the station's reply to this request (I5)."""

@@ -15,9 +15,9 @@ BASELINE_TIMEOUT_S = 0.1
 BASELINE_GAP_CHARACTERS = 6
 
 
-def is_plausible_reply(kind: DriveVariant, request: bytes, reply: bytes) -> bool:
+def is_plausible_reply(variant: DriveVariant, request: bytes, reply: bytes) -> bool:
     """Return whether the baseline host accepts these bytes as the reply."""
-    size, places = kind.plain_reply
+    size, places = variant.plain_reply
     return len(reply) == size and all(reply[place] == request[place] for place in places)
 
 
@@ -31,14 +31,14 @@ class BaselineHost:
 
     def __init__(
         self,
-        kind: DriveVariant,
+        variant: DriveVariant,
         port: Any,
         loop: Any,
         reads: Sequence[tuple[int, bytes]],
         on_accepted: Callable[[int, float, float, bytes], None],
     ) -> None:
         self.frames = 0
-        self._kind, self._port, self._loop, self._reads, self._on_accepted = kind, port, loop, reads, on_accepted
+        self._variant, self._port, self._loop, self._reads, self._on_accepted = variant, port, loop, reads, on_accepted
         self._buffer = bytearray()
         self._waiting: Any = None
         self._sent_at = 0.0
@@ -64,7 +64,7 @@ class BaselineHost:
         if (
             self._waiting is not None
             and not marks
-            and is_plausible_reply(self._kind, self._request, bytes(self._buffer))
+            and is_plausible_reply(self._variant, self._request, bytes(self._buffer))
         ):
             self._on_accepted(self._address, self._sent_at, self._loop.time(), bytes(self._buffer))
             self._waiting.cancel()
@@ -155,7 +155,7 @@ class LateReplyCounter:
     def _lateness_class(self, late_s: float) -> str:
         if late_s < 1e-9:
             return "in time"
-        return "late" if late_s <= self._scenario.kind.max_reply_lateness_s else "later than the longest lateness"
+        return "late" if late_s <= self._scenario.variant.max_reply_lateness_s else "later than the longest lateness"
 
     def _on_delivered(self, transmission: Any) -> None:
         """Count a late reply that arrives during a newer transaction, and whether it has the form of its reply."""
@@ -165,7 +165,7 @@ class LateReplyCounter:
             return
         owner = "its own" if transaction.prepared.station.address == transmission.source.address else "another"
         self._counts[f"{name}, arrived during a newer request to {owner} station"] += 1
-        if is_plausible_reply(self._scenario.kind, transaction.prepared.data, bytes(transmission.data)):
+        if is_plausible_reply(self._scenario.variant, transaction.prepared.data, bytes(transmission.data)):
             self._counts[f"{name}, had the form of the reply to a newer request"] += 1
 
     def collided(self, received_at: float) -> bool:

@@ -42,12 +42,12 @@ class ClassifiedFrame:
 class FrameRules:
     """Rules for the frames that a master may send, and when."""
 
-    def __init__(self, kind: DriveVariant, character_s: float, violation: Callable[[str], None]) -> None:
-        self._broadcast, self._reports_running = kind.broadcast, kind.reports_running
+    def __init__(self, variant: DriveVariant, character_s: float, violation: Callable[[str], None]) -> None:
+        self._broadcast, self._reports_running = variant.broadcast, variant.reports_running
         self._violation = violation
-        self._gap_s = max(kind.gap_characters * character_s, kind.gap_floor_s)
+        self._gap_s = max(variant.gap_characters * character_s, variant.gap_floor_s)
         self._min_timeout_s = min(
-            kind.min_timeout_s + kind.min_timeout_characters * character_s, MIN_TIMEOUT_TOLERANCE_S
+            variant.min_timeout_s + variant.min_timeout_characters * character_s, MIN_TIMEOUT_TOLERANCE_S
         )
         self.misled_drives = False
         """Whether an echo may look like a damaged reply: its setting is wrong, it comes in batches, or the port has no
@@ -167,17 +167,17 @@ EEPROM_WRITES_PER_DAY = 20
 class WriteRules:
     """Rules for writes: listed addresses, range, EEPROM budget (I7)."""
 
-    def __init__(self, kind: DriveVariant, violation: Callable[[str], None]) -> None:
-        self._kind, self._violation = kind, violation
+    def __init__(self, variant: DriveVariant, violation: Callable[[str], None]) -> None:
+        self._variant, self._violation = variant, violation
         self._saved: Counter[tuple[int, int, date]] = Counter()
 
     def on_write(self, frame: ClassifiedFrame, data: bytes, today: date) -> None:
         """Check a frame that is no read."""
         try:
-            found = decode_write(self._kind, data)
+            found = decode_write(self._variant, data)
         except ValueError as error:
             return self._violation(f"I7 {frame.effect} to {frame.address}: {error}")
-        if found.hz is not None and found.hz > self._kind.maximum_hz:
+        if found.hz is not None and found.hz > self._variant.maximum_hz:
             self._violation(f"I7 {frame.effect} to {frame.address} with {found.hz} Hz")
         if (
             found.saved

@@ -47,7 +47,7 @@ class Scenario:
     def __init__(
         self,
         campaign_run: CampaignRun,
-        kind: DriveVariant,
+        variant: DriveVariant,
         addresses: Iterable[int],
         *,
         loop: VirtualLoop | None = None,
@@ -57,16 +57,23 @@ class Scenario:
         **options: Any,
     ) -> None:
         """Build the scenario; ``around`` wraps the simulated port, to record it or to let its calls fail."""
-        self.campaign_run, self.kind, self.name = campaign_run, kind, name or kind.name
+        self.campaign_run, self.variant, self.name = campaign_run, variant, name or variant.name
         self.loop = loop or VirtualLoop()
-        query = {"baud": kind.baud, "ramp": 2, "echo": "off", "seed": campaign_run.seed, **kind.options, **options}
+        query = {
+            "baud": variant.baud,
+            "ramp": 2,
+            "echo": "off",
+            "seed": campaign_run.seed,
+            **variant.options,
+            **options,
+        }
         listed = ",".join(map(str, addresses))
         with running(self.loop):
             options_text = "&".join(f"{name}={value}" for name, value in query.items())
-            port: Any = open_port(f"sim://{kind.model}@{listed}?{options_text}")
+            port: Any = open_port(f"sim://{variant.model}@{listed}?{options_text}")
             self.port, self.simulated_bus = port, port.simulated_bus
             self.bus = ObservedBus(around(self.port), name=self.name)
-            self.oracle = self.bus.oracle = Oracle(campaign_run, kind, self.simulated_bus, self.name, self.loop.time)
+            self.oracle = self.bus.oracle = Oracle(campaign_run, variant, self.simulated_bus, self.name, self.loop.time)
             for station in self.simulated_bus.stations:
                 station.memory.eeprom_writes.clear()  # the ramps were set at the keypad
                 station.memory.ram_writes.clear()
@@ -78,9 +85,14 @@ class Scenario:
         self.loop.run_until_complete(self.bus.open())
 
     def _drive(self, address: int) -> Drive:
-        kind = self.kind
+        variant = self.variant
         return Drive(
-            self.bus, kind.model, address, encoding=kind.encoding, options=dict(kind.drive_options), store=MemoryStore()
+            self.bus,
+            variant.model,
+            address,
+            encoding=variant.encoding,
+            options=dict(variant.drive_options),
+            store=MemoryStore(),
         )
 
     def station(self, address: int) -> Any:

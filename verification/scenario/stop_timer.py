@@ -52,7 +52,7 @@ class StopTimer:
 
     def __init__(self, scenario: Scenario, on_stop_sent: Callable[[PendingStop, SentRequest], None]) -> None:
         self.scenario, self.on_stop_sent = scenario, on_stop_sent
-        self.bounds = TimingBounds(scenario.kind, scenario.simulated_bus.settings)
+        self.bounds = TimingBounds(scenario.variant, scenario.simulated_bus.settings)
         self.last_request: SentRequest | None = None
         self.stopped_at: dict[int, float] = {}
         """Time of the last stop, by address."""
@@ -67,7 +67,7 @@ class StopTimer:
         def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
             transmission = transmit(source, data, *more, **named)
             if hasattr(source, "receive"):
-                address, effect = classify_request(self.scenario.kind.model, self.scenario.kind.encoding, data)
+                address, effect = classify_request(self.scenario.variant.model, self.scenario.variant.encoding, data)
                 self._sent(SentRequest(transmission.start, transmission.end, address, effect, data))
             else:
                 self._replies.append(transmission)
@@ -78,7 +78,7 @@ class StopTimer:
     def on_stop_command(self, address: int) -> None:
         """Record a stop command for a drive, or for all drives at the broadcast address."""
         now = self.scenario.loop.time()
-        turnaround = self.last_request is not None and self.last_request.address == self.scenario.kind.broadcast
+        turnaround = self.last_request is not None and self.last_request.address == self.scenario.variant.broadcast
         self._waiting.append(
             PendingStop(address=address, at=now, due=self._free_at(now) + self.bounds.gap_s, after_broadcast=turnaround)
         )
@@ -117,12 +117,12 @@ class StopTimer:
             return
         pending.due = sent.end + self.bounds.reply_timeout_s(sent.address, sent.data) + self.bounds.gap_s
         if sent.start <= pending.at + STOP_EPSILON_S:
-            pending.after_broadcast |= sent.address == self.scenario.kind.broadcast
+            pending.after_broadcast |= sent.address == self.scenario.variant.broadcast
             return
         if sent.effect is not RequestEffect.STOP:
             self._violation(f"I3 {sent.effect} to {sent.address} was sent before it", pending)
         pending.foreign_traffic |= foreign_traffic
-        if sent.address in pending.earlier_stops and sent.address != self.scenario.kind.broadcast:
+        if sent.address in pending.earlier_stops and sent.address != self.scenario.variant.broadcast:
             self._violation(f"I3 stops of {sent.address} were sent before it repeatedly", pending)
         pending.earlier_stops.append(sent.address)
 
