@@ -19,6 +19,7 @@ from drivebus.ports.recording import RecordingPort
 from drivebus.testing.virtual_time import VirtualLoop
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DriveVariant
+from verification.families.campaigns import written_parameter
 from verification.families.registry import variants_for
 from verification.fault_injection.clocks import (
     CLOCK_JUMPS_S,
@@ -38,7 +39,6 @@ JUMPS_PER_TRIAL = 10
 """Jumps of one trial."""
 TRIAL_DURATION_S, MEAN_COMMAND_PAUSE_S = 20.0, 1.0
 CLOCK_LINE_QUALITIES = ("clean", "clean", "bytes", "loss=0.05", "late=0.05:0.3", "noisy")
-WRITABLE_PARAMETERS = {"c320": "F0.2", "dzb100": "10", "vc660": "F00.02", "df800": "F1.00"}
 EEPROM_WRITES_PER_DAY = 3
 ScriptedEvent = tuple[float, str, tuple[Any, ...]]
 
@@ -107,7 +107,7 @@ def random_script(variant: DriveVariant, rng: Random, jumps: list[str]) -> list[
     at = rng.expovariate(1 / MEAN_COMMAND_PAUSE_S)
     while at < TRIAL_DURATION_S:
         address, hz = rng.choice((1, 2)), rng.choice((5.0, 12.0))
-        value = {WRITABLE_PARAMETERS[variant.model]: float(rng.randrange(1, 40))}
+        value = {written_parameter(variant.model).notation: float(rng.randrange(1, 40))}
         commands: tuple[tuple[str, tuple[Any, ...]], ...] = (
             ("run", (address, hz)),
             ("stop", (address,)),
@@ -188,7 +188,10 @@ class EepromBudgetTrial:
         self.latest = max(self.latest, self.clock.now().date().isoformat())
         before = memory.eeprom_writes.total()
         user_command = scenario.command(
-            1, "write", {WRITABLE_PARAMETERS[self.variant.model]: float(1 + scenario.oracle.command_count % 30)}, True
+            1,
+            "write",
+            {written_parameter(self.variant.model).notation: float(1 + scenario.oracle.command_count % 30)},
+            True,
         )
         scenario.finish(user_command)
         written = memory.eeprom_writes.total() - before

@@ -14,6 +14,7 @@ from typing import Any
 from drivebus.simulator.motor import Trip
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DriveVariant
+from verification.families.campaigns import written_parameter
 from verification.families.registry import variants_for
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
@@ -48,13 +49,6 @@ IMMEDIATE_COMMAND_SHARE = 0.15
 SOON_MEAN_S = 0.3
 SETTLING_TIME_S = 90.0
 FREQUENCIES_HZ = (2.0, 3.0, 5.0)
-WRITTEN_PARAMETERS = {
-    "c320": ("F0.2", False, 0x0_02, 100),
-    "dzb100": ("10", True, 10, 10),
-    "vc660": ("F00.02", False, 2, 100),
-    "df800": ("F1.00", True, 100, 100),
-}
-"""Parameter that may be written while the drive runs: notation, saved or not, address, raw counts per unit."""
 COMMAND_WEIGHTS = {
     "run": 6,
     "stop": 5,
@@ -72,6 +66,7 @@ class CommandEpisode:
 
     def __init__(self, campaign_run: CampaignRun, variant: DriveVariant, number: int) -> None:
         self.campaign_run, self.variant = campaign_run, variant
+        self.written_parameter = written_parameter(variant.model)
         self.rng = rng = campaign_run.rng(variant.name, number)
         self.adapter, setting = rng.choice(ECHO_SETTINGS)
         self.echoes_right = setting == "detect" or (self.adapter == "echo") is (setting == "on")
@@ -98,7 +93,7 @@ class CommandEpisode:
         if self.echoes_right and rng.random() < 0.2:
             self.addresses = (*PRESENT, ABSENT)
         if ABSENT in self.addresses:
-            scenario.drives[ABSENT] = scenario._drive(ABSENT)
+            scenario.add_absent(ABSENT)
         capable = scenario.drives[PRESENT[0]].profile.capabilities
         self.what = [name for name in COMMAND_WEIGHTS if name in capable]
         self.commands: list[UserCommand] = []
@@ -131,7 +126,7 @@ class CommandEpisode:
     def _wait_shortly(self, mean_s: float) -> float:
         return self.scenario.loop.time() + self.rng.expovariate(1.0 / mean_s)
 
-    # --- what users do -------------------------------------------------------------------------------------------
+    # --- commands ------------------------------------------------------------------------------------------------
 
     def _random_command(self, address: int) -> UserCommand:
         what = self.rng.choices(self.what, [COMMAND_WEIGHTS[name] for name in self.what])[0]
@@ -151,8 +146,9 @@ class CommandEpisode:
             case "set_frequency":
                 user_command = scenario.command(address, what, hz)
             case "write":
-                notation, save, _, _ = WRITTEN_PARAMETERS[self.variant.model]
-                user_command = scenario.command(address, what, {notation: float(rng.randrange(1, 20))}, save)
+                parameter = self.written_parameter
+                value = {parameter.notation: float(rng.randrange(1, 20))}
+                user_command = scenario.command(address, what, value, parameter.saved)
             case "jog":
                 user_command = scenario.command_by(partial(self._jog, address, rng.uniform(0.0, 1.0)), address, what)
             case "reset_fault":
@@ -184,20 +180,18 @@ class CommandEpisode:
             self._check_written(command, history.station)
 
     def _check_written(self, command: UserCommand, station: Any) -> None:
-        _, _, key, raw = WRITTEN_PARAMETERS[self.variant.model]
+        parameter = self.written_parameter
         (wanted,) = command.arguments[0].values()
-        there = station.memory[key] == round(wanted * raw)
-        if (command.result_word in ("confirmed", "acknowledged") and not there) or (
-            command.result_word == "failed" and there
-        ):
+        there = station.memory[parameter.memory_key] == round(wanted * parameter.counts_per_unit)
+        if (command.succeeded and not there) or (command.result_word == "failed" and there):
             self.scenario.oracle.violation(
-                f"{command}: {command.result_word}, and the drive holds {station.memory[key]}"
+                f"{command}: {command.result_word}, and the drive holds {station.memory[parameter.memory_key]}"
             )
 
     def _commands_of(self, address: int) -> list[UserCommand]:
         return [command for command in self.commands if command.address == address]
 
-    # --- what goes wrong -----------------------------------------------------------------------------------------
+    # --- drive faults --------------------------------------------------------------------------------------------
 
     def _trouble(self) -> None:
         rng = self.rng
@@ -221,7 +215,7 @@ class CommandEpisode:
     def _can_receive(self, station: Any) -> None:
         station.faults.silent = station.faults.mute = False
 
-    # --- the end -------------------------------------------------------------------------------------------------
+    # --- final state ---------------------------------------------------------------------------------------------
 
     def _restore_line(self) -> None:
         """Restore the line and its settings, and let all commands end."""
@@ -251,36 +245,35 @@ class CommandEpisode:
 
     def _check_last_stop(self, stop: UserCommand, pending: bool) -> None:
         newer = [one for one in self._commands_of(stop.address) if one.is_motion and one.number > stop.number]
-        tell = self.scenario.oracle.violation
+        violation = self.scenario.oracle.violation
         history = self.scenario.oracle.histories.get(stop.address)
         if history is None:
             if not newer and stop.is_ended and not pending:
-                tell(f"absent drive: {stop} was given up")
+                violation(f"absent drive: {stop} was given up")
             return
-        self.scenario.station(stop.address)
+        self.scenario.station(stop.address)  # computes the motor up to now
         overruled = any(one.frames_sent for one in newer)
         if pending and not overruled:
-            tell(f"lost stop: {stop} is not done {SETTLING_TIME_S} s after the bus was restored")
+            violation(f"lost stop: {stop} is not done {SETTLING_TIME_S} s after the bus was restored")
         if history.stop_received_at < stop.at and not overruled and not self.variant.reports_running:
-            tell(f"lost stop: {stop} ended as {stop.result_word}, and the drive never received it")
-        run_since = any(
-            one.method == "run" and one.frames_sent for one in newer
-        )  # also as a new frequency of a motor that ran
+            violation(f"lost stop: {stop} ended as {stop.result_word}, and the drive never received it")
+        # a run is also sent as a new frequency to a motor that ran
+        run_since = any(one.method == "run" and one.frames_sent for one in newer)
         by_another = history.on_at > stop.at and (
             history.started_for is None or history.started_for.number > stop.number
         )
         if history.on and not run_since and not by_another:
-            tell(f"lost stop: {stop} ended as {stop.result_word}, and the motor is on")
+            violation(f"lost stop: {stop} ended as {stop.result_word}, and the motor is on")
         self.campaign_run.count("stops checked at the end")
 
     def _check_out_of_range(self) -> None:
         """Check that values out of range are rejected before anything is sent (I7)."""
-        notation, save, _, _ = WRITTEN_PARAMETERS[self.variant.model]
+        parameter = self.written_parameter
         too_fast, address = self.variant.maximum_hz + 0.1, PRESENT[0]
         for user_command in (
             self.scenario.command(address, "run", too_fast),
             self.scenario.command(address, "set_frequency", too_fast),
-            self.scenario.command(address, "write", {notation: 1e6}, save),
+            self.scenario.command(address, "write", {parameter.notation: 1e6}, parameter.saved),
         ):
             self.scenario.finish(user_command)
             if user_command.result_word != "LimitError" or user_command.frames_sent:

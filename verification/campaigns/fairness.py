@@ -96,7 +96,7 @@ class FairnessBus:
         times = [[at for at in self.answers[address] if at >= since] for address in living]
         return [(one[-1] - one[0]) / (len(one) - 1) for one in times]
 
-    # --- coming back -----------------------------------------------------------------------------------------------
+    # --- rediscovery -----------------------------------------------------------------------------------------------
 
     def _restore_station(self, address: int) -> float:
         """Let a station reply again; return the time."""

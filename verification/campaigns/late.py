@@ -97,7 +97,7 @@ class LateReplyBus:
     def _collided(self, transaction: Any, address: int, sent_at: float, received_at: float) -> bool:
         """Return whether the only reply to this request collided with another station's late reply."""
         made = self.reply_log.replies_between(address, sent_at, received_at)
-        return [len(text) for text in made] == [len(transaction.buffer)] and self.late_replies.collided(received_at)
+        return [len(reply) for reply in made] == [len(transaction.buffer)] and self.late_replies.collided(received_at)
 
     def run_transactions(self, frames: int) -> None:
         """Run at least this number of transactions."""
@@ -197,12 +197,12 @@ def run_block(listener: Callable[[str], None] | None, block: Block) -> BlockResu
         if not frames:
             break
         for variant in (variant for variant in COVERED if campaign_run.covers(variant.name)):
-            line = LateReplyBus(
+            bus = LateReplyBus(
                 campaign_run, variant, f"{variant.name}/{number}", campaign_run.rng(variant.name, number)
             )
-            line.run_transactions(frames)
-            found[variant.name].update(line.counts, transactions=line.scenario.oracle.request_count)
-            baseline[variant.name].update(line.run_baseline(max(1, int(frames * BASELINE_SHARE))))
+            bus.run_transactions(frames)
+            found[variant.name].update(bus.counts, transactions=bus.scenario.oracle.request_count)
+            baseline[variant.name].update(bus.run_baseline(max(1, int(frames * BASELINE_SHARE))))
         campaign_run.add_trials(frames)
     return BlockResult(part=campaign_run.result(), found=dict(found), baseline=dict(baseline))
 

@@ -15,9 +15,7 @@ from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.families.registry import variants_for
 from verification.fault_injection.usb_adapter import UsbAdapter, UsbHost, reopen_ports
-from verification.reference.effects import RequestEffect
-from verification.reference.request_effects import classify_request
-from verification.scenario.scenario import Scenario
+from verification.scenario.scenario import Scenario, SentRequest
 from verification.scenario.user_command import UserCommand
 
 COVERED = variants_for("replug")
@@ -56,8 +54,8 @@ class ReplugBus:
         )
         for address in HOTPLUG_ADDRESSES:
             self.scenario.monitor(address)
-        self.requests: list[tuple[float, RequestEffect]] = []
-        self._observe_wire()
+        self.requests: list[SentRequest] = []
+        self.scenario.observe_wire(self._on_transmission)
         self.scenario.run(HOTPLUG_SETTLING_S)
         self.initial_handles = self._open_handles()
         self.detected_s: list[float] = []
@@ -70,17 +68,9 @@ class ReplugBus:
         adapter = self.adapter = UsbAdapter(port, machine)
         return adapter
 
-    def _observe_wire(self) -> None:
-        wire: Any = self.scenario.simulated_bus.wire
-        transmit = wire.transmit
-
-        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            text = transmit(source, data, *more, **named)
-            if hasattr(source, "receive"):
-                self.requests.append((text.start, classify_request(self.variant.model, self.variant.encoding, data)[1]))
-            return text
-
-        wire.transmit = on_transmit
+    def _on_transmission(self, _: Any, request: SentRequest | None) -> None:
+        if request is not None:
+            self.requests.append(request)
 
     @property
     def now(self) -> float:
@@ -218,7 +208,7 @@ class ReplugBus:
 
 
 def run(campaign_run: CampaignRun) -> None:
-    lines: list[ReplugBus] = []
+    buses: list[ReplugBus] = []
     number = 0
     while campaign_run.remaining:
         bus = ReplugBus(campaign_run, COVERED[number % len(COVERED)], number)
@@ -226,26 +216,26 @@ def run(campaign_run: CampaignRun) -> None:
             bus.unplug()
             campaign_run.add_trials()
         bus.scenario.close()
-        lines.append(bus)
+        buses.append(bus)
         number += 1
-    _figures(campaign_run, lines)
+    _figures(campaign_run, buses)
     _reopen_real_ports(campaign_run)
 
 
-def _figures(campaign_run: CampaignRun, lines: list[ReplugBus]) -> None:
-    detected = sorted(one for bus in lines for one in bus.detected_s)
+def _figures(campaign_run: CampaignRun, buses: list[ReplugBus]) -> None:
+    detected = sorted(one for bus in buses for one in bus.detected_s)
     for variant in COVERED:
-        back = sorted(one for bus in lines if bus.variant is variant for one in bus.back_s)
+        back = sorted(one for bus in buses if bus.variant is variant for one in bus.back_s)
         if back:
             campaign_run.figures[variant.name] = {
                 "polled again at most s": round(
-                    max(one for bus in lines if bus.variant is variant for one in bus.first_s), 3
+                    max(one for bus in buses if bus.variant is variant for one in bus.first_s), 3
                 ),
                 "every drive polled again p50 s": round(back[len(back) // 2], 3),
                 "every drive polled again at most s": round(back[-1], 3),
             }
     campaign_run.figures["noticed at most s"] = round(detected[-1], 3)
-    campaign_run.figures["names of the adapter"] = len({name for bus in lines for name in bus.adapter.opened_names})
+    campaign_run.figures["names of the adapter"] = len({name for bus in buses for name in bus.adapter.opened_names})
 
 
 def _reopen_real_ports(campaign_run: CampaignRun) -> None:

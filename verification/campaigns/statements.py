@@ -32,8 +32,6 @@ from verification.statements.judge import HZ_TOLERANCE, OUTPUT_OFF, Judge, State
 ADDRESS = 3
 BAUD = 38400
 MAX_COMMANDS = 3
-COMMAND_MAX_S = 400.0
-"""Longest virtual time of a command; one that does not end by then is a violation."""
 METHODS = {"status": 4, "run": 4, "run_wait": 2, "stop": 3, "reset_fault": 2, "read": 2, "write": 2, "scan": 1}
 FAULT_SHARES = (0.05, 0.2, 0.5, 1.0)
 FREQUENCIES_HZ = (2.0, 5.0, 10.0)
@@ -120,7 +118,7 @@ class StatementSession:
         self.line.physics.was_on = self.line.physics.is_on
         hz, reverse = rng.choice(FREQUENCIES_HZ), rng.random() < 0.2
         way = "reverse" if reverse else "forward"
-        cell = self.family.statement_parameters.get(self.variant.model, NO_PARAMETER)
+        parameter = self.family.written_parameters.get(self.variant.model, NO_PARAMETER)
         value = float(rng.randrange(1, 20))
         call: Any = {
             "status": drive.status,
@@ -128,8 +126,8 @@ class StatementSession:
             "run_wait": partial(drive.run, hz, way, wait=True, timeout_s=4.0),
             "stop": drive.stop,
             "reset_fault": drive.reset_fault,
-            "read": partial(drive.read, (cell.notation,)),
-            "write": partial(drive.write, {cell.notation: value}, cell.saved),
+            "read": partial(drive.read, (parameter.notation,)),
+            "write": partial(drive.write, {parameter.notation: value}, parameter.saved),
         }[name]
         result: Any = None
         error: DrivebusError | None = None
@@ -143,12 +141,13 @@ class StatementSession:
         elif name == "status":
             self._judge_status(result, began)
         elif name == "read":
-            self._judge_reading(result[cell.notation], cell.cell, began)
+            self._judge_reading(result[parameter.notation], parameter.memory_key, began)
         else:
             statement = self._judge(name, str(result.status), result.key, result.params, began, way)
             if name == "write":
                 self._report(
-                    statement, *self.judge.judge_write(statement, cell.cell, round(value * cell.counts_per_unit))
+                    statement,
+                    *self.judge.judge_write(statement, parameter.memory_key, round(value * parameter.counts_per_unit)),
                 )
             if result.drive_status is not None and name != "write" and result.drive_status.reason is not None:
                 self._judge(name, "reason", result.drive_status.reason, {}, began, way)
@@ -194,8 +193,8 @@ class StatementSession:
         if standing and not changed and shows_fault is not present:
             self._report(statement, f"fault {status.fault} shown, {self.line.physics.fault} present")
 
-    def _judge_reading(self, reading: Any, cell: int, began: float) -> None:
-        held = self.line.physics.memory.get(cell, 0)
+    def _judge_reading(self, reading: Any, memory_key: int, began: float) -> None:
+        held = self.line.physics.memory.get(memory_key, 0)
         if reading.raw is None:
             self._judge("read", "reading", reading.reason, {}, began, "")
             return

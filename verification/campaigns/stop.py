@@ -17,8 +17,8 @@ from drivebus.testing.virtual_time import running
 from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.families.registry import variants_for
-from verification.scenario.scenario import Scenario
-from verification.scenario.stop_timer import PendingStop, SentRequest, StopTimer
+from verification.scenario.scenario import Scenario, SentRequest
+from verification.scenario.stop_timer import PendingStop, StopTimer
 from verification.scenario.user_command import UserCommand
 
 COVERED = variants_for("stop")
@@ -210,17 +210,17 @@ class StopBus:
         if report.confirmed != all(outcome.status == "confirmed" for _, outcome in report.outcomes):
             self.violation(f"I3 a bus stop with {report.outcomes} is called confirmed: {report.confirmed}")
 
-    # --- what came of it -------------------------------------------------------------------------------------------
+    # --- results ---------------------------------------------------------------------------------------------------
 
-    def _on_stop_sent(self, one: PendingStop, sent: SentRequest) -> None:
-        first_s, last_s = sent.start - one.at, sent.end - one.at
-        if one.foreign_traffic:
+    def _on_stop_sent(self, stop: PendingStop, sent: SentRequest) -> None:
+        first_s, last_s = sent.start - stop.at, sent.end - stop.at
+        if stop.foreign_traffic:
             self.campaign_run.count("held back by a late reply")
-        elif one.after_broadcast or self.variant.broadcast in one.earlier_stops:
+        elif stop.after_broadcast or self.variant.broadcast in stop.earlier_stops:
             self.campaign_run.count("after a broadcast")
         else:
-            self.campaign_run.count(f"after {len(one.earlier_stops)} other drives' stops")
-            if not one.earlier_stops:
+            self.campaign_run.count(f"after {len(stop.earlier_stops)} other drives' stops")
+            if not stop.earlier_stops:
                 self.undelayed_s.append((first_s, last_s))
         self.worst_after_other_stops_s = max(self.worst_after_other_stops_s, last_s)
 
@@ -275,23 +275,23 @@ def run(campaign_run: CampaignRun) -> None:
         bus.finish()
         found[variant.name].append(bus)
         number += 1
-    campaign_run.figures.update({name: _figures(lines) for name, lines in found.items()})
+    campaign_run.figures.update({name: _figures(buses) for name, buses in found.items()})
 
 
-def _figures(lines: list[StopBus]) -> dict[str, float]:
+def _figures(buses: list[StopBus]) -> dict[str, float]:
     """Return the figures of one variant, in milliseconds and seconds of virtual time."""
-    bound_s = lines[0].stop_timer.bounds.stop_bound_s
-    first = sorted(first for bus in lines for first, _ in bus.undelayed_s)
-    last = sorted(last for bus in lines for _, last in bus.undelayed_s)
+    bound_s = buses[0].stop_timer.bounds.stop_bound_s
+    first = sorted(first for bus in buses for first, _ in bus.undelayed_s)
+    last = sorted(last for bus in buses for _, last in bus.undelayed_s)
     shares = {f"p{share:g}": last[min(len(last) - 1, int(len(last) * share / 100))] for share in (50, 99, 99.9, 100)}
     return {
         "bound ms": round(bound_s * 1000, 3),
         **{f"last bit {name} ms": round(value * 1000, 3) for name, value in shares.items()},
         "first bit at most ms": round(first[-1] * 1000, 3),
         "worst / bound": round(last[-1] / bound_s, 4),
-        "last bit after other stops, at most ms": round(max(bus.worst_after_other_stops_s for bus in lines) * 1000, 3),
-        "confirmed or alarmed, less the ramp, at most s": round(max(bus.worst_confirmation_s for bus in lines), 3),
-        "not repeated while pending, at most s": round(max(bus.worst_repeat_pause_s for bus in lines), 3),
+        "last bit after other stops, at most ms": round(max(bus.worst_after_other_stops_s for bus in buses) * 1000, 3),
+        "confirmed or alarmed, less the ramp, at most s": round(max(bus.worst_confirmation_s for bus in buses), 3),
+        "not repeated while pending, at most s": round(max(bus.worst_repeat_pause_s for bus in buses), 3),
     }
 
 

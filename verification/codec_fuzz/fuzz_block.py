@@ -16,7 +16,7 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
 from verification.codec_fuzz.collision_odds import CollisionOdds, noise_odds
-from verification.codec_fuzz.fuzzed_codec import FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import FuzzedCodec, ValidExchange
 from verification.codec_fuzz.registry import FUZZED_CODECS
 from verification.reference.frame_shapes import FrameShape
 
@@ -228,7 +228,7 @@ def _station_noise(name: str) -> tuple[tuple[int, float], ...]:
     return noise_odds(FUZZED_CODECS[name].forms(b""))
 
 
-def fuzz_targets(entry: FuzzedCodec, exchange: LawfulExchange) -> tuple[FuzzTarget, FuzzTarget]:
+def fuzz_targets(entry: FuzzedCodec, exchange: ValidExchange) -> tuple[FuzzTarget, FuzzTarget]:
     """Return the master's side and the station's side of an exchange."""
 
     def odds(frame: bytes, forms: tuple[FrameShape, ...]) -> CollisionOdds:
@@ -290,10 +290,11 @@ def _try_frame(entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, c
     if wrong:
         found.violations.append(f"feed: {_describe(entry, target, kind, data)}: {wrong}")
     size = accepted_size(what, data)
-    lawful = entry.reference.accepted_size(target.sent, data)
-    if size != lawful:
+    reference_size = entry.reference.accepted_size(target.sent, data)
+    if size != reference_size:
         found.violations.append(
-            f"reference: {_describe(entry, target, kind, data)}: codec accepts {size}, reference {lawful}; {what}"
+            f"reference: {_describe(entry, target, kind, data)}: "
+            f"codec accepts {size}, reference {reference_size}; {what}"
         )
     name = what.kind if isinstance(what, RefusedBytes) else type(what).__name__
     found.outcomes[name] += 1

@@ -17,7 +17,7 @@ ALL_BYTES = bytes(range(256))
 
 
 @dataclass(frozen=True, slots=True)
-class LawfulExchange:
+class ValidExchange:
     request: Any
     sent: bytes
     received: bytes
@@ -53,7 +53,7 @@ class FuzzedCodec:
     name: str
     codec: Codec
     reference: ReferenceCodec
-    make_exchange: Callable[[Random, Codec], LawfulExchange]
+    make_exchange: Callable[[Random, Codec], ValidExchange]
     alphabet: bytes
     """Bytes from which garbled bytes are drawn."""
     longest: int
@@ -63,7 +63,7 @@ class FuzzedCodec:
     broadcast_of: Callable[[Any, Codec], Any] = address_broadcast
     """The same request as a broadcast."""
 
-    def exchange(self, rng: Random) -> LawfulExchange:
+    def exchange(self, rng: Random) -> ValidExchange:
         """Return a valid exchange, at times a broadcast with a reply, which is never valid."""
         made = self.make_exchange(rng, self.codec)
         if rng.random() > BROADCAST_SHARE or self.codec.broadcast_address is None:
@@ -75,7 +75,7 @@ class FuzzedCodec:
             return made
         at = self.reference.address
         received = made.received[: at.start] + sent[at] + made.received[at.stop :]
-        return LawfulExchange(request, sent, self.reference.reseal(received))
+        return ValidExchange(request, sent, self.reference.reseal(received))
 
     def request_of(self, sent: bytes) -> Any:
         """Return the request of these bytes as a master would build it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 
-from verification.families.family_campaign import FamilyCampaign
+from verification.families.family_campaign import FamilyCampaign, WrittenParameter
 from verification.families.registry import FAMILY_NAMES, facts_by_model, family_facts
 
 
@@ -20,3 +20,8 @@ def campaign_of(model: str) -> FamilyCampaign:
     """Return what the campaigns need of a model's family. Raises KeyError."""
     facts = facts_by_model()[model]
     return next(family_campaigns()[name] for name, one in family_facts().items() if one is facts)
+
+
+def written_parameter(model: str) -> WrittenParameter:
+    """Return the parameter of a model that campaigns write. Raises KeyError where they write none."""
+    return campaign_of(model).written_parameters[model]

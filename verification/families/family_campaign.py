@@ -36,8 +36,8 @@ class WrittenParameter(NamedTuple):
 
     notation: str
     saved: bool
-    cell: int
-    """Its key in the memory of the fake station."""
+    memory_key: int
+    """Its key in the memory of the simulated and of the fake station."""
     counts_per_unit: int
 
 
@@ -61,8 +61,8 @@ class FamilyCampaign:
     """Model to its misbehaving station of the campaign ``statements``."""
     statement_options: Mapping[str, Any] = field(default_factory=dict)
     """Options that a person at the drive has determined."""
-    statement_parameters: Mapping[str, WrittenParameter] = field(default_factory=dict)
-    """Model to the parameter that is read and written; none where the model has none."""
+    written_parameters: Mapping[str, WrittenParameter] = field(default_factory=dict)
+    """Model to the parameter that campaigns read and write; none where the model has none."""
     saved_parameters: Mapping[str, str] = field(default_factory=dict)
     """Model to a parameter that can be saved; none where the model has none."""
     matrix: MatrixFamily

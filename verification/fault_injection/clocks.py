@@ -28,11 +28,11 @@ from drivebus.testing.virtual_time import VirtualTimer, running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.families.modbus.facts import VC660
-from verification.fault_injection.faulty_port import PORT_SUCCESS_WORDS, PortFailureScenario
+from verification.fault_injection.faulty_port import PortFailureScenario
 from verification.reference.effects import RequestEffect
 from verification.scenario.rules import ClassifiedFrame
 from verification.scenario.scenario import Scenario
-from verification.scenario.user_command import UserCommand
+from verification.scenario.user_command import SUCCESS_WORDS, UserCommand
 
 # --- wall clock -------------------------------------------------------------------------------------------------------
 
@@ -177,7 +177,7 @@ def fail_kernel_timers(campaign_run: CampaignRun, nth: int) -> int:
         module.TimerFd = scarce.of(made)
     try:
         word = asyncio.run(asyncio.wait_for(_run_briefly(scarce), 20.0))
-        if word not in PORT_SUCCESS_WORDS:
+        if word not in SUCCESS_WORDS:
             campaign_run.violation(f"without timer {nth} a stop ended as {word}")
     except Exception as error:
         campaign_run.violation(f"without timer {nth}: {type(error).__name__}: {error}")
@@ -281,12 +281,12 @@ def suspend_host(scenario: Scenario, seconds: float, *, suspended: bool, reader_
     """
     port: Any = scenario.port
     receive, held = port.receive, list[tuple[bytes, int]]()
-    port.receive = lambda data, marks: held.append((data, marks))
+    port.receive = lambda data, line_errors: held.append((data, line_errors))
     scenario.loop.suspend(seconds, is_simulator_timer, lambda timer: suspended and not is_bus_timer(timer))
     port.receive = receive
     if held:
         later = scenario.loop.call_soon if reader_first else partial(scenario.loop.call_later, 0.0)
-        later(receive, b"".join(data for data, _ in held), sum(marks for _, marks in held))
+        later(receive, b"".join(data for data, _ in held), sum(line_errors for _, line_errors in held))
 
 
 def is_simulator_timer(timer: VirtualTimer) -> bool:

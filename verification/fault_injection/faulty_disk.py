@@ -29,7 +29,6 @@ from verification.fault_injection.faulty_port import (
     BAUD,
     CALL_MAX_S,
     CALL_TIMEOUT_S,
-    PORT_SUCCESS_WORDS,
     PortFailureScenario,
 )
 from verification.scenario.scenario import Scenario
@@ -84,7 +83,7 @@ class FaultyDisk:
             else:
                 path.write_bytes(content)
 
-    # --- what programs call ----------------------------------------------------------------------------------------
+    # --- replaced functions ----------------------------------------------------------------------------------------
 
     def open_file(self, file: Any, mode: str = "r", *more: Any, **named: Any) -> Any:
         if not self.contains(file):
@@ -264,14 +263,14 @@ def fail_store(campaign_run: CampaignRun, disk: FaultyDisk, *, power: bool = Fal
     scenario = Scenario(campaign_run, VC660, (1,), name=f"store/{disk.nth}/{disk.error or 'kill'}", baud=BAUD)
     scenario.drives[1].close()
     drive = Drive(scenario.bus, "vc660", 1, encoding="rtu", store=FileStore(path))
-    memory, message = scenario.station(1).memory, list[str]()
+    memory, error_keys = scenario.station(1).memory, list[str]()
 
     async def save(value: float) -> Any:
         before = memory.eeprom_writes.total()
         try:
             return await drive.write({WRITTEN_PARAMETER: value}, save=True)
         except ConfigurationError as error:
-            message.append(error.key)
+            error_keys.append(error.key)
             if memory.eeprom_writes.total() > before:
                 scenario.oracle.violation(f"a save was sent and ended as {error}")
             return None
@@ -290,9 +289,9 @@ def fail_store(campaign_run: CampaignRun, disk: FaultyDisk, *, power: bool = Fal
     if disk.is_killed and power:
         disk.cut_power()
     _check_count(scenario, path, memory.eeprom_writes.total())
-    if not disk.is_killed and saved(30.0).result_word not in PORT_SUCCESS_WORDS:
+    if not disk.is_killed and not saved(30.0).succeeded:
         scenario.oracle.violation("the file works again and nothing is saved")
-    campaign_run.counts.update(f"store: {key}" for key in message)
+    campaign_run.counts.update(f"store: {key}" for key in error_keys)
     discard_killed(scenario) if disk.is_killed else scenario.close()
 
 

@@ -11,6 +11,7 @@ from drivebus.errors import DrivebusError, PortLost, PortUnavailable
 from drivebus.testing.virtual_time import Deadlock, VirtualLoop
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
+from verification.families.campaigns import written_parameter
 from verification.scenario.scenario import Scenario
 from verification.scenario.user_command import UserCommand
 
@@ -80,10 +81,10 @@ class FaultyPort:
         if (error := self._fails("close")) is not None:
             raise error
 
-    def data_received(self, data: bytes, marks: int = 0) -> None:
+    def data_received(self, data: bytes, line_errors: int = 0) -> None:
         receiver: Any = self._receiver
         if self._fails("read") is None:
-            receiver.data_received(data, marks)
+            receiver.data_received(data, line_errors)
         else:
             self._port._receiver = None
             self._port.simulated_bus.detach(self._port)
@@ -116,8 +117,6 @@ CALL_MAX_S = {"open": 0.0, "close": 0.0, "run": 2.5, "set_frequency": 1.5, "stop
 """Longest time of each call without a failure, in seconds."""
 REPEATED_CALL_MAX_S = 1.0
 """Time that a user waits after a failed command, in seconds; the bus reopens a port within 0.4 s."""
-PORT_SUCCESS_WORDS = ("confirmed", "acknowledged")
-PORT_WRITTEN_PARAMETERS = {"c320": "F0.2", "dzb100": "10", "vc660": "F00.02", "df800": "F1.00"}
 
 
 class PortFailureScenario:
@@ -176,7 +175,7 @@ class PortFailureScenario:
         self.step("set_frequency", 8.0)
         stop = self.step("stop")
         self._check_stopped(stop)
-        self.step("write", {PORT_WRITTEN_PARAMETERS[self.variant.model]: 7.0}, True)
+        self.step("write", {written_parameter(self.variant.model).notation: 7.0}, True)
 
     def monitor(self, address: int) -> None:
         self.scenario.monitor(address, period_s=PORT_POLL_PERIOD_S)
@@ -207,21 +206,21 @@ class PortFailureScenario:
     def step(self, what: str, *arguments: Any) -> UserCommand:
         user_command = self.scenario.command(1, what, *arguments)
         self.scenario.finish(user_command, within_s=CALL_MAX_S[what] + CALL_TIMEOUT_S, step_s=0.05)
-        if user_command.result_word not in PORT_SUCCESS_WORDS:
+        if not user_command.succeeded:
             self.scenario.run(REPEATED_CALL_MAX_S)
         return user_command
 
     def _check_stopped(self, stop: UserCommand) -> None:
         """Check that the stop takes effect without another command, at the latest when the port is back."""
-        self.scenario.run(RAMP_S if stop.result_word in PORT_SUCCESS_WORDS else CALL_TIMEOUT_S)
+        self.scenario.run(RAMP_S if stop.succeeded else CALL_TIMEOUT_S)
         if self.scenario.station(1).motor.energised:
             self.violation(f"{stop} ended as {stop.result_word}, and the motor stays on")
 
     def check_works(self) -> bool:
         self.scenario.run(REPEATED_CALL_MAX_S)
-        words = [self.step(*command).result_word for command in (("run", 5.0), ("stop",))]
+        commands = [self.step(*command) for command in (("run", 5.0), ("stop",))]
         self.scenario.run(RAMP_S)
-        return all(word in PORT_SUCCESS_WORDS for word in words) and not self.scenario.station(1).motor.energised
+        return all(command.succeeded for command in commands) and not self.scenario.station(1).motor.energised
 
     def violation(self, text: str) -> None:
         self.scenario.oracle.violation(f"after a failure: {text}")

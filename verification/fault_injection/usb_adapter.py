@@ -149,7 +149,7 @@ class PortLossReceiver:
     def __init__(self) -> None:
         self.lost = asyncio.Event()
 
-    def data_received(self, data: bytes, marks: int = 0) -> None: ...
+    def data_received(self, data: bytes, line_errors: int = 0) -> None: ...
 
     def port_lost(self, error: PortLost) -> None:
         self.lost.set()

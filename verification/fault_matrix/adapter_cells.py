@@ -8,12 +8,11 @@ from typing import Any
 from drivebus.errors import DrivebusError
 from verification.families.campaigns import campaign_of
 from verification.fault_matrix.cell import CellRun, cell, check_void
-from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
+from verification.fault_matrix.matrix_scenario import MatrixScenario
 from verification.reference.effects import RequestEffect
+from verification.scenario.scenario import SentRequest
 
 # --- adapter ----------------------------------------------------------------------------------------------------------
-
-SUCCESS_WORDS = ("confirmed", "acknowledged")
 
 
 @cell("cut_last_byte")
@@ -32,9 +31,7 @@ def transmitter_disabled_too_early(run: CellRun) -> None:
         scenario.expect(str(scenario.bus.health(address).presence) == "offline", f"{address} is called present")
         scenario.expect(scenario.has_bad_quality(address), f"{address} has values")
     command = scenario.command_to_end(1, "run", run.random_hz())
-    scenario.expect(
-        command.result_word not in SUCCESS_WORDS and not scenario.station(1).motor.starts, f"run {command.result_word}"
-    )
+    scenario.expect(not command.succeeded and not scenario.station(1).motor.starts, f"run {command.result_word}")
     own = run.scenario(1, 2)
     check_void(own, lambda transmit, data, when: transmit(data, when).dropped.add(len(data) - 1), "NoReply")
     if not run.variant.has_checksum:
@@ -66,11 +63,9 @@ def batched_reception(run: CellRun) -> None:
         scenario.monitored(address)
     scenario.run(3.0)
     command = scenario.command_to_end(1, "run", run.random_hz())
-    scenario.expect(
-        command.result_word in SUCCESS_WORDS and scenario.station(1).motor.starts == 1, f"run {command.result_word}"
-    )
+    scenario.expect(command.succeeded and scenario.station(1).motor.starts == 1, f"run {command.result_word}")
     stop = scenario.command_to_end(1, "stop")
-    scenario.expect(stop.result_word in SUCCESS_WORDS, f"stop {stop.result_word}")
+    scenario.expect(stop.succeeded, f"stop {stop.result_word}")
     scenario.run(3.0)
     for address in (1, 2):
         scenario.expect(not scenario.failure_count(address), f"{address}: {scenario.statistics(address).errors}")
@@ -97,7 +92,7 @@ def adapter_unplugged(run: CellRun) -> None:
         scenario.finish(user_command)
         moves = scenario.requests_since(mark, RequestEffect.MOTION)
         scenario.expect(
-            user_command.result_word not in SUCCESS_WORDS or what is RequestEffect.READ,
+            not user_command.succeeded or what is RequestEffect.READ,
             f"ended as {user_command.result_word}",
         )
         scenario.expect(len(moves) == (what is RequestEffect.MOTION), f"{len(moves)} starts")
@@ -117,7 +112,7 @@ def adapter_unplugged(run: CellRun) -> None:
 def _unplug_during(run: CellRun, scenario: MatrixScenario, what: RequestEffect) -> None:
     """Unplug at a random instant of the next frame with this effect."""
 
-    def pull(sent: MatrixRequest) -> None:
+    def pull(sent: SentRequest) -> None:
         if sent.address == 1 and sent.effect is what:
             scenario.when_sent = lambda sent: None
             scenario.loop.call_later(run.rng.uniform(0.0, sent.end - sent.start), scenario.unplug)
@@ -136,7 +131,6 @@ def _check_port_lost(scenario: MatrixScenario) -> None:
 
 # --- echo -------------------------------------------------------------------------------------------------------------
 
-COMPLETED_WORDS = ("confirmed", "acknowledged")
 ABSENT_ADDRESS = 9
 
 
@@ -189,7 +183,7 @@ def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bo
 
 def _check_not_confirmed(scenario: MatrixScenario, address: int, what: str, *arguments: Any) -> None:
     command = scenario.command_to_end(address, what, *arguments)
-    scenario.expect(command.result_word not in COMPLETED_WORDS, f"{what} is {command.result_word} by an echo")
+    scenario.expect(not command.succeeded, f"{what} is {command.result_word} by an echo")
 
 
 def _check_frame_not_received(run: CellRun, setting: str) -> None:
@@ -224,7 +218,7 @@ def _check_unconfigured_echo(run: CellRun) -> None:
     station = scenario.station(1)
     held = getattr(station, "bus_hz", station.setpoint_hz)
     scenario.expect(
-        command.result_word not in COMPLETED_WORDS or abs(held - hz) < 0.006,
+        not command.succeeded or abs(held - hz) < 0.006,
         f"set_frequency {command.result_word}, the drive holds {held}",
     )
 

@@ -10,9 +10,10 @@ from drivebus.simulator.station import SimulatedStation
 from drivebus.testing.virtual_time import running
 from verification.families.campaigns import campaign_of
 from verification.fault_matrix.cell import CellRun, cell
-from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario
+from verification.fault_matrix.matrix_scenario import MatrixScenario
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import status_read_key
+from verification.scenario.scenario import SentRequest
 
 # --- foreign stations -------------------------------------------------------------------------------------------------
 
@@ -50,9 +51,7 @@ def _check_only_stops(run: CellRun, scenario: MatrixScenario, two: tuple[Simulat
     mark = len(scenario.requests)
     for what in ("run", "set_frequency"):
         user_command = scenario.command_to_end(1, what, run.random_hz())
-        scenario.expect(
-            user_command.result_word not in ("confirmed", "acknowledged"), f"{what} is {user_command.result_word}"
-        )
+        scenario.expect(not user_command.succeeded, f"{what} is {user_command.result_word}")
     scenario.expect(
         not scenario.requests_since(mark, RequestEffect.MOTION, RequestEffect.SETTING), "a command was sent"
     )
@@ -158,7 +157,7 @@ def broadcast_stop(run: CellRun) -> None:
     _check_deaf_drive_named(run)
 
 
-def _check_all_stopped(scenario: MatrixScenario, broadcasts: list[MatrixRequest], sent: list[MatrixRequest]) -> None:
+def _check_all_stopped(scenario: MatrixScenario, broadcasts: list[SentRequest], sent: list[SentRequest]) -> None:
     scenario.expect(
         sent[0] in broadcasts and sent[0].effect is RequestEffect.STOP, "the broadcast is not the first frame"
     )

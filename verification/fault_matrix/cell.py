@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from drivebus.bus import TraceKind as Became
+from drivebus.bus import TraceKind
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.families.registry import variants_for
@@ -124,7 +124,7 @@ def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, add
         scenario.failure_count(address, error) == failed + 1,
         f"counted: {scenario.statistics(address).errors}, not {error}",
     )
-    message = [event for event in scenario.events[events:] if event.kind in (Became.INVALID, Became.NO_REPLY)]
+    message = [event for event in scenario.events[events:] if event.kind in (TraceKind.INVALID, TraceKind.NO_REPLY)]
     scenario.expect(len(message) == 1, f"{len(message)} voids in the trace")
     check_quarantine(scenario, mark)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from drivebus.bus import TraceKind as Became
+from drivebus.bus import TraceKind
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality
 from verification.families.campaigns import campaign_of
@@ -131,7 +131,7 @@ def truncated_answer(run: CellRun) -> None:
     scenario = run.scenario()
     cut = run.rng.randrange(1, len(scenario.replies[0].data) - 1)
     check_void(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
-    voided = next(event for event in scenario.events if event.kind is Became.INVALID)
+    voided = next(event for event in scenario.events if event.kind is TraceKind.INVALID)
     request = next(one for one in scenario.requests[2:] if one.address == 1)
     patience_s = (
         run.variant.min_timeout_s + run.variant.min_timeout_characters * scenario.simulated_bus.settings.character_s
@@ -229,9 +229,9 @@ def corrupt_reply(run: CellRun, marked: bool, where: range | None = None) -> Any
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
         index = run.rng.choice(where or range(len(data)))
-        text = transmit(data, when)
-        text.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked)
-        return text
+        transmission = transmit(data, when)
+        transmission.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked)
+        return transmission
 
     return act
 

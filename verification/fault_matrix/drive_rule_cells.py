@@ -24,7 +24,6 @@ from verification.scenario.user_command import UserCommand
 
 CELL_WRITES_PER_DAY = 20
 """Saves of one parameter a day."""
-COMMAND_DONE_WORDS = ("confirmed", "acknowledged")
 
 
 @cell("eeprom_burst")

@@ -17,23 +17,13 @@ from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import classify_request, is_sync_probe
-from verification.scenario.scenario import ObservedBus, Scenario
+from verification.scenario.scenario import ObservedBus, Scenario, SentRequest
 from verification.scenario.user_command import UserCommand
 
 WireSend = Callable[..., Any]
 """``transmit(data, at, source=…)``: let a drive transmit these bytes at that time."""
 ReplyAction = Callable[[WireSend, bytes, float], Any]
 """Transmission of a drive in place of ``data`` at ``at``."""
-
-
-class MatrixRequest(NamedTuple):
-    """Request of the master on the wire."""
-
-    start: float
-    end: float
-    address: int
-    effect: RequestEffect
-    data: bytes
 
 
 class MatrixReply(NamedTuple):
@@ -74,55 +64,48 @@ class MatrixScenario(Scenario):
         options: dict[str, Any],
     ) -> None:
         super().__init__(campaign_run, variant, addresses, name=name, seed=seed, **options)
-        self.requests: list[MatrixRequest] = []
+        self.requests: list[SentRequest] = []
         self.replies: list[MatrixReply] = []
         self.events: list[TraceEvent] = []
-        self.when_sent: Callable[[MatrixRequest], None] = lambda sent: None
+        self.when_sent: Callable[[SentRequest], None] = lambda sent: None
         self.cuts_last_byte = False
         """Whether the adapter's driver is disabled before the last byte is out."""
         self._manipulations: list[ReplyManipulation] = []
         self._current_request = b""
         self._open = True
-        self._intercept_wire()
+        self.observe_wire(self._on_transmission)
+        self._intercept_replies()
         self.bus.trace(self.events.append)
         for address in self.drives:
             self.read(address)
 
-    # --- on the copper ---------------------------------------------------------------------------------------------
+    # --- manipulations ---------------------------------------------------------------------------------------------
 
-    def _intercept_wire(self) -> None:
+    def _on_transmission(self, transmission: Any, sent: SentRequest | None) -> None:
+        if sent is None:
+            return
+        if self.cuts_last_byte:
+            transmission.dropped.add(len(sent.data) - 1)
+        self.requests.append(sent)
+        self.when_sent(sent)
+
+    def _intercept_replies(self) -> None:
         simulated_bus: Any = self.simulated_bus
-        transmit, reply, dispatch = (
-            simulated_bus.wire.transmit,
-            simulated_bus.wire.transmit_reply,
-            simulated_bus._dispatch,
-        )
-
-        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            text = transmit(source, data, *more, **named)
-            if hasattr(source, "receive"):
-                if self.cuts_last_byte:
-                    text.dropped.add(len(data) - 1)
-                sent = MatrixRequest(
-                    text.start, text.end, *classify_request(self.variant.model, self.variant.encoding, data), data
-                )
-                self.requests.append(sent)
-                self.when_sent(sent)
-            return text
+        reply, dispatch = simulated_bus.wire.transmit_reply, simulated_bus._dispatch
 
         def on_reply(source: Any, data: bytes, now: float, at: float) -> Any:
             manipulation = self._manipulation_for(source.address, lambda act: not isinstance(act, str))
 
             def transmit_reply(data: bytes, at: float, source: Any = source) -> Any:
-                text = reply(source, data, now, at)
-                self.replies.append(MatrixReply(source.address, self._current_request, data, text.start))
-                return text
+                transmission = reply(source, data, now, at)
+                self.replies.append(MatrixReply(source.address, self._current_request, data, transmission.start))
+                return transmission
 
             if manipulation is None or isinstance(manipulation.action, str):
                 return transmit_reply(data, at)
             return manipulation.action(transmit_reply, data, at)
 
-        def on_dispatch(frame: Any, stations: Any, text: Any, now: float) -> None:
+        def on_dispatch(frame: Any, stations: Any, transmission: Any, now: float) -> None:
             self._current_request = frame.frame
             manipulation = self._manipulation_for(frame.address, lambda act: isinstance(act, str))
             hit = [one.faults for one in stations if manipulation is not None and one.address == frame.address]
@@ -130,15 +113,11 @@ class MatrixScenario(Scenario):
             before = [getattr(faults, what) for faults in hit]
             for faults in hit:
                 setattr(faults, what, True)
-            dispatch(frame, stations, text, now)
+            dispatch(frame, stations, transmission, now)
             for faults, was in zip(hit, before, strict=True):
                 setattr(faults, what, was)
 
-        simulated_bus.wire.transmit, simulated_bus.wire.transmit_reply, simulated_bus._dispatch = (
-            on_transmit,
-            on_reply,
-            on_dispatch,
-        )
+        simulated_bus.wire.transmit_reply, simulated_bus._dispatch = on_reply, on_dispatch
 
     def _manipulation_for(
         self, address: int | None, kind: Callable[[ReplyAction | str], bool]
@@ -172,7 +151,7 @@ class MatrixScenario(Scenario):
             simulated_bus.wire.transmit(ForeignTalker(), data, self.loop.time(), (Side.STATIONS, Side.MASTERS))
             simulated_bus._arm_timer()
 
-    # --- what a case does --------------------------------------------------------------------------------------------
+    # --- actions of a cell -------------------------------------------------------------------------------------------
 
     def transact(self, address: int, wanted: Any) -> BusResult:
         """Run one transaction."""
@@ -232,23 +211,18 @@ class MatrixScenario(Scenario):
         self.loop.run_until_complete(self.bus.open())
         self.bus.trace(self.events.append)
 
-    def add_absent(self, address: int) -> int:
-        """Register a drive that does not exist."""
-        self.drives[address] = self._drive(address)
-        return address
-
     def close(self) -> None:
         if self._open:
             self._open = False
             super().close()
 
-    # --- what a case looks at ----------------------------------------------------------------------------------------
+    # --- observations of a cell --------------------------------------------------------------------------------------
 
-    def requests_since(self, mark: int, *effect: RequestEffect) -> list[MatrixRequest]:
+    def requests_since(self, mark: int, *effect: RequestEffect) -> list[SentRequest]:
         """Return the requests from the ``mark``-th on, with these effects (default: all)."""
         return [one for one in self.requests[mark:] if not effect or one.effect in effect]
 
-    def sync_probes(self, frames: Iterable[MatrixRequest]) -> list[MatrixRequest]:
+    def sync_probes(self, frames: Iterable[SentRequest]) -> list[SentRequest]:
         return [one for one in frames if is_sync_probe(self.variant, one.data)]
 
     def statistics(self, address: int) -> StationStatistics:

@@ -7,15 +7,16 @@ from itertools import pairwise
 from typing import Any
 
 from drivebus import i18n
-from drivebus.bus import TraceKind as Became
+from drivebus.bus import TraceKind
 from drivebus.simulator.motor import Trip
 from verification.drive_variants import DriveVariant
 from verification.families.campaigns import campaign_of
 from verification.families.sunfar.facts import class_and_operation
 from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_quarantine, check_void
-from verification.fault_matrix.matrix_scenario import MatrixRequest, MatrixScenario, WireSend
+from verification.fault_matrix.matrix_scenario import MatrixScenario, WireSend
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import classify_request, is_sync_probe, shows_standstill, status_read_key
+from verification.scenario.scenario import SentRequest
 
 # --- no reply ---------------------------------------------------------------------------------------------------------
 
@@ -55,9 +56,7 @@ def no_reply_to_setpoint(run: CellRun) -> None:
         _check_setpoint(scenario, lost, ends, command.result_word, scenario.requests_since(mark, frame), mark)
         scenario.run(3.0)
         taken = abs(scenario.station(1).motor.target_hz - second) < 0.006
-        scenario.expect(
-            taken is (command.result_word in ("confirmed", "acknowledged")), f"{command.result_word}, taken: {taken}"
-        )
+        scenario.expect(taken is command.succeeded, f"{command.result_word}, taken: {taken}")
 
 
 def _setpoint_is_a_run_command(variant: DriveVariant) -> bool:
@@ -66,7 +65,7 @@ def _setpoint_is_a_run_command(variant: DriveVariant) -> bool:
 
 
 def _check_setpoint(
-    scenario: MatrixScenario, lost: str, ends: str, word: str, frames: list[MatrixRequest], mark: int
+    scenario: MatrixScenario, lost: str, ends: str, word: str, frames: list[SentRequest], mark: int
 ) -> None:
     shows = scenario.variant.setpoint_readable
     if _setpoint_is_a_run_command(
@@ -113,15 +112,15 @@ def no_reply_to_start(run: CellRun) -> None:
         _check_start_resent(scenario, starts)
 
 
-def _check_start_resent(scenario: MatrixScenario, starts: list[MatrixRequest]) -> None:
+def _check_start_resent(scenario: MatrixScenario, starts: list[SentRequest]) -> None:
     scenario.expect(len(starts) <= 3, f"sent {len(starts)} times")
     for one, other in pairwise(starts):
         between = [sent for sent in scenario.requests if one.end < sent.start < other.start]
-        text = [text for text in scenario.replies if one.end < text.start < other.start]
+        replies = [reply for reply in scenario.replies if one.end < reply.start < other.start]
         shown = [
-            shows_standstill(scenario.variant, text.request, text.data)
-            for text in text
-            if status_read_key(scenario.variant, text.request)
+            shows_standstill(scenario.variant, reply.request, reply.data)
+            for reply in replies
+            if status_read_key(scenario.variant, reply.request)
         ]
         scenario.expect(len(scenario.sync_probes(between)) >= 2, "sent again without two sync probes")
         scenario.expect(len(shown) >= 2 and all(shown), "resent without two reads of standstill")
@@ -178,10 +177,10 @@ def _check_recovery(scenario: MatrixScenario) -> None:
 def standstill_confirmed_twice(scenario: MatrixScenario) -> None:
     """Check that the last two replies to each kind of status read showed standstill."""
     answers: dict[bytes, list[bool]] = {}
-    for text in scenario.replies:
+    for reply in scenario.replies:
         shown, question = (
-            shows_standstill(scenario.variant, text.request, text.data),
-            status_read_key(scenario.variant, text.request),
+            shows_standstill(scenario.variant, reply.request, reply.data),
+            status_read_key(scenario.variant, reply.request),
         )
         if question is not None and shown is not None:
             answers.setdefault(question, []).append(shown)
@@ -220,7 +219,9 @@ def late_reply_to_the_same_request(run: CellRun) -> None:
     late = scenario.unsolicited_count("late")
     check_void(scenario, lambda transmit, data, when: transmit(data, when + late_s), "NoReply")
     scenario.expect(scenario.unsolicited_count("late") == late + 1, "a late reply was not counted")
-    scenario.expect(sum(event.kind is Became.LATE for event in scenario.events) == 1, "a late reply was not reported")
+    scenario.expect(
+        sum(event.kind is TraceKind.LATE for event in scenario.events) == 1, "a late reply was not reported"
+    )
 
 
 @cell("late_other_item")
@@ -234,8 +235,8 @@ def late_reply_during_another_request(run: CellRun) -> None:
         held.append(data)
 
     def release(transmit: WireSend, data: bytes, when: float) -> Any:
-        text = transmit(held[0], when)
-        return transmit(data, text.end + scenario.simulated_bus.settings.seconds(5))
+        late = transmit(held[0], when)
+        return transmit(data, late.end + scenario.simulated_bus.settings.seconds(5))
 
     mark = len(scenario.requests)
     scenario.manipulate_replies(1, hold, 1)
@@ -271,13 +272,13 @@ def reply_from_another_address(run: CellRun) -> None:
     """Check that a reply of another address is dropped and counted, and that the true reply after it is accepted."""
     scenario = run.scenario()
     wanted, _ = scenario.plain_read(1)
-    theirs = next(text.data for text in scenario.replies if text.address == 2)
+    theirs = next(reply.data for reply in scenario.replies if reply.address == 2)
     foreign = scenario.unsolicited_count("foreign")
 
     def first_theirs(transmit: WireSend, data: bytes, when: float) -> Any:
         character_s = scenario.simulated_bus.settings.character_s
-        text = transmit(theirs, scenario.loop.time() + character_s, scenario.station(2))
-        return transmit(data, text.end + character_s)
+        foreign = transmit(theirs, scenario.loop.time() + character_s, scenario.station(2))
+        return transmit(data, foreign.end + character_s)
 
     scenario.manipulate_replies(1, first_theirs, 1)
     answer = scenario.transact(1, wanted)

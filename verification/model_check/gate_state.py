@@ -9,16 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
-from drivebus.bus.commands import CoreCommand as CoreCommand
-from drivebus.bus.commands import DeliverResult, Send, SetTimer
+from drivebus.bus.commands import CoreCommand, DeliverResult, Send, SetTimer
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
 from drivebus.protocols.codec import Effect
-from verification.model_check import core_copy as core_copy
-from verification.model_check import permissive_inputs as permissive_inputs
+from verification.model_check import core_copy, permissive_inputs
 from verification.model_check.model_subject import (
     FINE_STEP_S,
     GRID_START_S,
@@ -120,7 +118,7 @@ class GateState:
             self.core, self._owns_core = core_copy.copy_core(self.core), True
         return self.core
 
-    # --- the state's name --------------------------------------------------------------------------------------
+    # --- state key ---------------------------------------------------------------------------------------------
 
     def state_key(self) -> tuple[Any, ...]:
         """Return the key, equal for states with the same future behaviour."""
@@ -164,11 +162,11 @@ class GateState:
         return 0.0 if reason else left_s, reason, record.missing, record.frames_sent, record.data
 
     @property
-    def check_forged_refused(self) -> bool:
+    def accepted_forged(self) -> bool:
         """Whether the bus accepted a request without a granted permit."""
         return any(slot >= FIRST_FORGED_SLOT for slot in self.permits)
 
-    # --- what can happen ---------------------------------------------------------------------------------------
+    # --- possible events ---------------------------------------------------------------------------------------
 
     def possible_events(self, slots: int, rare: bool) -> list[str]:
         """Return the possible events, without grants. ``slots``: submissions at a time; ``rare``: damaged replies,
@@ -229,7 +227,7 @@ class GateState:
         places = range(len(self.subject.frames) if self._sequence_started else 1)
         return [place for place in places if self.subject.needs_permit(place, self.shadow)]
 
-    # --- what happens ------------------------------------------------------------------------------------------
+    # --- transitions -------------------------------------------------------------------------------------------
 
     def apply(self, event: str) -> Self:
         """Apply an event and all commands of the core that follow from it."""
@@ -436,7 +434,7 @@ class GateState:
         if not out:
             self.permits.pop(int(slot), None)
 
-    # --- the shell ---------------------------------------------------------------------------------------------
+    # --- commands of the core ----------------------------------------------------------------------------------
 
     def _submit_request(self, bus_request: BusRequest, token: Any) -> None:
         self._perform(self._own_core().submit(bus_request, token, self.now))

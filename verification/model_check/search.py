@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
-from verification.model_check import permissive_inputs as permissive_inputs
+from verification.model_check import permissive_inputs
 from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import ModelSubject
 from verification.model_check.permissive_inputs import PermissiveInputs
 
-MAX_REPORTED_FINDINGS = 500
+PROGRESS_INTERVAL_STATES = 500
 """States between two calls of ``progress``."""
 
 
@@ -90,7 +90,7 @@ class StateSearch:
         while self._queue and not (first and self.found.findings):
             self._expand(*self._queue.popleft())
             done += 1
-            if done == MAX_REPORTED_FINDINGS or not self._queue:
+            if done == PROGRESS_INTERVAL_STATES or not self._queue:
                 progress(done)
                 done = 0
         return self.found
@@ -137,7 +137,7 @@ class StateSearch:
         found = self._refused.get(situation)
         if found is None:
             after = state.copy().apply("forge")
-            if after.check_forged_refused or after.events.findings:
+            if after.accepted_forged or after.events.findings:
                 return self._check_transition(after, number, "forge", depth, sole_reasons)
             found = self._refused[situation] = [missing[0] for missing in after.events.refused if len(missing) == 1]
         self.found.edges += 1

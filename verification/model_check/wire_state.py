@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, Self
 
-from verification.model_check import permissive_inputs as permissive_inputs
+from verification.model_check import permissive_inputs
 from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject, normal_reply
 from verification.model_check.permissive_inputs import PermissiveInputs, all_permissives_met

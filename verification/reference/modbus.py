@@ -13,9 +13,6 @@ READ_LIMITS = {1: 2000, 2: 2000, 3: 125, 4: 125}
 """Function → largest number of bits or registers of one read."""
 WRITE_LIMITS = {15: 1968, 16: 123}
 EXCEPTIONS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11)
-FIXED_LENGTH_FUNCTIONS = (1, 2, 3, 4, 5, 6, 8)
-"""Functions whose request is six octets."""
-RESYNC_MAX_JUNK = 4
 DIGITS = b"0123456789ABCDEF"
 
 

@@ -10,7 +10,7 @@ from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Complete
 from verification.reference import sunfar as reference
 from verification.reference.sunfar import SunfarReference
-from verification.reference_comparison.mutations import ANY_FRAME
+from verification.reference_comparison.mutations import ANY_FRAME, mostly
 
 REFUSE = "refuse"
 KINDS = ("read identity", "read monitor", "read parameter", "write RAM", "control", "write EEPROM")
@@ -183,17 +183,13 @@ class C320Comparison:
 
     def earlier_reply(self, rng: Random, frame: bytes) -> bytes:
         """Return the reply to another request."""
-        return self._answer(rng, self.draw_lawful(rng), self.encoding, rng.randrange(31))
+        return self._answer(rng, self.draw_valid(rng), self.encoding, rng.randrange(31))
 
-    def draw_lawful(self, rng: Random) -> dict[str, int]:
+    def draw_valid(self, rng: Random) -> dict[str, int]:
         while True:
             fields = self.draw(rng)
             if self.reference_request(fields) is not None:
                 return fields
-
-
-def mostly(rng: Random, right: int, other: int) -> int:
-    return other if rng.randrange(12) == 0 else right
 
 
 def on_the_wire(fields: dict[str, int]) -> dict[str, int]:

@@ -10,7 +10,7 @@ from drivebus.protocols import dzb100
 from drivebus.protocols.codec import Complete
 from verification.reference.dzb100 import HEADS, Dzb100Reference
 from verification.reference.dzb100 import KINDS as KINDS_BY_HEAD
-from verification.reference_comparison.mutations import ANY_FRAME
+from verification.reference_comparison.mutations import ANY_FRAME, mostly
 
 REFUSE = "refuse"
 REFERENCE = Dzb100Reference()
@@ -137,10 +137,6 @@ class Dzb100Comparison:
             fields = self.draw(rng)
             if self.reference_request(fields) is not None:
                 return self.random_reply(rng, fields)
-
-
-def mostly(rng: Random, right: int, other: int) -> int:
-    return other if rng.randrange(12) == 0 else right
 
 
 def product_message(fields: dict[str, Any]) -> dzb100.Dzb100Request:

@@ -7,6 +7,11 @@ from random import Random
 DIGITS = b"0123456789ABCDEF"
 
 
+def mostly(rng: Random, right: int, other: int) -> int:
+    """Return ``right``, or ``other`` once in twelve times."""
+    return other if rng.randrange(12) == 0 else right
+
+
 def flip(rng: Random, frame: bytes, bits: int = 1) -> bytes:
     found = bytearray(frame)
     for _ in range(bits):

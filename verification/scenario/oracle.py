@@ -60,7 +60,7 @@ class Oracle:
         """History of each drive, by address."""
         self._observe_wire()
 
-    # --- the tap on the copper -----------------------------------------------------------------------------------
+    # --- frames on the wire --------------------------------------------------------------------------------------
 
     def _observe_wire(self) -> None:
         simulated_bus = self.simulated_bus
@@ -209,7 +209,7 @@ class Oracle:
         self.trace(f"= {command} {command.result_word}")
         self.simulated_bus.advance()
         history = self.histories.get(command.address)
-        if history is None and command.result_word in ("confirmed", "acknowledged"):
+        if history is None and command.succeeded:
             self.violation(f"absent drive: {command} ended as {command.result_word}")
         elif history is not None:
             check_outcome(command, history, self.variant.reports_running, self.violation)
@@ -233,7 +233,7 @@ class Oracle:
         self.frame_rules.on_port_lost(self.now())
         self.trace("unplugged")
 
-    # --- telling -------------------------------------------------------------------------------------------------
+    # --- trace ---------------------------------------------------------------------------------------------------
 
     def trace(self, text: str) -> None:
         """Add a line to the trace with the current time."""

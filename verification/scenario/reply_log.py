@@ -58,12 +58,12 @@ class BaselineHost:
     def _seconds(self, characters: int) -> float:
         return float(self._port.simulated_bus.settings.seconds(characters))
 
-    def data_received(self, data: bytes, marks: int = 0) -> None:
+    def data_received(self, data: bytes, line_errors: int = 0) -> None:
         """Handle received bytes."""
         self._buffer += data
         if (
             self._waiting is not None
-            and not marks
+            and not line_errors
             and is_plausible_reply(self._variant, self._request, bytes(self._buffer))
         ):
             self._on_accepted(self._address, self._sent_at, self._loop.time(), bytes(self._buffer))

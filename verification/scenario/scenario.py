@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 from drivebus.bus import Bus
 from drivebus.bus.commands import CoreCommand, DeliverResult
@@ -14,8 +14,20 @@ from drivebus.ports import open_port
 from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
+from verification.reference.effects import RequestEffect
+from verification.reference.request_effects import classify_request
 from verification.scenario.oracle import Oracle, check_invariants, check_memory
 from verification.scenario.user_command import CURRENT_COMMAND, UserCommand, without_traceback
+
+
+class SentRequest(NamedTuple):
+    """Request of the master on the wire."""
+
+    start: float
+    end: float
+    address: int
+    effect: RequestEffect
+    data: bytes
 
 
 class ObservedBus(Bus):
@@ -95,12 +107,33 @@ class Scenario:
             store=MemoryStore(),
         )
 
+    def add_absent(self, address: int) -> int:
+        """Register a drive that does not exist."""
+        self.drives[address] = self._drive(address)
+        return address
+
+    def observe_wire(self, observe: Callable[[Any, SentRequest | None], None]) -> None:
+        """Call ``observe`` with each transmission from now on, and with its request where the master sent it."""
+        wire: Any = self.simulated_bus.wire
+        transmit = wire.transmit
+
+        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
+            transmission = transmit(source, data, *more, **named)
+            request = None
+            if hasattr(source, "receive"):
+                address, effect = classify_request(self.variant.model, self.variant.encoding, data)
+                request = SentRequest(transmission.start, transmission.end, address, effect, data)
+            observe(transmission, request)
+            return transmission
+
+        wire.transmit = on_transmit
+
     def station(self, address: int) -> Any:
         """Return the simulated drive at the current time."""
         with running(self.loop):
             return self.simulated_bus.station(address)
 
-    # --- what a campaign does with it ------------------------------------------------------------------------------
+    # --- commands and time -----------------------------------------------------------------------------------------
 
     def monitor(self, address: int, signals: Iterable[str] | None = None, period_s: float = 0.0) -> Monitor:
         """Poll a drive from now on, each signal at most every ``period_s``."""

@@ -9,26 +9,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from verification.drive_variants import TimingBounds
 from verification.reference.effects import RequestEffect
-from verification.reference.request_effects import classify_request
-from verification.scenario.scenario import Scenario
+from verification.scenario.scenario import Scenario, SentRequest
 
 STOP_TOLERANCE_S = 1e-3
 """Tolerance of a stop's delay, in seconds of virtual time."""
 STOP_EPSILON_S = 1e-9
-
-
-class SentRequest(NamedTuple):
-    """Request of the master on the wire."""
-
-    start: float
-    end: float
-    address: int
-    effect: RequestEffect
-    data: bytes
 
 
 @dataclass(slots=True, kw_only=True)
@@ -58,22 +47,7 @@ class StopTimer:
         """Time of the last stop, by address."""
         self._waiting: list[PendingStop] = []
         self._replies: deque[Any] = deque(maxlen=16)
-        self._tap()
-
-    def _tap(self) -> None:
-        wire: Any = self.scenario.simulated_bus.wire
-        transmit = wire.transmit
-
-        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            transmission = transmit(source, data, *more, **named)
-            if hasattr(source, "receive"):
-                address, effect = classify_request(self.scenario.variant.model, self.scenario.variant.encoding, data)
-                self._sent(SentRequest(transmission.start, transmission.end, address, effect, data))
-            else:
-                self._replies.append(transmission)
-            return transmission
-
-        wire.transmit = on_transmit
+        scenario.observe_wire(self._on_transmission)
 
     def on_stop_command(self, address: int) -> None:
         """Record a stop command for a drive, or for all drives at the broadcast address."""
@@ -91,7 +65,10 @@ class StopTimer:
             now, self.last_request.end + self.bounds.reply_timeout_s(self.last_request.address, self.last_request.data)
         )
 
-    def _sent(self, sent: SentRequest) -> None:
+    def _on_transmission(self, transmission: Any, sent: SentRequest | None) -> None:
+        if sent is None:
+            self._replies.append(transmission)
+            return
         before, self.last_request = self.last_request, sent
         if sent.effect is RequestEffect.STOP:
             self.stopped_at[sent.address] = sent.start

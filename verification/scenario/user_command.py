@@ -14,6 +14,8 @@ CURRENT_COMMAND: ContextVar[UserCommand | None] = ContextVar("command", default=
 """Command that the current task executes; tasks that it starts inherit it."""
 STOP_METHODS = frozenset({"stop", "coast", "quick_stop"})
 MOTION_METHODS = frozenset({"run", "jog"})
+SUCCESS_WORDS = frozenset({"confirmed", "acknowledged"})
+"""Statuses of the outcome of a command that succeeded."""
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -59,6 +61,10 @@ class UserCommand:
         if self.outcome is not None:
             return str(self.outcome.status)
         return type(self.error).__name__ if self.error is not None else "nothing"
+
+    @property
+    def succeeded(self) -> bool:
+        return self.result_word in SUCCESS_WORDS
 
     def __str__(self) -> str:
         shown = " ".join(str(argument) for argument in self.arguments)

@@ -116,7 +116,7 @@ class FakeLine:
         fault = rng.choice(plan.line_faults) if plan.line_faults and rng.random() < plan.share else ""
         exchange.line_fault = fault
         delay_s, data = max(0.004, 5 * self.settings.character_s), reply
-        marks = 0
+        line_errors = 0
         if fault == "silent":
             return
         if fault in ("before", "after"):
@@ -133,13 +133,13 @@ class FakeLine:
             data = reply[: rng.randrange(1, len(reply))]
         elif fault == "damaged":
             place = rng.randrange(len(reply))
-            marks = int(self.settings.parity != "N")  # one flipped bit is a parity error
+            line_errors = int(self.settings.parity != "N")  # one flipped bit is a parity error
             data = reply[:place] + bytes((reply[place] ^ 1 << rng.randrange(8),)) + reply[place + 1 :]
         exchange.reply_at = max(now + delay_s, self.free_at) + len(data) * self.settings.character_s
         self.free_at = exchange.reply_at
-        asyncio.get_running_loop().call_at(exchange.reply_at, self._deliver, data, marks)
+        asyncio.get_running_loop().call_at(exchange.reply_at, self._deliver, data, line_errors)
 
-    def _deliver(self, data: bytes, marks: int) -> None:
+    def _deliver(self, data: bytes, line_errors: int) -> None:
         if self.receiver is not None:
             self.deliveries.append((asyncio.get_running_loop().time(), data))
-            self.receiver.data_received(data, marks)
+            self.receiver.data_received(data, line_errors)

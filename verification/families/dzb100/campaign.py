@@ -12,7 +12,7 @@ from drivebus.protocols import dzb100 as d
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.dzb100 import Dzb100Codec
 from drivebus.protocols.dzb100.messages import FREQUENCY_CODINGS, FaultCoding
-from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, ValidExchange
 from verification.drive_variants import DriveVariant
 from verification.families.dzb100.matrix import MATRIX
 from verification.families.dzb100.station import Dzb100Station
@@ -22,7 +22,7 @@ from verification.reference.dzb100 import Dzb100Reference
 FAULT_CODINGS: tuple[FaultCoding, ...] = ("decimal", "hex")
 
 
-def dzb100_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def dzb100_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange of any head: accepted, rejected, or a command with a state digit (T20)."""
     address, parameter, word = rng.randint(1, 31), rng.randint(0, 80), rng.getrandbits(16)
     command = rng.choice([each for each in d.Dzb100Command if each is not d.Dzb100Command.RESET])
@@ -41,7 +41,7 @@ def dzb100_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     reply = d.Dzb100Reply(
         head=chr(request.head), address=address, index=request.index, data=data, accepted=accepted, digit=digit
     )
-    return LawfulExchange(request, sent, codec.encode_reply(reply))
+    return ValidExchange(request, sent, codec.encode_reply(reply))
 
 
 def dzb100_broadcast(request: Any, codec: Codec) -> Any:
@@ -95,5 +95,5 @@ CAMPAIGN = FamilyCampaign(
     late_parameters={"dzb100": ("00", "01", "10", "23", "77")},
     stations={"dzb100": Dzb100Station},
     saved_parameters={"dzb100": "10"},
-    statement_parameters={"dzb100": WrittenParameter("10", True, 10, 10)},
+    written_parameters={"dzb100": WrittenParameter("10", True, 10, 10)},
 )

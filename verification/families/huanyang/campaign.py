@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.families.huanyang import codec as h
 from drivebus.protocols.codec import Codec
-from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, FuzzedCodec, ValidExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WorkedFrame, WrittenParameter
 from verification.families.huanyang.matrix import MATRIX
@@ -17,7 +17,7 @@ from verification.reference.huanyang import HuanyangReference
 LONGEST_FRAME = 8
 
 
-def huanyang_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def huanyang_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange of any function, at times a rejection."""
     address, parameter, word = rng.randint(1, 250), rng.randrange(256), rng.getrandbits(16)
     width = rng.choice((1, 2))
@@ -30,7 +30,7 @@ def huanyang_exchange(rng: Random, codec: Codec) -> LawfulExchange:
             h.set_frequency(address, word),
         )
     )
-    return LawfulExchange(request, codec.encode_request(request), codec.encode_reply(_reply(rng, request, width, word)))
+    return ValidExchange(request, codec.encode_request(request), codec.encode_reply(_reply(rng, request, width, word)))
 
 
 def _reply(rng: Random, request: h.HuanyangRequest, width: int, word: int) -> h.HuanyangReply:
@@ -90,6 +90,6 @@ CAMPAIGN = FamilyCampaign(
     late_parameters={"huanyang_hy": ("PD004", "PD005", "PD014", "PD015", "PD144")},
     stations={"huanyang_hy": HuanyangStation},
     saved_parameters={"huanyang_hy": "PD014"},
-    statement_parameters={"huanyang_hy": WrittenParameter("PD014", True, 14, 10)},
+    written_parameters={"huanyang_hy": WrittenParameter("PD014", True, 14, 10)},
     lacks=frozenset({"reset_fault"}),
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.families.mitsubishi import codec as f
 from drivebus.protocols.codec import Codec
-from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, ValidExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WorkedFrame
 from verification.families.mitsubishi.matrix import MATRIX
@@ -18,7 +18,7 @@ LONGEST_FRAME = 12
 CONTROL_CODES = b"\x02\x03\x05\x06\x15"
 
 
-def mitsubishi_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def mitsubishi_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return a read, a write, or one of them with a rejection."""
     station, word = rng.randrange(32), rng.getrandbits(16)
     code = rng.choice((*f.READ_DIGITS, *f.WRITE_DIGITS))
@@ -28,7 +28,7 @@ def mitsubishi_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     reply = f.MitsubishiReply(station, word % 16**reads if reads else 0, reads)
     if rng.random() < 0.2:
         reply = f.MitsubishiReply(station, error=rng.randrange(16))
-    return LawfulExchange(request, codec.encode_request(request), codec.encode_reply(reply))
+    return ValidExchange(request, codec.encode_request(request), codec.encode_reply(reply))
 
 
 def similar_reads(variant: DriveVariant, address: int) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 from drivebus.protocols import modbus as m
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.modbus import ModbusAsciiCodec, ModbusRtuCodec
-from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, HEX_DIGITS, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import ALL_BYTES, HEX_DIGITS, FuzzedCodec, ValidExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WrittenParameter
 from verification.families.modbus.matrix import MATRIX
@@ -20,7 +20,7 @@ LONGEST_RTU, LONGEST_ASCII = 7 + 255 + 2, 2 * (7 + 255) + 5
 """Longest frames: the byte count of a garbled request may be 255."""
 
 
-def modbus_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def modbus_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange of any function, mostly with small counts."""
     count = rng.choice((1, 1, 2, 3, 4, rng.randint(1, 20), rng.randint(1, 123)))
     address, register, word = rng.randint(1, 247), rng.randrange(0xFE00), rng.getrandbits(16)
@@ -39,7 +39,7 @@ def modbus_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     return _modbus_reply(rng, codec, request, code)
 
 
-def df800_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def df800_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange of a DF800: reads of 1 to 4 registers, writes of one, short errors and exceptions."""
     address, register, word = (
         rng.randint(1, 247),
@@ -54,7 +54,7 @@ def df800_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     return _modbus_reply(rng, codec, request, rng.choice((0, 0, 0, None, 2)))
 
 
-def rejected_read_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def rejected_read_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange with a drive that reads one register at a time and rejects reads of two (Toshiba VF-S11)."""
     address, register, count = rng.randint(1, 247), rng.randrange(0xFE00), rng.choice((1, 1, 2))
     code = 3 if count == 2 else rng.choice((0, 0, 0, 1, 2, 4))
@@ -64,7 +64,7 @@ def rejected_read_exchange(rng: Random, codec: Codec) -> LawfulExchange:
     return _modbus_reply(rng, codec, request, code)
 
 
-def _modbus_reply(rng: Random, codec: Codec, request: Any, code: int | None) -> LawfulExchange:
+def _modbus_reply(rng: Random, codec: Codec, request: Any, code: int | None) -> ValidExchange:
     address, function = request.address, request.function
     reply: m.ModbusReply
     if code != 0:
@@ -77,7 +77,7 @@ def _modbus_reply(rng: Random, codec: Codec, request: Any, code: int | None) -> 
         reply = m.DiagnosticsReply(address, request.data)
     else:
         reply = m.WriteAck(address, function, request.register, _is_write(request))
-    return LawfulExchange(request, codec.encode_request(request), codec.encode_reply(reply))
+    return ValidExchange(request, codec.encode_request(request), codec.encode_reply(reply))
 
 
 def _is_write(request: Any) -> int:
@@ -190,7 +190,7 @@ CAMPAIGN = FamilyCampaign(
         "df800": partial(ModbusStation, has_status=False),
     },
     saved_parameters={"vc660": "F00.02", "df800": "F1.07"},
-    statement_parameters={
+    written_parameters={
         "vc660": WrittenParameter("F00.02", False, 2, 100),
         "df800": WrittenParameter("F1.00", True, 100, 100),
     },

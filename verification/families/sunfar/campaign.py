@@ -8,7 +8,7 @@ from typing import Any
 from drivebus.protocols import sunfar as s
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.sunfar import SunfarCodec
-from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, LawfulExchange
+from verification.codec_fuzz.fuzzed_codec import HEX_DIGITS, FuzzedCodec, ValidExchange
 from verification.drive_variants import DriveVariant
 from verification.families.family_campaign import FamilyCampaign, StrengthCase, WrittenParameter
 from verification.families.sunfar.matrix import MATRIX
@@ -19,7 +19,7 @@ NIBBLES = bytes(range(16))
 TOLERATED_DIGITS = HEX_DIGITS + b"abcdef:;<=>?"
 
 
-def sunfar_exchange(rng: Random, codec: Codec) -> LawfulExchange:
+def sunfar_exchange(rng: Random, codec: Codec) -> ValidExchange:
     """Return an exchange of any class and response, at times with a fault."""
     address, group, item, word = rng.randrange(31), rng.randrange(16), rng.randrange(256), rng.getrandbits(16)
     operation = rng.choice(list(s.SunfarOperation))
@@ -32,7 +32,7 @@ def sunfar_exchange(rng: Random, codec: Codec) -> LawfulExchange:
             s.SunfarControl(address, operation, word if operation.sets_frequency else 0, expected_item=item),
         )
     )
-    return LawfulExchange(
+    return ValidExchange(
         request, codec.encode_request(request), codec.encode_reply(_sunfar_reply(rng, request, item, word))
     )
 
@@ -122,5 +122,5 @@ CAMPAIGN = FamilyCampaign(
     stations={"c320": SunfarStation},
     statement_options={"setpoint_step": "0.01"},
     saved_parameters={"c320": "F1.10"},
-    statement_parameters={"c320": WrittenParameter("F0.2", False, 0x0_02, 100)},
+    written_parameters={"c320": WrittenParameter("F0.2", False, 0x0_02, 100)},
 )
