@@ -1,6 +1,6 @@
 """Story that every drive plays: status, readings, run both ways, change of speed, trip, reset, stop, lost line.
 
-The station is the judge: each step compares what drivebus reports with what its motor does. On a line that loses or
+Each step compares what drivebus reports with what the motor of the station does. On a line that loses or
 delays frames a step is repeated as a user would.
 """
 

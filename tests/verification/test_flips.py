@@ -100,8 +100,8 @@ def test_a_case_is_tried_with_every_pattern() -> None:
     )
     found, disputed = bit_flips.accepted_flips(case, 1)
     assert not disputed
-    judge = FUZZED_CODECS["dzb100"].reference
-    assert found == [flip for flip, data in single_flips(case.frame) if judge.accepted_size(b"", data)]
+    reference = FUZZED_CODECS["dzb100"].reference
+    assert found == [flip for flip, data in single_flips(case.frame) if reference.accepted_size(b"", data)]
     assert case.pattern_count(3) == comb(88, 3)
 
 

@@ -34,9 +34,9 @@ class Exploration:
 
     @property
     def name(self) -> str:
-        how = "wire" if self.state_class is WireState else f"{self.grid.tick_s:g} s" + ", fine" * self.grid.fine
-        how += ", damaged" * self.domain.rare
-        return f"{self.model}/{self.kind.value}, {how}"
+        grid = "wire" if self.state_class is WireState else f"{self.grid.tick_s:g} s" + ", fine" * self.grid.fine
+        grid += ", damaged" * self.domain.rare
+        return f"{self.model}/{self.kind.value}, {grid}"
 
 
 def full_explorations() -> list[Exploration]:

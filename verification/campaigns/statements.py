@@ -2,7 +2,7 @@
 
 The drives are fakes written for this campaign (``verification.statements``), not the product's simulated ones: they are
 silent, late, double or damage their replies, reject, trip, run at 0 Hz, ignore commands or keep another value. After
-each command the judge compares outcome, error, status, readings and notes with what the fake did and reported.
+each command the campaign compares outcome, error, status, readings and notes with what the fake did and reported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from verification.families.family_campaign import WrittenParameter
 from verification.families.registry import variants_for
 from verification.statements.drive_physics import MISBEHAVIOURS, DrivePhysics
 from verification.statements.fake_line import LINE_FAULTS, FakeLine, LinePlan
-from verification.statements.judge import HZ_TOLERANCE, OUTPUT_OFF, Judge, Statement
+from verification.statements.statement_checker import HZ_TOLERANCE, OUTPUT_OFF, Statement, StatementChecker
 
 ADDRESS = 3
 BAUD = 38400
@@ -55,7 +55,7 @@ class StatementSession:
         self.rng = rng = campaign_run.rng(variant.name, number)
         self.loop = VirtualLoop()
         self.family = campaign_of(variant.model)
-        self.profile = _profile(variant.model)
+        self.profile = profiles.load(variant.model)
         misbehaviours = frozenset(rng.sample(MISBEHAVIOURS, rng.choice((0, 1, 1, 2))))
         faults = tuple(rng.sample(LINE_FAULTS, rng.choice((0, 0, 1, 1, 2))))
         echoes, setting = rng.choice(ECHOES)
@@ -72,7 +72,7 @@ class StatementSession:
             physics.setpoint_hz = physics.target_hz = physics.hz = 5.0
             physics.is_on = physics.was_on = True
         dialect = create_dialect(self.profile, ADDRESS, encoding=variant.encoding)
-        settings = SerialSettings(BAUD, 8, self.profile.serial.format[1])
+        settings = SerialSettings.parse(BAUD, f"8{self.profile.serial.format[1]}1")
         self.line = FakeLine(
             station=self.family.stations[variant.model](),
             address=ADDRESS,
@@ -83,11 +83,11 @@ class StatementSession:
             rng=rng,
             echo=setting,
         )
-        self.judge = Judge(self.line, reports_state=variant.reports_running)
+        self.checker = StatementChecker(self.line, reports_state=variant.reports_running)
         self.plan_text = f"{sorted(misbehaviours)} {faults} {plan.share} {sorted(plan.refuses)} {setting}"
 
     def play(self) -> None:
-        """Run the commands and judge each."""
+        """Run the commands and check each."""
         with running(self.loop):
             bus = Bus(self.line, name=self.variant.name)
         if self.rng.random() < METHODS["scan"] / sum(METHODS.values()):
@@ -137,22 +137,20 @@ class StatementSession:
             error, result = failure, failure.outcome
         self.line.physics.advance(self.loop.time())
         if error is not None and result is None:
-            self._judge(name, type(error).__name__, error.key, error.params, began, way)
+            self._check(name, type(error).__name__, error.key, error.params, began, way)
         elif name == "status":
-            self._judge_status(result, began)
+            self._check_status(result, began)
         elif name == "read":
-            self._judge_reading(result[parameter.notation], parameter.memory_key, began)
+            self._check_reading(result[parameter.notation], parameter.memory_key, began)
         else:
-            statement = self._judge(name, str(result.status), result.key, result.params, began, way)
+            statement = self._check(name, str(result.status), result.key, result.params, began, way)
             if name == "write":
-                self._report(
-                    statement,
-                    *self.judge.judge_write(statement, parameter.memory_key, round(value * parameter.counts_per_unit)),
-                )
+                raw = round(value * parameter.counts_per_unit)
+                self._report(statement, *self.checker.write_contradictions(statement, parameter.memory_key, raw))
             if result.drive_status is not None and name != "write" and result.drive_status.reason is not None:
-                self._judge(name, "reason", result.drive_status.reason, {}, began, way)
+                self._check(name, "reason", result.drive_status.reason, {}, began, way)
 
-    def _judge(self, name: str, status: str, key: str, params: Any, began: float, way: str) -> Statement:
+    def _check(self, name: str, status: str, key: str, params: Any, began: float, way: str) -> Statement:
         statement = Statement(
             command=name,
             status=status,
@@ -164,7 +162,7 @@ class StatementSession:
         )
         self.campaign_run.count(f"{status}: {key}")
         self.campaign_run.trace(f"{self.variant.name}/{self.number} {self.loop.time():.6f} {name} {status} {key}")
-        self._report(statement, *self.judge.untrue(statement))
+        self._report(statement, *self.checker.contradictions(statement))
         return statement
 
     def _report(self, statement: Statement, *contradictions: str) -> None:
@@ -175,14 +173,14 @@ class StatementSession:
                 f"{statement.status}, {statement.key} ({statement.text}): {text}; {self.plan_text}"
             )
 
-    def _judge_status(self, status: Any, began: float) -> None:
+    def _check_status(self, status: Any, began: float) -> None:
         reason = status.reason
         if reason is not None:
-            self._judge("status", "reason", reason, {}, began, "")
-        statement = self._judge("status", "status", "drives.reported", {"state": status.state}, began, "")
+            self._check("status", "reason", reason, {}, began, "")
+        statement = self._check("status", "status", "drives.reported", {"state": status.state}, began, "")
         for name, reading in status.readings.items():
             if reading.reason is not None and reading.quality is Quality.BAD:
-                self._judge("status", "reading", reading.reason, {}, began, "")
+                self._check("status", "reading", reading.reason, {}, began, "")
             elif name == "output_frequency" and reading.quality is Quality.GOOD:
                 shown = [e.reaction.reports.hz for e in self.line.exchanges if e.reaction is not None and e.at >= began]
                 if not any(hz is not None and abs(hz - reading.value) <= HZ_TOLERANCE for hz in shown):
@@ -193,12 +191,12 @@ class StatementSession:
         if standing and not changed and shows_fault is not present:
             self._report(statement, f"fault {status.fault} shown, {self.line.physics.fault} present")
 
-    def _judge_reading(self, reading: Any, memory_key: int, began: float) -> None:
+    def _check_reading(self, reading: Any, memory_key: int, began: float) -> None:
         held = self.line.physics.memory.get(memory_key, 0)
         if reading.raw is None:
-            self._judge("read", "reading", reading.reason, {}, began, "")
+            self._check("read", "reading", reading.reason, {}, began, "")
             return
-        statement = self._judge("read", "value", "read.raw", {}, began, "")
+        statement = self._check("read", "value", "read.raw", {}, began, "")
         if reading.raw != held:
             self._report(statement, f"{reading.raw} was read, the drive holds {held}")
 
@@ -231,15 +229,6 @@ class StatementSession:
 def _scan_statement(key: str) -> Statement:
     params = {"models": "", "address": "", "settings": "", "encoding": ""}
     return Statement(command="scan", status="scan", key=key, params=params, began_at=0.0, ended_at=0.0)
-
-
-_loaded: dict[str, Any] = {}
-
-
-def _profile(model: str) -> Any:
-    if model not in _loaded:
-        _loaded[model] = profiles.load(model)
-    return _loaded[model]
 
 
 def run(campaign_run: CampaignRun) -> None:

@@ -172,10 +172,10 @@ class StopBus:
 
     def _stop_one(self, address: int) -> None:
         capabilities = self.scenario.drives[address].profile.capabilities
-        how = self.rng.choice([name for name in ("stop", "coast", "quick_stop") if name in capabilities])
+        method = self.rng.choice([name for name in ("stop", "coast", "quick_stop") if name in capabilities])
         wait = self.rng.random() < 0.5
         self.stop_timer.on_stop_command(address)
-        user_command = self.scenario.command(address, how, wait=wait)
+        user_command = self.scenario.command(address, method, wait=wait)
         self._on_command(user_command)
         assert user_command.task is not None
         user_command.task.add_done_callback(

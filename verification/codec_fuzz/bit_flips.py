@@ -189,10 +189,10 @@ def undetected_shares(most: int) -> dict[str, dict[str, object]]:
 
 def _case_shares(row: StrengthCase, most: int) -> dict[str, object]:
     sent, frame = bytes.fromhex(row.sent), bytes.fromhex(row.frame)
-    judge = FUZZED_CODECS[row.codec].reference
+    reference = FUZZED_CODECS[row.codec].reference
     tests: dict[str, Callable[[bytes], bool]] = {
-        "check": judge.is_well_formed,
-        "echo": lambda data: judge.accepted_size(sent, data) == len(frame),
+        "check": reference.is_well_formed,
+        "echo": lambda data: reference.accepted_size(sent, data) == len(frame),
     }
     found: dict[str, object] = {"frame": row.frame, "request": row.sent, "acceptor": row.codec}
     for name, test in tests.items():

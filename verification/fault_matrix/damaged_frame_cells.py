@@ -133,11 +133,11 @@ def truncated_answer(run: CellRun) -> None:
     check_void(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
     voided = next(event for event in scenario.events if event.kind is TraceKind.INVALID)
     request = next(one for one in scenario.requests[2:] if one.address == 1)
-    patience_s = (
+    min_timeout_s = (
         run.variant.min_timeout_s + run.variant.min_timeout_characters * scenario.simulated_bus.settings.character_s
     )
     scenario.expect(
-        voided.time - request.end >= patience_s, f"void {voided.time - request.end:.4f} s after the request"
+        voided.time - request.end >= min_timeout_s, f"void {voided.time - request.end:.4f} s after the request"
     )
     check_persistent_failure(scenario, lambda transmit, data, when: transmit(data[:-cut], when))
     _check_short_form(run)

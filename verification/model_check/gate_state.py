@@ -313,12 +313,12 @@ class GateState:
     def _read(self, _: str) -> None:
         self._submit_request(BusRequest(station=OUR_ADDRESS, request=self.subject.dialect.echo_test_read()), "read")
 
-    def _stop(self, _: str, how: StopMode = StopMode.STOP) -> None:
+    def _stop(self, _: str, mode: StopMode = StopMode.STOP) -> None:
         self.monitor.on_stop()
         self._submit_request(
             BusRequest(
                 station=OUR_ADDRESS,
-                request=self.subject.stop_request(how),
+                request=self.subject.stop_request(mode),
                 priority=RequestPriority.STOP,
                 retry_policy=RetryPolicy.IDEMPOTENT,
             ),

@@ -130,9 +130,9 @@ class ModelSubject:
             found = self.permit_needs[place, shadow] = self.dialect.station_config.effect_of(frame) is not Effect.STOP
         return found
 
-    def stop_request(self, how: StopMode) -> Any:
+    def stop_request(self, mode: StopMode) -> Any:
         """Return the stop request."""
-        return self.dialect.stop(how)[0]
+        return self.dialect.stop(mode)[0]
 
 
 def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject:

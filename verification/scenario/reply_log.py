@@ -1,4 +1,4 @@
-"""Judges of the campaign ``late``: a baseline host, a log of all replies, and a counter of their lateness."""
+"""Checks of the campaign ``late``: a baseline host, a log of all replies, and a counter of their lateness."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class BaselineHost:
             self._end()
 
     def port_lost(self, error: Exception) -> None:
-        """Do nothing: this port is never lost."""
+        """Unused: this port is never lost."""
 
     def _end(self) -> None:
         self._waiting = None
@@ -94,9 +94,9 @@ class ReplyLog:
         self._counter = 0
         self._replies: dict[int, deque[tuple[float, bytes]]] = {}
         for station in simulated_bus.stations:
-            self._watch(station, station.handle_frame)
+            self._observe(station, station.handle_frame)
 
-    def _watch(self, station: Any, handle_frame: Any) -> None:
+    def _observe(self, station: Any, handle_frame: Any) -> None:
         replies = self._replies[station.address] = deque(maxlen=64)
 
         def on_handle_frame(message: Any, codec: Any, settings: Any, now: float, **named: Any) -> Any:

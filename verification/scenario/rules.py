@@ -89,9 +89,8 @@ class FrameRules:
             frame.effect is RequestEffect.RELEASE and frame.address in self._jogged
         ):
             self._stop_due = None
-            self._stop_commands.add(
-                frame.address
-            )  # VC660: the levels without the pulse complete it, also a broadcast one
+            # VC660: the levels without the pulse complete the stop, also a broadcast one
+            self._stop_commands.add(frame.address)
             return
         if self._stop_due is not None and frame.start > self._stop_due + TIME_EPSILON_S:
             self._violation(
@@ -111,13 +110,13 @@ class FrameRules:
             self._violation(f"I6 {since:.6f} s after our own frame")
         if frame.start - last_received_at < self._gap_s - TIME_EPSILON_S and frame.effect is not RequestEffect.STOP:
             self._violation(f"I6 {frame.start - last_received_at:.6f} s after a reply")
-        patient = (
+        allowed = (
             answered
             or self.misled_drives
             or self._lost_at >= last.start
             or since >= self._min_timeout_s - TIME_EPSILON_S
         )
-        if not patient:
+        if not allowed:
             self._violation(f"I6 request {since:.6f} s after one that was neither answered nor timed out")
 
     def _check_permission(self, frame: ClassifiedFrame) -> None:
@@ -141,9 +140,8 @@ class FrameRules:
             and frame.start - command.at > PREPARATION_MAX_S + COMMAND_EXPIRY_S + 0.1
         ):
             self._violation(f"I1 {what} {frame.start - command.at:.3f} s after {command}")
-        if (
-            self._stop_at.get(frame.address, -inf) > command.at and command.method != "write"
-        ):  # a parameter write stays valid after a stop
+        # a parameter write stays valid after a stop
+        if self._stop_at.get(frame.address, -inf) > command.at and command.method != "write":
             self._violation(f"I1 {what} for {command}, after a newer stop")
         if self._lost_at > command.at:
             self._violation(f"I10 {what} for {command}, which is older than the port")
@@ -152,9 +150,10 @@ class FrameRules:
 
     def _check_start(self, address: int, command: UserCommand) -> None:
         """Check that a start is not sent twice without status reads in between (I2)."""
-        looks = self._status_reads[address] if self._reports_running else 0
-        if self._started.get(address) is command and looks < STATUS_READS_BETWEEN_STARTS:
-            self._violation(f"I2 {command} was sent again after {self._status_reads[address]} looks")
+        status_reads = self._status_reads[address]
+        enough = self._reports_running and status_reads >= STATUS_READS_BETWEEN_STARTS
+        if self._started.get(address) is command and not enough:
+            self._violation(f"I2 {command} was sent again after {status_reads} status reads")
         self._started[address], self._status_reads[address] = command, 0
 
 
@@ -292,8 +291,7 @@ def check_outcome(
             pass
         case word:  # an error without an outcome: nothing may have been executed
             if command.executions or (word in UNSENT_ERRORS and command.frames_sent):
-                counts = f"{command.frames_sent} frames were sent for it and {command.executions} switched the motor on"
-                wrong(counts)
+                wrong(f"{command.frames_sent} frames were sent for it and {command.executions} switched the motor on")
 
 
 def _check_confirmed(
@@ -367,7 +365,7 @@ def _check_not_executed(command: UserCommand, history: DriveHistory, wrong: Repo
         wrong("stops have no such end")
     if command.result_word == "refused" and command.executions:
         wrong("the motor was switched on for it")
-    message = command.outcome is not None and command.outcome.key in (
+    reported = command.outcome is not None and command.outcome.key in (
         "drives.wrong_direction",
         "drives.setpoint_differs",
     )
@@ -376,6 +374,6 @@ def _check_not_executed(command: UserCommand, history: DriveHistory, wrong: Repo
         and history.on
         and history.started_for is command
         and history.stop_received_at < history.on_at
-        and not message
+        and not reported
     ):
         wrong("the motor runs for it")

@@ -1,1 +1,1 @@
-"""Misbehaving drives and the judge of what the product states about them (campaign ``statements``)."""
+"""Misbehaving drives, and the checks of what the product states about them (campaign ``statements``)."""

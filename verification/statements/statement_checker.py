@@ -1,7 +1,7 @@
-"""Judge of sentences: compares what the product states of a drive with what the fake drive did and reported.
+"""Checks of sentences: what the product states of a drive is compared with what the fake drive did and reported.
 
 A sentence is known by its key and parameters; rules on words ("no reply", "nothing was sent") hold for the English
-text of every key, so that a changed sentence is judged by what it then says.
+text of every key, so that a changed sentence is checked by what it then says.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ class Statement:
         return i18n.text(self.key, "en", **self.params)
 
 
-class Judge:
-    """Judge of the statements about one drive."""
+class StatementChecker:
+    """Checks of the statements about one drive."""
 
     def __init__(self, line: FakeLine, *, reports_state: bool) -> None:
         self.line, self.reports_state = line, reports_state
 
-    def untrue(self, statement: Statement) -> Iterator[str]:
+    def contradictions(self, statement: Statement) -> Iterator[str]:
         """Yield what the fake drive contradicts."""
         known = [e for e in self.line.exchanges if statement.began_at - 1e-9 <= e.at <= statement.ended_at]
         around = [e for e in self.line.exchanges if statement.began_at - LINE_CONTEXT_S <= e.at <= statement.ended_at]
@@ -161,9 +161,9 @@ class Judge:
         ):
             yield "the drive executed no frame of it"
 
-    def judge_write(self, statement: Statement, key: int, raw: int) -> Iterator[str]:
-        """Yield what contradicts the outcome of a write of ``raw`` to the cell ``key``."""
-        held = self.line.physics.memory.get(key, 0)
+    def write_contradictions(self, statement: Statement, memory_key: int, raw: int) -> Iterator[str]:
+        """Yield what contradicts the outcome of a write of ``raw`` to this key of the memory."""
+        held = self.line.physics.memory.get(memory_key, 0)
         if statement.key in ("drives.write_confirmed", "drives.write_skipped") and held != raw:
             yield f"the drive holds {held}, not {raw}"
         if statement.key == "drives.write_differs" and held == raw:
