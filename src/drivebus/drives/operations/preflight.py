@@ -17,7 +17,7 @@ from drivebus.values import Quality, Text
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     """Read every precondition of the profile, and the ramp times where the profile names them.
 
-    Raises PreflightError where the drive does not result, StartInhibited where it names another model.
+    Raises PreflightError where the drive does not answer, StartInhibited where it names another model.
     """
     yield from _check_identity_code(op)
     satisfied: list[str] = []

@@ -39,7 +39,7 @@ def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
 def _has_fault(op: OperationContext) -> DriveOperation[bool]:
     """Read the fault twice, each behind a sync probe; a drive that reports no state may have one."""
     can_tell = op.dialect.reports_run_state
-    # without a run status the drive must at least result a sync probe
+    # without a run status the drive must at least answer a sync probe
     error = (yield from op.read_verified_state()) if can_tell else (yield from op.sync())
     if error is not None:
         raise error

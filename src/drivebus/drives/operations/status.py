@@ -18,7 +18,7 @@ from drivebus.values import Quality, Reading, missing_reading
 
 
 def identify(op: OperationContext) -> DriveOperation[Identity]:
-    """Read the identity. Raises the error of the bus where the drive does not result."""
+    """Read the identity. Raises the error of the bus where the drive does not answer."""
     dialect = op.dialect
     error = yield from op.sync()
     if error is not None:
@@ -89,7 +89,7 @@ CANONICAL_SIGNALS = {
 
 
 def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
-    """Read state and signals. Raises the error of the bus where the drive does not result at all."""
+    """Read state and signals. Raises the error of the bus where the drive does not answer at all."""
     wanted = tuple(op.dialect.profile.signals) if names is None else names
     error = yield from op.read_verified_state()
     answered = error is None and bool(op.dialect.state_reads())
