@@ -74,9 +74,9 @@ def _write_word(op: OperationContext, word: int) -> DriveOperation[None]:
         raise error
 
 
-def _failure(word: int, started: Outcome, stopped: Outcome) -> TargetNotReached:
+def _failure(word: int, first: Outcome, last: Outcome) -> TargetNotReached:
     failure = TargetNotReached(
-        "drives.calibration_run_failed", word=f"{word:04X}H", began=started.text(), ended=stopped.text()
+        "drives.calibration_run_failed", word=f"{word:04X}H", began=first.text(), ended=last.text()
     )
-    failure.outcome = stopped
+    failure.outcome = last
     return failure
