@@ -82,16 +82,16 @@ def fail_file_calls(
 ) -> None:
     """Let the file calls fail, in ``place`` or in a new folder for each run."""
 
-    def played(nth: int, **how: Any) -> FaultyDisk:
+    def played(nth: int, **failure: Any) -> FaultyDisk:
         with TemporaryDirectory() as folder:
-            found = FaultyDisk(place or Path(folder), nth, **how)
+            found = FaultyDisk(place or Path(folder), nth, **failure)
             play(found)
         return found
 
     calls = played(0).calls
-    for nth, how in _failing_calls(campaign_run, target, [errors] * calls):
-        found = played(nth, **how)
-        campaign_run.trace(f"{target} {nth} {how.get('error') or 'killed'}: {found.failed}")
+    for nth, failure in _failing_calls(campaign_run, target, [errors] * calls):
+        found = played(nth, **failure)
+        campaign_run.trace(f"{target} {nth} {failure.get('error') or 'killed'}: {found.failed}")
         campaign_run.count(f"{target}: {found.failed} failed")
         if not found.failed:
             campaign_run.violation(f"{target}: call {nth} never came")

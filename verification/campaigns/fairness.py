@@ -14,8 +14,7 @@ from verification.campaign import Campaign, CampaignRun
 from verification.drive_variants import DriveVariant, TimingBounds
 from verification.families.modbus.facts import VC660
 from verification.families.registry import variants_for
-from verification.reference.request_effects import classify_request
-from verification.scenario.scenario import Scenario
+from verification.scenario.scenario import Scenario, SentRequest
 
 COVERED = variants_for("fairness")
 STATION_COUNT = 31
@@ -47,11 +46,12 @@ class FairnessBus:
         self.dead = self.rng.sample(variant.addresses, dead)
         self.answers: dict[int, list[float]] = defaultdict(list)
         """Times at which each station answered a poll."""
-        self._requested_at = -1
-        """Address of the last request."""
-        self._replied_at: dict[int, int] = {}
+        self._requested_address = -1
+        """Address of the last request; -1: none since it was reset."""
+        self._reply_counts: dict[int, int] = {}
+        """Replies of each station when it was restored, by address."""
         self._poll()
-        self._observe_wire()
+        self.scenario.observe_wire(self._on_transmission)
 
     def _poll(self) -> None:
         with running(self.scenario.loop):
@@ -62,16 +62,9 @@ class FairnessBus:
         if answer.error is None and answer.received_at is not None:
             self.answers[answer.bus_request.station].append(answer.received_at)
 
-    def _observe_wire(self) -> None:
-        wire: Any = self.scenario.simulated_bus.wire
-        transmit = wire.transmit
-
-        def on_transmit(source: Any, data: bytes, *more: Any, **named: Any) -> Any:
-            if hasattr(source, "receive"):
-                self._requested_at = classify_request(self.variant.model, self.variant.encoding, data)[0]
-            return transmit(source, data, *more, **named)
-
-        wire.transmit = on_transmit
+    def _on_transmission(self, _: Any, request: SentRequest | None) -> None:
+        if request is not None:
+            self._requested_address = request.address
 
     def silence_stations(self) -> None:
         """Silence the stations: from the start in odd cases, else one after the other at random instants."""
@@ -101,7 +94,7 @@ class FairnessBus:
     def _restore_station(self, address: int) -> float:
         """Let a station reply again; return the time."""
         station = self.stations[address]
-        station.faults.silent, self._replied_at[address] = False, station.reply_count
+        station.faults.silent, self._reply_counts[address] = False, station.reply_count
         self.scenario.oracle.trace(f"{address} replies again")
         return self.scenario.loop.time()
 
@@ -112,7 +105,7 @@ class FairnessBus:
     def _rediscovery_s(self, address: int, at: float, within_s: float) -> float:
         """Return the seconds until the station replied; infinite after twice ``within_s``."""
         while self.scenario.loop.time() < at + 2 * within_s:
-            if self.stations[address].reply_count > self._replied_at[address]:
+            if self.stations[address].reply_count > self._reply_counts[address]:
                 return self.scenario.loop.time() - at
             self._advance()
         return float("inf")
@@ -120,8 +113,8 @@ class FairnessBus:
     def revive_one(self, within_s: float) -> float:
         """Let one station return just after an unanswered request; return the seconds until it is found."""
         address = self.dead.pop()
-        self._requested_at = -1
-        while self._requested_at != address:
+        self._requested_address = -1
+        while self._requested_address != address:
             self._advance()
         self.scenario.run(MISSED_POLL_S)
         return self._rediscovery_s(address, self._restore_station(address), within_s)

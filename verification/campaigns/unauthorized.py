@@ -240,7 +240,7 @@ class CountingService:
         raise ServiceUnavailable("plant.gone")
 
     async def call_json(self, operation: str, params: Json, actor: Actor) -> bytes:
-        if (operation, actor) != (PLANT_GET.name, HEALTH_ACTOR):  # the gateway's own question behind the health check
+        if (operation, actor) != (PLANT_GET.name, HEALTH_ACTOR):  # the gateway's own request behind the health check
             self.calls.append(operation)
         return b"{}"
 

@@ -168,7 +168,8 @@ class SunfarReference:
         return self._reply_meaning(request, received)
 
     def accepted_size(self, sent: bytes, received: bytes) -> int | None:
-        """Return how many bytes of ``got`` are the reply to ``sent`` (or, with nothing sent, a request); None: none."""
+        """Return how many bytes of ``received`` are the reply to ``sent`` (or, with nothing sent, a request); None:
+        none."""
         if len(received) < 11 or received[0] != self.head:
             return None
         if sent:

@@ -53,7 +53,7 @@ class Dzb100Facts(FamilyFacts):
         return ReferenceWrite(parameter=number, saved=True)
 
     def is_sync_probe(self, variant: DriveVariant, frame: bytes) -> bool:
-        """R."""
+        """Return whether a request is a read of a parameter (R)."""
         return Dzb100Reference().parse_request(frame)[0] == "read"
 
     def status_read_key(self, variant: DriveVariant, request: bytes) -> bytes | None:

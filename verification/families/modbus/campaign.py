@@ -76,11 +76,11 @@ def _modbus_reply(rng: Random, codec: Codec, request: Any, code: int | None) -> 
     elif isinstance(request, m.Diagnostics):
         reply = m.DiagnosticsReply(address, request.data)
     else:
-        reply = m.WriteAck(address, function, request.register, _is_write(request))
+        reply = m.WriteAck(address, function, request.register, _acknowledged_value(request))
     return ValidExchange(request, codec.encode_request(request), codec.encode_reply(reply))
 
 
-def _is_write(request: Any) -> int:
+def _acknowledged_value(request: Any) -> int:
     if isinstance(request, m.WriteBit):
         return 0xFF00 if request.value else 0
     return request.value if isinstance(request, m.WriteRegister) else len(request.values)

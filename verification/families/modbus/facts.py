@@ -115,7 +115,7 @@ class ModbusFacts(FamilyFacts):
         return ReferenceWrite(parameter=parameter, saved=variant.model == "df800" or register >= VC660_EEPROM)
 
     def is_sync_probe(self, variant: DriveVariant, frame: bytes) -> bool:
-        """VC660: function 08; DF800: a read of two registers, which no other request uses."""
+        """Return whether a request is function 08 (VC660) or a read of two registers, used for nothing else (DF800)."""
         octets = ModbusReference(variant.encoding).parse_request(frame)
         return octets[1] == 8 if variant.model == "vc660" else octets[1] == 3 and octets[4:6] == b"\x00\x02"
 

@@ -77,7 +77,7 @@ class SunfarFacts(FamilyFacts):
         return ReferenceWrite(hz=data / 100) if operation in WITH_FREQUENCY else ReferenceWrite()
 
     def is_sync_probe(self, variant: DriveVariant, frame: bytes) -> bool:
-        """Class 2 with a group."""
+        """Return whether a request is of class 2 with a group."""
         _, kind, _, group, *_ = SunfarReference(variant.encoding).parse_request(frame)
         return kind == 2 and group != 0
 
