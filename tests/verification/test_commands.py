@@ -139,10 +139,10 @@ def test_a_start_sent_after_a_newer_stop_is_found(monkeypatch: pytest.MonkeyPatc
 def test_a_start_repeated_by_the_bus_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blind retries undo a stop at the keypad (I2)."""
     monkeypatch.setattr(PreparedRequest, "_max_write_attempts", lambda self: 3)
-    monkeypatch.setattr(commands, "MEAN_TROUBLE_PAUSE_S", 0.2)
+    monkeypatch.setattr(commands, "MEAN_FAULT_PAUSE_S", 0.2)
     monkeypatch.setattr(
         commands.CommandEpisode,
-        "_trouble",
+        "_disturb",
         lambda self: [s.keypad_stop() for s in self.scenario.simulated_bus.stations],
     )
     only(monkeypatch, "c320-ascii")

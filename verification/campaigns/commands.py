@@ -22,9 +22,9 @@ from verification.scenario.user_command import UserCommand
 COVERED = variants_for("commands")
 PRESENT, ABSENT = (1, 2), 3
 BAUD, RAMP_S = 38400, 1
-COMMANDS_PER_EPISODE, COMMANDS_PER_WRONG_ECHO_EPISODE = 40, 8
-"""Commands of one episode; fewer where a wrong echo setting makes the master distrust a station after its first
-failure."""
+COMMANDS_PER_EPISODE = 40
+COMMANDS_PER_WRONG_ECHO_EPISODE = 8
+"""Fewer, because with a wrong echo setting the master distrusts a station after its first failure."""
 LINE_LOSS = "loss=0.1"
 COMMAND_LINE_QUALITIES = (
     "",
@@ -40,14 +40,19 @@ UNPACED_SHARE = 0.3
 RIGHT_ECHO_SETTINGS = (("", "off"),) * 12 + (("echo", "on"), ("echo", "detect"), ("", "detect"))
 ECHO_SETTINGS = RIGHT_ECHO_SETTINGS + (("echo", "off"), ("", "on")) * 6
 """Behaviour of the adapter ("echo" or none), and the echo setting of the port."""
-MEAN_PAUSE_S, MEAN_TROUBLE_PAUSE_S, MEAN_TROUBLE_DURATION_S = 0.6, 5.0, 1.5
-"""Mean seconds between two commands of one user and between two faults, and longest duration of a silent drive."""
+MEAN_PAUSE_S = 0.6
+"""Mean time between two commands of one user, in seconds."""
+MEAN_FAULT_PAUSE_S = 5.0
+"""Mean time between two drive faults, in seconds."""
+MAX_SILENCE_S = 1.5
+"""Longest time that a drive is silent, in seconds; its power fails for twice that at most."""
 WAITING_USER_SHARE = 0.7
 """Share of commands whose user waits for the outcome before the next command."""
 IMMEDIATE_COMMAND_SHARE = 0.15
-"""Share of run commands that a stop follows within ``SOON_MEAN_S``."""
-SOON_MEAN_S = 0.3
+"""Share of run commands that a stop follows within ``IMMEDIATE_COMMAND_MAX_S``."""
+IMMEDIATE_COMMAND_MAX_S = 0.3
 SETTLING_TIME_S = 90.0
+"""Time on the restored bus within which every stop must end, in seconds."""
 FREQUENCIES_HZ = (2.0, 3.0, 5.0)
 COMMAND_WEIGHTS = {
     "run": 6,
@@ -103,17 +108,17 @@ class CommandEpisode:
         commands = min(most, COMMANDS_PER_EPISODE if self.echoes_right else COMMANDS_PER_WRONG_ECHO_EPISODE)
         loop = self.scenario.loop
         users: dict[int, UserCommand | None] = {0: None, 1: None}
-        turns = [self._wait_shortly(MEAN_PAUSE_S), self._wait_shortly(MEAN_PAUSE_S)]
-        trouble = self._wait_shortly(MEAN_TROUBLE_PAUSE_S)
+        command_at = [self._next_time(MEAN_PAUSE_S), self._next_time(MEAN_PAUSE_S)]
+        fault_at = self._next_time(MEAN_FAULT_PAUSE_S)
         while len(self.commands) < commands:
-            at = min(*turns, trouble)
+            at = min(*command_at, fault_at)
             loop.run_until(at)
-            if at == trouble:
-                self._trouble()
-                trouble = self._wait_shortly(MEAN_TROUBLE_PAUSE_S)
+            if at == fault_at:
+                self._disturb()
+                fault_at = self._next_time(MEAN_FAULT_PAUSE_S)
                 continue
-            user = turns.index(at)
-            turns[user] = self._wait_shortly(MEAN_PAUSE_S)
+            user = command_at.index(at)
+            command_at[user] = self._next_time(MEAN_PAUSE_S)
             last = users[user]
             if last is None or last.is_ended:
                 command = self._random_command(self.rng.choice(self.addresses))
@@ -123,7 +128,7 @@ class CommandEpisode:
         self._check_out_of_range()
         self.scenario.close()
 
-    def _wait_shortly(self, mean_s: float) -> float:
+    def _next_time(self, mean_s: float) -> float:
         return self.scenario.loop.time() + self.rng.expovariate(1.0 / mean_s)
 
     # --- commands ------------------------------------------------------------------------------------------------
@@ -132,7 +137,7 @@ class CommandEpisode:
         what = self.rng.choices(self.what, [COMMAND_WEIGHTS[name] for name in self.what])[0]
         command = self._issue_command(address, what)
         if what == "run" and self.rng.random() < IMMEDIATE_COMMAND_SHARE:
-            self.scenario.run(self.rng.choice((0.0, self.rng.uniform(0.0, SOON_MEAN_S))))
+            self.scenario.run(self.rng.choice((0.0, self.rng.uniform(0.0, IMMEDIATE_COMMAND_MAX_S))))
             self._issue_command(address, "stop")
         return command
 
@@ -193,18 +198,18 @@ class CommandEpisode:
 
     # --- drive faults --------------------------------------------------------------------------------------------
 
-    def _trouble(self) -> None:
+    def _disturb(self) -> None:
         rng = self.rng
         station = self.scenario.station(rng.choice(PRESENT))
         match rng.randrange(7):
             case 0:
                 station.faults.silent = True
-                self.scenario.loop.call_later(rng.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+                self.scenario.loop.call_later(rng.uniform(0.0, MAX_SILENCE_S), self._restore_station, station)
             case 1:
                 station.faults.mute = True
-                self.scenario.loop.call_later(rng.uniform(0.0, MEAN_TROUBLE_DURATION_S), self._can_receive, station)
+                self.scenario.loop.call_later(rng.uniform(0.0, MAX_SILENCE_S), self._restore_station, station)
             case 2:
-                station.power_cycle(rng.uniform(0.2, 2 * MEAN_TROUBLE_DURATION_S))
+                station.power_cycle(rng.uniform(0.2, 2 * MAX_SILENCE_S))
             case 3:
                 station.trip(rng.choice(list(Trip)))
             case 4:
@@ -212,7 +217,7 @@ class CommandEpisode:
             case _:
                 station.keypad_stop()
 
-    def _can_receive(self, station: Any) -> None:
+    def _restore_station(self, station: Any) -> None:
         station.faults.silent = station.faults.mute = False
 
     # --- final state ---------------------------------------------------------------------------------------------
@@ -225,7 +230,7 @@ class CommandEpisode:
             "," + right if right else ""
         )
         for address in PRESENT:
-            self._can_receive(scenario.station(address))
+            self._restore_station(scenario.station(address))
         end = loop.time() + SETTLING_TIME_S
         while loop.time() < end and not self._all_settled():
             scenario.run(1.0)

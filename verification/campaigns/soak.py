@@ -31,7 +31,7 @@ QUIET_PHASE_S = 180.0
 SOAK_POLL_PERIOD_S = 4.0
 """Period of each poll of state, frequency and faults, in seconds: 31 drives at 9,600 baud (DZB100: 4,800) load the bus
 fully."""
-MEAN_TROUBLE_INTERVAL_S, MEAN_COMMAND_INTERVAL_S = 45.0, 20.0
+MEAN_FAULT_INTERVAL_S, MEAN_COMMAND_INTERVAL_S = 45.0, 20.0
 """Mean time between two faults and between two commands, in seconds."""
 SOAK_LINE_QUALITIES = (
     "clean",
@@ -68,15 +68,15 @@ class SoakDay:
         """Run faults and commands for most of an hour, then check the final state."""
         loop, commands = self.scenario.loop, list[UserCommand]()
         end = loop.time() + HOUR_S - QUIET_PHASE_S
-        event, command = self._next_time(MEAN_TROUBLE_INTERVAL_S), self._next_time(MEAN_COMMAND_INTERVAL_S)
-        while (at := min(event, command)) < end:
+        fault_at, command_at = self._next_time(MEAN_FAULT_INTERVAL_S), self._next_time(MEAN_COMMAND_INTERVAL_S)
+        while (at := min(fault_at, command_at)) < end:
             self.scenario.run(at - loop.time())
-            if event <= command:
+            if fault_at <= command_at:
                 self._disturb()
-                event = self._next_time(MEAN_TROUBLE_INTERVAL_S)
+                fault_at = self._next_time(MEAN_FAULT_INTERVAL_S)
             else:
                 commands = [one for one in commands if not one.is_ended] + [self._random_command()]
-                command = self._next_time(MEAN_COMMAND_INTERVAL_S)
+                command_at = self._next_time(MEAN_COMMAND_INTERVAL_S)
         self.scenario.run(end - loop.time())
         self._restore_line()
         self.scenario.finish(*commands, within_s=QUIET_PHASE_S - 60.0)
