@@ -5,7 +5,7 @@ A state can be copied and has a key; equal keys mean equal future behaviour.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -371,62 +371,37 @@ class GateState:
 
     def _submit_forged(self, _: str) -> None:
         """Submit acting frames without a permit or with a foreign one; the bus must reject each at once."""
-        request = self.subject.frames[0].request
-        permit = self.held_permit.permit if self.held_permit is not None and self.held_permit.place == 0 else None
-        bus_requests = [
-            ("a permit", BusRequest(station=OUR_ADDRESS, request=request, priority=RequestPriority.COMMAND)),
-            ("a permit", BusRequest(station=OUR_ADDRESS, request=request, priority=RequestPriority.POLL)),
-        ]
-        if permit is not None:
-            swapped = Effect.SETTING if permit.effect is Effect.MOTION else Effect.MOTION
-            bus_requests += [
-                (
-                    "permit for this station",
-                    BusRequest(
-                        station=OUR_ADDRESS,
-                        request=request,
-                        priority=RequestPriority.COMMAND,
-                        permit=replace(permit, station=OTHER_ADDRESS),
-                    ),
-                ),
-                (
-                    "permit for this station",
-                    BusRequest(
-                        station=OTHER_ADDRESS,
-                        request=self.subject.foreign,
-                        priority=RequestPriority.COMMAND,
-                        permit=permit,
-                    ),
-                ),
-                (
-                    "permit for this station",
-                    BusRequest(
-                        station=OUR_ADDRESS,
-                        request=self.subject.foreign,
-                        priority=RequestPriority.COMMAND,
-                        permit=permit,
-                    ),
-                ),
-                (
-                    "permit for this effect",
-                    BusRequest(
-                        station=OUR_ADDRESS,
-                        request=request,
-                        priority=RequestPriority.COMMAND,
-                        permit=replace(permit, effect=swapped),
-                    ),
-                ),
-            ]
+        held = self.held_permit if self.held_permit is not None and self.held_permit.place == 0 else None
+        forged = list(self._forged_requests(None if held is None else held.permit))
         self._own_core().add_station(self.subject.other.station_config)
-        for slot, (what, bus_request) in enumerate(bus_requests, FIRST_FORGED_SLOT):
+        for slot, (missing, bus_request) in enumerate(forged, FIRST_FORGED_SLOT):
             data = self.subject.dialect.codec.encode_request(bus_request.request)
             least = PermitRecord(
                 data=data, effect=self.monitor.effect_of(data), expires_at=self.now, counts=self.monitor.counts
             )
-            record = least if permit is None or self.held_permit is None else self.held_permit.record
-            self.permits[slot] = replace(record, data=data, missing=(*record.missing, what))
+            record = least if held is None else held.record
+            self.permits[slot] = replace(record, data=data, missing=(*record.missing, missing))
             self._submit_request(bus_request, slot)
         del self._own_core().stations[OTHER_ADDRESS]
+
+    def _forged_requests(self, permit: Permit | None) -> Iterator[tuple[str, BusRequest]]:
+        """Yield each request with the condition that it lacks."""
+        request, foreign = self.subject.frames[0].request, self.subject.foreign
+        for priority in (RequestPriority.COMMAND, RequestPriority.POLL):
+            yield "a permit", BusRequest(station=OUR_ADDRESS, request=request, priority=priority)
+        if permit is None:
+            return
+        swapped = Effect.SETTING if permit.effect is Effect.MOTION else Effect.MOTION
+        for missing, station, acting, forged_permit in (
+            ("permit for this station", OUR_ADDRESS, request, replace(permit, station=OTHER_ADDRESS)),
+            ("permit for this station", OTHER_ADDRESS, foreign, permit),
+            ("permit for this station", OUR_ADDRESS, foreign, permit),
+            ("permit for this effect", OUR_ADDRESS, request, replace(permit, effect=swapped)),
+        ):
+            yield (
+                missing,
+                BusRequest(station=station, request=acting, priority=RequestPriority.COMMAND, permit=forged_permit),
+            )
 
     def _cancel(self, slot: str) -> None:
         out = self.core.transaction is not None and self.core.transaction.prepared.token == int(slot)

@@ -6,7 +6,7 @@ A dialect turns the intents of an operation into requests of one protocol family
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
@@ -384,6 +384,10 @@ def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal
     return found
 
 
-def shortest_period_s(profile: DriveProfile, names: tuple[str, ...], default_s: float = 0.5) -> float:
-    """Return the shortest period of these signals."""
-    return min((profile.signals[name].period_s for name in names if name in profile.signals), default=default_s)
+DEFAULT_POLL_PERIOD_S = 0.5
+"""Period of a poll of which the profile describes no signal, such as that of the state."""
+
+
+def shortest_period_s(signals: Iterable[Signal]) -> float:
+    """Return the shortest poll period of these signals."""
+    return min((signal.period_s for signal in signals), default=DEFAULT_POLL_PERIOD_S)

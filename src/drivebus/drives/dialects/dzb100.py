@@ -135,14 +135,13 @@ class Dzb100Dialect(Dialect):
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         wanted = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
         items = sorted(wanted | {1, STATE_ITEM})
-        return tuple((Dzb100Query(self.address, item), self._period(item)) for item in items)
+        return tuple(
+            (Dzb100Query(self.address, item), shortest_period_s(self._signals.get(item, ()))) for item in items
+        )
 
     def query(self, item: int) -> Dzb100Query:
         """Return the query of an item."""
         return Dzb100Query(self.address, item)
-
-    def _period(self, item: int) -> float:
-        return shortest_period_s(self.profile, tuple(s.name for s in self._signals.get(item, [])))
 
     def decode_readings(self, request: Any, reply: Dzb100Reply, at: float | None) -> Readings:
         if not isinstance(request, Dzb100Query):

@@ -158,14 +158,14 @@ class SunfarDialect(Dialect):
         wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
         if not wanted:  # every reply carries the state, so any monitor will do
             wanted = {min(self._signals, default=0)}
-        return tuple((self._monitor_read(index), self._period(index, names)) for index in sorted(wanted))
+        return tuple((self._monitor_read(index), self._period_s(index, names)) for index in sorted(wanted))
 
     def _is_monitor(self, name: str) -> bool:
         return name in self.profile.signals and self.profile.signals[name].locator[0] == "monitor"
 
-    def _period(self, index: int, names: tuple[str, ...]) -> float:
-        at = tuple(s.name for s in self._signals.get(index, []))
-        return shortest_period_s(self.profile, tuple(n for n in at if n in names) or at)
+    def _period_s(self, index: int, names: tuple[str, ...]) -> float:
+        signals = self._signals.get(index, [])
+        return shortest_period_s([signal for signal in signals if signal.name in names] or signals)
 
     def _monitor_read(self, index: int) -> ReadMonitor:
         return ReadMonitor(self.address, monitor_item(index, self._index_coding))

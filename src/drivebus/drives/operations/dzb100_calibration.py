@@ -49,7 +49,7 @@ def calibrate_setpoint_coding(
     words: list[int] = []
     while len(left) > 1:
         word = highest_safe_word(left)
-        seen_hz = yield from _measure_at_word(op, dialect, word, direction)
+        seen_hz = yield from run_at_word(op, word, direction, lambda: _read_agreeing_hz(op, dialect))
         words.append(word)
         fits = tuple(
             coding for coding in left if abs(_decode_hz(word, coding) - seen_hz) <= _query_resolution_hz(dialect)
@@ -60,13 +60,6 @@ def calibrate_setpoint_coding(
             break
         left = fits
     return _scaling_result("setpoint_coding", tuple(words), left)
-
-
-def _measure_at_word(
-    op: OperationContext, dialect: Dzb100Dialect, word: int, direction: Direction | None
-) -> DriveOperation[float]:
-    """Run once at a raw word and return the frequency on which Q00 and Q01 agree. Always stops."""
-    return (yield from run_at_word(op, word, direction, lambda: _read_agreeing_hz(op, dialect)))
 
 
 def _read_agreeing_hz(op: OperationContext, dialect: Dzb100Dialect) -> DriveOperation[float | None]:

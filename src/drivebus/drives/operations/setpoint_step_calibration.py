@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ, highest_safe_word, possible_steps_hz
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep, PlannedRequests
@@ -33,10 +31,6 @@ def _safe_word(dialect: Dialect) -> int:
     return highest_safe_word(possible_steps_hz(dialect.profile, {SETPOINT_STEP: UNDETERMINED}))
 
 
-def _options_observed(step: str) -> Mapping[str, str]:
-    return {SETPOINT_STEP: step}
-
-
 def _plan(dialect: Dialect) -> PlannedRequests:
     word = _safe_word(dialect)
     before = () if dialect.start_includes_setpoint else dialect.set_frequency(word, ReadingPairs())
@@ -57,6 +51,6 @@ STEPS = (
         question_params={"cap_hz": UNCALIBRATED_CAP_HZ, "seconds": CALIBRATION_RUN_S},
         observation_question="calibrate.ask_keypad_hz",
         observations={"1": "0.01", "2": "0.1"},  # word 50, by the steps of the sunfar models: 0.5 Hz or 5 Hz
-        options_observed=_options_observed,
+        options_observed=lambda step: {SETPOINT_STEP: step},
     ),
 )

@@ -117,10 +117,9 @@ class HuanyangDialect(Dialect):
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
         items = sorted(wanted | {OUTPUT_FREQUENCY_ITEM})
-        return tuple((read_status(self.address, item), self._period_s(item)) for item in items)
-
-    def _period_s(self, item: int) -> float:
-        return shortest_period_s(self.profile, tuple(signal.name for signal in self._signals.get(item, [])))
+        return tuple(
+            (read_status(self.address, item), shortest_period_s(self._signals.get(item, ()))) for item in items
+        )
 
     def decode_readings(self, request: Any, reply: HuanyangReply, at: float | None) -> Readings:
         if request.function != STATUS:
