@@ -9,6 +9,7 @@ import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { hasControl } from "../control-leases.js";
 import { Button, ErrorNote, Field, Table } from "../ui.js";
+import { EvidenceNote } from "../parts/evidence.js";
 import { Review } from "./review.js";
 
 /** Parameters of one request: a bus at 9,600 baud reads these in about a second. */
@@ -84,8 +85,7 @@ function ParameterDetails({ parameter, caveats }) {
       name="warning" size=${16} />` : null}
       ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}
         </b> ${localized(caveat.text)}</p>`}
-      <p class="soft">${t("page.evidence", {
-        source: parameter.evidence.source || t(`page.evidence_${parameter.evidence.kind}`) })}</p></details>`}`;
+      <${EvidenceNote} evidence=${parameter.evidence} /></details>`}`;
 }
 
 function columns({ profile, values, edits, edit, read, canRead, canEdit }) {

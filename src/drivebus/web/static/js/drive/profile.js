@@ -6,6 +6,7 @@ import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
+import { EvidenceNote } from "../parts/evidence.js";
 
 const CAPABILITIES = [
   "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write", "write_ram",
@@ -56,8 +57,7 @@ export function ModelProfile({ profile, children }) {
   return html`<div class="stack"><${Facts} profile=${profile} />${children}
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
       <${Notice} key=${one.id} kind="warning"><p>${localized(one.text)}</p>
-      <p class="soft">${t("page.evidence", {
-        source: one.evidence.source || t(`page.evidence_${one.evidence.kind}`) })}</p><//>`)}`}
+      <${EvidenceNote} evidence=${one.evidence} /><//>`)}`}
     ${profile.keypad.length > 0 && html`<h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li
       key=${n}>${localized(text)}</li>`)}</ol>`}
     ${profile.wiring && html`<h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>`}
