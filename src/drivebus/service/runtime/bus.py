@@ -19,7 +19,7 @@ from drivebus.profiles.model import DriveProfile
 from drivebus.service.api.errors import localized
 from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
-from drivebus.service.config.model import BusConfig, DriveConfig
+from drivebus.service.config.model import BusConfig, DriveConfig, title_of
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
 from drivebus.values import Text
@@ -73,8 +73,9 @@ class BusRuntime:
     @property
     def title(self) -> Text:
         """Name of the bus in a sentence: its title, else "bus" and its id."""
-        title, named = self.config.title, localized("plant.bus", {"id": self.config.id})
-        return Text(title.en or named["en"], title.zh or title.en or named["zh"])
+        if any(self.config.title.by_language().values()):
+            return title_of(self.config)
+        return Text(**localized("plant.bus", {"id": self.config.id}))
 
     def stop_bound_s(self) -> float | None:
         """Return the longest time to the last bit of a stop, for the slowest drive of the bus."""
