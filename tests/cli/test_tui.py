@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus import ports, profiles
+from drivebus import i18n, ports, profiles
 from drivebus.bus import Bus
 from drivebus.capture.dbcap import BytesRecord, Capture, CaptureHeader
 from drivebus.cli import output
@@ -453,3 +453,9 @@ def test_the_stations_of_a_killed_parent_end_and_delete_their_folder() -> None:
     assert plant._folder is not None
     assert not Path(plant._folder.name).exists()
     plant._folder.cleanup()
+
+
+@pytest.mark.parametrize(("language", "words"), [("en", "reads only"), ("zh", "只读")])
+def test_a_narrow_terminal_cuts_the_port_off_the_title_and_not_that_it_only_reads(language: str, words: str) -> None:
+    title = i18n.text("monitor.title", language, port="sim://vc660@" + "1," * 30, serial="9600 8N1", count=31)
+    assert words in title[:40]
