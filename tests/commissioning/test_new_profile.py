@@ -216,6 +216,13 @@ NO_NEIGHBOURS = {"loopback": "no", "frequency_register": "2200", "fault_register
 """Without loop-back and with no neighbouring registers a late reply can't be recognized."""
 
 
+def inserted_after(answers: dict[str, str], name: str, added: dict[str, str]) -> dict[str, str]:
+    """Return answers in their order with those of further questions behind one of them."""
+    at = [*answers].index(name) + 1
+    items = [*answers.items()]
+    return dict([*items[:at], *((one, text) for one, text in added.items() if one not in answers), *items[at:]])
+
+
 def with_neighbour(*texts: str, **changed: str) -> str:
     """Return the input of a dialogue with these answers to the question for a neighbouring register."""
     answers = ANSWERS | NO_NEIGHBOURS | changed
@@ -225,6 +232,8 @@ def with_neighbour(*texts: str, **changed: str) -> str:
     if answers["frequency_register"] == UNKNOWN:
         answers = {name: text for name, text in answers.items() if name not in ("frequency_step", "runs_to_standstill")}
     answers.pop("fault_coding", None)
+    if answers["loopback"] != "yes":
+        answers = inserted_after(answers, "loopback", {"rejected_read": UNKNOWN} | changed)
     names = [*answers]
     at = names.index("readings_page")
     lines = [*answers.values()]
@@ -326,6 +335,53 @@ def test_the_checklist_names_what_the_cap_of_5_hz_waits_for(
     assert result.exit_code == 0, result.output
     assert ("5 Hz is the most" in result.output) == (named is not None)
     assert named is None or named in result.output
+
+
+@pytest.mark.parametrize(
+    ("changed", "added"),
+    [
+        ({"max_read": "1", "loopback": "no"}, {"rejected_read": "2"}),
+        ({"max_read": "4", "loopback": "no", **NO_NEIGHBOURS}, {"rejected_read": "5"}),
+        ({"reply_count_bytes": "2"}, {}),
+    ],
+)
+def test_a_drive_with_replies_of_its_own_gets_a_whole_profile(
+    tmp_path: Path, changed: dict[str, str], added: dict[str, str]
+) -> None:
+    """The format had both keys and no question led to them: such a dialogue ended in a file that is not valid."""
+    answers = ANSWERS | changed
+    if answers["fault_register"] == UNKNOWN:
+        answers.pop("fault_coding")
+    file = tmp_path / "acme.toml"
+    result = invoke(str(file), "--lang", "en", answers=inserted_after(answers, "loopback", added))
+    assert result.exit_code == 0, result.output
+    modbus = profiles.load(file).modbus
+    assert modbus is not None and modbus.reply_count_bytes == int(answers["reply_count_bytes"])
+    assert modbus.rejected_read == (int(added["rejected_read"]) if added else None)
+
+
+@pytest.mark.parametrize(("max_read", "rejected"), [("4", "4"), (UNKNOWN, "2"), ("4", "126"), ("4", "4.5"), ("4", "x")])
+def test_a_read_that_the_drive_allows_is_no_rejected_one(tmp_path: Path, max_read: str, rejected: str) -> None:
+    answers = inserted_after(
+        ANSWERS | {"loopback": "no", "max_read": max_read}, "loopback", {"rejected_read": rejected}
+    )
+    shown = " ".join(invoke(str(tmp_path / "acme.toml"), "--lang", "en", answers=answers).output.split())
+    assert f"{rejected}: expected a whole number above" in shown
+
+
+@pytest.mark.parametrize(
+    ("answers", "asked"),
+    [
+        ({"encoding": "rtu", "loopback": "no"}, {"reply_count_bytes", "rejected_read"}),
+        ({"encoding": "rtu", "loopback": "yes"}, {"reply_count_bytes"}),
+        ({"encoding": "ascii", "loopback": "no"}, set()),
+    ],
+)
+def test_replies_that_deviate_are_asked_for_where_a_profile_may_have_them(
+    answers: dict[str, str], asked: set[str]
+) -> None:
+    names = {question.name for question in open_questions(answers)}
+    assert names & {"reply_count_bytes", "rejected_read"} == asked
 
 
 def test_a_file_that_is_not_valid_yet_is_kept_and_says_why(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def _ask_all(answers: dict[str, str]) -> None:
 
 def _expected(question: Question, answers: dict[str, str]) -> str:
     """Return what a question expects."""
-    from drivebus.commissioning.new_profile.questions import readable_registers
+    from drivebus.commissioning.new_profile.questions import MAX_READ, most_registers, readable_registers
 
     params: dict[str, object] = {}
     match question.kind:
@@ -119,6 +119,8 @@ def _expected(question: Question, answers: dict[str, str]) -> str:
             params["choices"] = ", ".join(question.choices)
         case "number":
             params["low"], params["high"] = (f"{bound:g}" for bound in question.span)
+        case "rejected_read":
+            params["most"], params["high"] = most_registers(answers), MAX_READ
         case "neighbour":
             known = ", ".join(f"{register:04X}H" for register in sorted(readable_registers(answers)))
             params["registers"] = known or output.text("profile_new.any_register")

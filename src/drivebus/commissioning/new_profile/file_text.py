@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from drivebus import i18n
-from drivebus.commissioning.new_profile.questions import QUESTIONS, UNKNOWN, Answers, fact, is_known, readable_registers
+from drivebus.commissioning.new_profile.questions import (
+    LEAST_READ,
+    QUESTIONS,
+    UNKNOWN,
+    Answers,
+    fact,
+    is_known,
+    most_registers,
+    readable_registers,
+)
 from drivebus.commissioning.new_profile.register_table import TableRow
 from drivebus.profiles.model import SETPOINT_STEP, USUAL_STEPS_HZ
 from drivebus.profiles.toml_file import toml_string
@@ -18,12 +27,12 @@ STATES = {
 }
 STATUS_BITS = {"running_bit": "running", "reverse_bit": "output_reverse", "fault_bit": "fault"}
 COMMANDS = ("start_forward", "start_reverse", "stop", "coast", "reset")
-LEAST_READ = 2
-"""Registers in one read where the manual gives no number: the sync probe needs two."""
 ASSUMED_STEP_HZ = max(USUAL_STEPS_HZ)
 """Step of the setpoint where the manual gives none: the one that gives the lower word."""
 ASSUMED = {"max_read": LEAST_READ}
 """Question to what the profile assumes without an answer."""
+NOT_OPEN = (SETPOINT_STEP, "rejected_read")
+"""Questions that never become open questions: an assumed step is an option, a rejected read one of several ways."""
 
 
 def profile_toml(answers: Answers, rows: Sequence[TableRow], language: str) -> str:
@@ -80,9 +89,13 @@ def _line(answers: Answers, language: str) -> Iterator[str]:
     yield from ("[timing]", 'evidence = "assumed"', "", "[modbus]")
     functions = [3, int(answers["write_function"]), *([8] if answers["loopback"] == "yes" else [])]
     yield f"functions = {sorted(functions)}"
-    yield f"max_read = {int(fact(answers, 'max_read') or LEAST_READ)}"
+    yield f"max_read = {most_registers(answers)}"
     if answers["loopback"] == "yes":
         yield "loopback = true"
+    if answers.get("reply_count_bytes") == "2":
+        yield "reply_count_bytes = 2"
+    if is_known(answers, "rejected_read"):
+        yield f"rejected_read = {fact(answers, 'rejected_read')}"
     yield from (_evidence(answers, "serial_page"), "", "[write]", "ram = false", 'evidence = "assumed"')
 
 
@@ -175,8 +188,7 @@ def _neighbours(answers: Answers) -> set[int]:
 
 def _open_questions(answers: Answers, language: str) -> Iterator[str]:
     for question in QUESTIONS:
-        is_asked_already = question.name == SETPOINT_STEP  # an assumed step gives the profile this option
-        if answers.get(question.name) == UNKNOWN and question.kind != "text" and not is_asked_already:
+        if answers.get(question.name) == UNKNOWN and question.kind != "text" and question.name not in NOT_OPEN:
             asked = i18n.text(f"profile_new.ask_{question.name}", language)
             yield f"[open_questions.{question.name}]"
             yield f'assumed = "{ASSUMED.get(question.name, "-")}"'

@@ -24,9 +24,14 @@ MARKED_DECIMAL = re.compile(r"([0-9]{1,5})[dD]|([0-9])")
 """A number of several digits without a mark may be either: it is rejected."""
 NUMBERING = ("hex", "decimal", "40001", "one")
 """How a manual numbers registers: hexadecimal or decimal as on the wire, or from 40001 or 1 for register 0."""
+LEAST_READ = 2
+"""Registers in one read where the manual gives no number: the sync probe needs two."""
+MAX_READ = 125
 FIRST_REGISTER = {"decimal": 0, "40001": 40001, "one": 1}
 
-Kind = Literal["name", "text", "format", "addresses", "choice", "register", "neighbour", "word", "bit", "number"]
+Kind = Literal[
+    "name", "text", "format", "addresses", "choice", "register", "neighbour", "word", "bit", "number", "rejected_read"
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +91,8 @@ def parse_answer(question: Question, text: str, answers: Answers) -> Any:
             return _require(register, is_beside and max(own) <= 0xFFFF and not own & (known | _written(answers)))
         case "number":
             return _require(float(text), question.span[0] <= float(text) <= question.span[1])
+        case "rejected_read":
+            return _require(int(text), most_registers(answers) < int(text) <= MAX_READ)
         case "bit":
             return 1 << _require(int(text), 0 <= int(text) <= 15)
         case "addresses":
@@ -134,11 +141,21 @@ def _written(answers: Answers) -> set[int]:
     return {fact(answers, name) for name in names if is_known(answers, name)}
 
 
+def most_registers(answers: Answers) -> int:
+    """Return the most registers that one read may have; where the manual gives no number, what the sync probe needs."""
+    return int(fact(answers, "max_read") or LEAST_READ)
+
+
+def _may_reject_a_read(answers: Answers) -> bool:
+    """Return whether a read that the drive rejects could recognize a late reply: of RTU, and without loop-back."""
+    return answers.get("encoding") == "rtu" and answers.get("loopback") != "yes"
+
+
 def _lacks_neighbours(answers: Answers) -> bool:
-    """Return whether a late reply can be recognized neither by loop-back nor by a read of two known registers."""
+    """Return whether nothing recognizes a late reply: no loop-back, rejected read, nor read of two known registers."""
     known = readable_registers(answers)
-    reads_two = fact(answers, "max_read") != 1
-    return answers.get("loopback") != "yes" and reads_two and not any(one + 1 in known for one in known)
+    has_probe = answers.get("loopback") == "yes" or is_known(answers, "rejected_read")
+    return not has_probe and most_registers(answers) > 1 and not any(one + 1 in known for one in known)
 
 
 def _status_is(kind: str) -> Callable[[Answers], bool]:
@@ -157,8 +174,12 @@ QUESTIONS = (
     Question(name="serial_page", kind="text", default=UNKNOWN),
     Question(name="numbering", kind="choice", choices=NUMBERING),
     Question(name="write_function", kind="choice", choices=("6", "16"), default="6"),
-    Question(name="max_read", kind="number", span=(1, 125), default=UNKNOWN),
+    Question(name="max_read", kind="number", span=(1, MAX_READ), default=UNKNOWN),
+    Question(
+        name="reply_count_bytes", kind="choice", choices=("1", "2"), default="1", is_asked=_with("encoding", "rtu")
+    ),
     Question(name="loopback", kind="choice", choices=("yes", "no"), default=UNKNOWN),
+    Question(name="rejected_read", kind="rejected_read", default=UNKNOWN, is_asked=_may_reject_a_read),
     Question(name="command_register", kind="register"),
     Question(name="start_forward", kind="word"),
     Question(name="stop", kind="word"),
