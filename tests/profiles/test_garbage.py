@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivebus import profiles
 from drivebus.profiles import check, diagnostics
-from drivebus.profiles.load import build_profile
+from drivebus.profiles.build import build_profile
 from drivebus.profiles.schema import ProfileIn
 
 Path_ = tuple[str, ...]
