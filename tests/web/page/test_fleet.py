@@ -252,8 +252,12 @@ def test_equal_sentences_of_many_drives_name_each_once_and_count_the_rest(
 
 def test_a_name_replaces_the_id_in_a_chinese_sentence_without_spaces(scripts: Any) -> None:
     """Regression: the page showed "通信中断后 8号风机 可能"."""
+    load = "(name) => import('/static/js/i18n.js').then((m) => m.loadLanguage(name))"
     replaced = "(name) => import('/static/js/i18n.js').then((m) => m.replaced('断后 d0 可能', 'd0', name))"
+    scripts.evaluate(load, "zh")
     assert [scripts.evaluate(replaced, name) for name in ("送风机", "fan 1")] == ["断后送风机可能", "断后 fan 1 可能"]
+    scripts.evaluate(load, "en")
+    assert scripts.evaluate(replaced, "送风机") == "断后 送风机 可能", "the letters are those of the catalogue"
 
 
 def test_stations_of_many_drives_are_one_correct_sentence(scripts: Any) -> None:
