@@ -72,11 +72,11 @@ def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSe
 
 def serial_settings_in(plant: PlantConfig, bus: str) -> SerialSettings:
     """Return the serial settings of a bus. Raises KeyError."""
-    setting = next((one for one in plant.buses if one.id == bus), None)
-    if setting is None:
+    config = next((one for one in plant.buses if one.id == bus), None)
+    if config is None:
         raise KeyError(bus)
     first = next((drive for drive in plant.drives if drive.bus == bus), None)
-    return serial_settings_of(setting, None if first is None else profiles.load(first.model))
+    return serial_settings_of(config, None if first is None else profiles.load(first.model))
 
 
 def signal_labels(plant: PlantConfig) -> dict[str, tuple[str, Text]]:
@@ -89,27 +89,29 @@ def signal_labels(plant: PlantConfig) -> dict[str, tuple[str, Text]]:
     }
 
 
-def polling_load(drives: Iterable[tuple[DriveConfig, Dialect]], line: SerialSettings) -> BusLoad:
+def polling_load(drives: Iterable[tuple[DriveConfig, Dialect]], settings: SerialSettings) -> BusLoad:
     """Return the load of these drives' polls if every reply takes its longest time."""
-    return estimate_bus_load([(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in drives], line)
+    return estimate_bus_load(
+        [(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in drives], settings
+    )
 
 
 def with_sufficient_interval(
-    drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings, free: frozenset[str]
+    drives: list[tuple[DriveConfig, Dialect]], settings: SerialSettings, adjustable: frozenset[str]
 ) -> list[DriveConfig]:
-    """Return the drives; those in ``free`` get the shortest interval that the bus can carry.
+    """Return the drives; those in ``adjustable`` get the shortest interval that the bus can carry.
 
     It is never longer than a drive's own periods: a configured signal keeps its period, and its state and faults are
     as fresh as it is.
     """
-    for pace_s in (0.0, *CANDIDATE_INTERVALS_S):
+    for interval_s in (0.0, *CANDIDATE_INTERVALS_S):
         tried = [
-            (replace(drive, min_poll_interval_s=min([pace_s, *drive.signals.values()])), way)
-            if drive.id in free
-            else (drive, way)
-            for drive, way in drives
+            (replace(drive, min_poll_interval_s=min([interval_s, *drive.signals.values()])), dialect)
+            if drive.id in adjustable
+            else (drive, dialect)
+            for drive, dialect in drives
         ]
-        if not free or polling_load(tried, line).load_percent <= FULL_LOAD_PERCENT:
+        if not adjustable or polling_load(tried, settings).load_percent <= FULL_LOAD_PERCENT:
             break
     return [drive for drive, _ in tried]
 
@@ -162,21 +164,21 @@ def bus_loads(plant: PlantConfig) -> tuple[BusLoadEstimate, ...]:
 
 
 def _bus_load(plant: PlantConfig, bus: BusConfig) -> BusLoadEstimate:
-    line = serial_settings_in(plant, bus.id)
+    settings = serial_settings_in(plant, bus.id)
     drives = [(drive, dialect_of(drive)) for drive in plant.drives if drive.bus == bus.id]
-    whole = polling_load(drives, line)
-    each = tuple(_drive_load(drive, dialect, line, whole) for drive, dialect in drives)
+    whole = polling_load(drives, settings)
+    each = tuple(_drive_load(drive, dialect, settings, whole) for drive, dialect in drives)
     return BusLoadEstimate(
         bus=bus.id,
         link=bus.link,
-        serial_settings=line,
+        serial_settings=settings,
         load_percent=whole.load_percent,
         cycle_s=whole.cycle_s,
         drives=each,
     )
 
 
-def _drive_load(drive: DriveConfig, dialect: Dialect, line: SerialSettings, whole: BusLoad) -> DriveLoadEstimate:
+def _drive_load(drive: DriveConfig, dialect: Dialect, settings: SerialSettings, whole: BusLoad) -> DriveLoadEstimate:
     profile = dialect.profile
     stretch = max(1.0, whole.load_percent / FULL_LOAD_PERCENT)
     periods = {
@@ -186,7 +188,7 @@ def _drive_load(drive: DriveConfig, dialect: Dialect, line: SerialSettings, whol
         drive=drive.id,
         address=drive.address,
         model=profile.model,
-        load_percent=polling_load([(drive, dialect)], line).load_percent,
+        load_percent=polling_load([(drive, dialect)], settings).load_percent,
         stop_bound_s=whole.drives[drive.address].stop_bound_s,
         periods=periods,
         refresh={name: period_s * stretch + whole.cycle_s for name, period_s in periods.items()},
@@ -227,19 +229,19 @@ def parse_requirement(text: str) -> LoadRequirement:
     return LoadRequirement(match[1], match[2], float(match[3]) * _UNIT_FACTORS[match[4]], text.strip())
 
 
-def violations(demand: LoadRequirement, buses: Iterable[BusLoadEstimate]) -> Iterator[RequirementViolation]:
+def violations(requirement: LoadRequirement, buses: Iterable[BusLoadEstimate]) -> Iterator[RequirementViolation]:
     """Return everything that misses a requirement."""
-    below = _COMPARISONS[demand.sign]
-    return (one for bus in buses for one in _measurements(demand, bus) if not below(one.found, demand.limit))
+    below = _COMPARISONS[requirement.sign]
+    return (one for bus in buses for one in _measurements(requirement, bus) if not below(one.found, requirement.limit))
 
 
-def _measurements(demand: LoadRequirement, bus: BusLoadEstimate) -> Iterator[RequirementViolation]:
-    if demand.quantity == "load":
-        yield RequirementViolation(demand, bus.bus, bus.load_percent)
+def _measurements(requirement: LoadRequirement, bus: BusLoadEstimate) -> Iterator[RequirementViolation]:
+    if requirement.quantity == "load":
+        yield RequirementViolation(requirement, bus.bus, bus.load_percent)
         return
     for drive in bus.drives:
-        if demand.quantity == "stop":
-            yield RequirementViolation(demand, drive.drive, drive.stop_bound_s)
+        if requirement.quantity == "stop":
+            yield RequirementViolation(requirement, drive.drive, drive.stop_bound_s)
         else:
             signal, refresh_s = drive.slowest
-            yield RequirementViolation(demand, drive.drive, refresh_s, signal)
+            yield RequirementViolation(requirement, drive.drive, refresh_s, signal)

@@ -9,25 +9,25 @@ from urllib.parse import urlsplit
 from drivebus.profiles.diagnostics import Diagnostic, Issue, control_character_issues, issue
 from drivebus.service.config import check_buses, check_rules
 from drivebus.service.config.build import ParsedPlant, state_directory
-from drivebus.service.config.gateways import gateway_problems
+from drivebus.service.config.gateways import gateway_issues
 from drivebus.service.config.redaction import HIDDEN, redact_url
 
 MULTILINE_KEYS = ("require",)  # an expression may be written on several lines
 
 
-def all_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
+def all_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     """Yield every issue of a plant file. Fills in the profiles, port URLs and dialects of ``parsed``."""
     parsed.read_profiles()
     yield from control_character_issues(parsed.raw, multiline=MULTILINE_KEYS)
-    yield from path_problems(parsed)
-    yield from gateway_problems(parsed.file.gateway, parsed.resolve_path)
-    yield from check_buses.bus_problems(parsed)
-    yield from check_buses.drive_problems(parsed)
-    yield from check_buses.bus_load_problems(parsed)
-    yield from check_rules.rule_problems(parsed)
+    yield from path_issues(parsed)
+    yield from gateway_issues(parsed.file.gateway, parsed.resolve_path)
+    yield from check_buses.bus_issues(parsed)
+    yield from check_buses.drive_issues(parsed)
+    yield from check_buses.bus_load_issues(parsed)
+    yield from check_rules.rule_issues(parsed)
 
 
-def path_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+def path_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     yield from _check_directory(parsed)
     yield from _check_users(parsed)
     yield from _check_audit(parsed)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
-from drivebus import ports
+from drivebus import ports, profiles
 from drivebus.bus.compatibility import protocol_of
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.prepared_request import Poll
@@ -19,7 +19,7 @@ from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.ports.url import NETWORK_SCHEMES, PortUrl, parse_port_url
-from drivebus.profiles.diagnostics import Diagnostic, Issue, issue, nearest_names
+from drivebus.profiles.diagnostics import Diagnostic, Issue, KeyPath, issue, nearest_names
 from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.config import build
@@ -39,7 +39,7 @@ _UNOPENED_SCHEMES = ("memory", "replay")
 """Ports of these schemes cannot be created for a check: they take one end of a connection or read a file."""
 
 
-def bus_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+def bus_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     taken: dict[tuple[str, ...], str] = {}
     for id, bus in parsed.file.bus.items():
         path = ("bus", id, "link")
@@ -91,7 +91,7 @@ def device_of(link: PortUrl) -> tuple[str, ...]:
     return (link.scheme, name) if name else (link.scheme, link.text, str(id(link)))
 
 
-def drive_problems(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
+def drive_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     taken: dict[tuple[str, int], str] = {}
     for id, drive in parsed.file.drive.items():
         path = ("drive", id)
@@ -121,8 +121,6 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
     path = ("drive", id, "model")
     kinds = [one.kind for one in found["complaints"]]
     if kinds == ["no_model"]:
-        from drivebus import profiles
-
         yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
         return
     if kinds == ["no_file"] and is_model_path(drive.model):
@@ -193,10 +191,7 @@ def _check_signals(parsed: ParsedPlant, id: str, drive: DriveTable, profile: Dri
             yield issue("unknown_signal", ("drive", id, "signals", name), name, drive=id, **suggestions(name, known))
 
 
-SettingPath = tuple[str | int, ...]
-
-
-def bus_load_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+def bus_load_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     for bus in parsed.file.bus:
         drives = [(id, one) for id, one in parsed.drive_tables_of(bus) if id in parsed.profiles]
         faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))
@@ -225,7 +220,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
         path = _setting_path(parsed, bus, name)
         if name in link.explicit:
             value = getattr(link.settings, name)
-            yield from _not_offered(parsed, drives, name, value, path)
+            yield from _check_offered(parsed, drives, name, value, path)
         else:
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
@@ -233,14 +228,14 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
                 yield issue("serial_unclear", path, "-", name=name, values=values)
 
 
-def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> SettingPath:
+def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> KeyPath:
     """Return the key that holds the setting: its own, else the port URL."""
     own = getattr(parsed.file.bus[bus], name) is not None
     return ("bus", bus, name) if own else ("bus", bus, "link")
 
 
-def _not_offered(
-    parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], name: str, value: int | str, path: SettingPath
+def _check_offered(
+    parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], name: str, value: int | str, path: KeyPath
 ) -> Iterator[Issue]:
     for id, _ in drives:
         offered = _offered(parsed.profiles[id], name)
@@ -255,42 +250,44 @@ def _offered(profile: DriveProfile, name: str) -> tuple[int | str, ...]:
 
 
 def _check_load(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
-    setting = build.bus_config(parsed.file, bus)
-    line = serial_settings_of(setting, parsed.profiles[drives[0][0]])
-    found = list(_check_periods(parsed, drives, line))
+    config = build.bus_config(parsed.file, bus)
+    settings = serial_settings_of(config, parsed.profiles[drives[0][0]])
+    found = list(_check_periods(parsed, drives, settings))
     yield from found
-    paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, setting)]
-    load = polling_load(paced, line).load_percent
+    paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, config)]
+    load = polling_load(paced, settings).load_percent
     if load > FULL_LOAD_PERCENT and not found:
-        least_s = sufficient_interval_s(paced, line)
+        least_s = sufficient_interval_s(paced, settings)
         kind = "overload" if least_s is not None else "too_many_drives"
         shown = f"{least_s or CANDIDATE_INTERVALS_S[-1]:g}"
-        yield issue(kind, ("bus", bus), f"{load:.0f} %", line=str(line), drives=len(paced), least=shown)
+        yield issue(kind, ("bus", bus), f"{load:.0f} %", line=str(settings), drives=len(paced), least=shown)
 
 
-def _check_periods(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], line: SerialSettings) -> Iterator[Issue]:
+def _check_periods(
+    parsed: ParsedPlant, drives: list[tuple[str, DriveTable]], settings: SerialSettings
+) -> Iterator[Issue]:
     """Yield signals whose period is shorter than one request with its reply."""
     for id, drive in drives:
         for name, period_s in drive.signals.items():
-            least_s = _poll_time_s(parsed.dialects[id], name, line)
+            least_s = _poll_time_s(parsed.dialects[id], name, settings)
             if name in parsed.profiles[id].signals and max(period_s, drive.min_poll_interval_s or 0.0) < least_s:
                 path = ("drive", id, "signals", name)
-                yield issue("too_often", path, f"{period_s:g} s", least=f"{least_s:.3f}", line=str(line))
+                yield issue("too_often", path, f"{period_s:g} s", least=f"{least_s:.3f}", line=str(settings))
 
 
-def _poll_time_s(dialect: Dialect, name: str, line: SerialSettings) -> float:
+def _poll_time_s(dialect: Dialect, name: str, settings: SerialSettings) -> float:
     """Return the longest time of one request for this signal, in seconds."""
     polls = [Poll(request, 1.0) for request, _ in dialect.polls((name,))]
-    return max((estimate_bus_load([(dialect.station_config, [poll])], line).cycle_s for poll in polls), default=0.0)
+    return max((estimate_bus_load([(dialect.station_config, [poll])], settings).cycle_s for poll in polls), default=0.0)
 
 
-def sufficient_interval_s(drives: list[tuple[DriveConfig, Dialect]], line: SerialSettings) -> float | None:
+def sufficient_interval_s(drives: list[tuple[DriveConfig, Dialect]], settings: SerialSettings) -> float | None:
     """Return the ``min_poll_interval_s`` with which the bus could carry all these drives; None if none suffices."""
-    for pace_s in CANDIDATE_INTERVALS_S:
+    for interval_s in CANDIDATE_INTERVALS_S:
         paced = [
-            (replace(drive, min_poll_interval_s=max(pace_s, drive.min_poll_interval_s)), dialect)
+            (replace(drive, min_poll_interval_s=max(interval_s, drive.min_poll_interval_s)), dialect)
             for drive, dialect in drives
         ]
-        if polling_load(paced, line).load_percent <= FULL_LOAD_PERCENT:
-            return pace_s
+        if polling_load(paced, settings).load_percent <= FULL_LOAD_PERCENT:
+            return interval_s
     return None

@@ -28,7 +28,7 @@ from drivebus.service.interlocks.expression import (
 )
 
 
-def rule_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+def rule_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     for id, group in parsed.file.group.items():
         yield from check_drive_names(parsed, group.drives, ("group", id, "drives"))
         yield from _check_group(id, group)
@@ -36,8 +36,8 @@ def rule_problems(parsed: ParsedPlant) -> Iterator[Issue]:
         yield from check_drive_names(parsed, interlock.drives, ("interlock", id, "drives"))
     for id, alarm in parsed.file.alarm.items():
         yield from check_drive_names(parsed, alarm.drives, ("alarm", id, "drives"))
-    yield from interlock_problems(parsed)
-    yield from alarm_problems(parsed)
+    yield from interlock_issues(parsed)
+    yield from alarm_issues(parsed)
 
 
 def check_drive_names(parsed: ParsedPlant, drives: Sequence[str], path: KeyPath) -> Iterator[Issue]:
@@ -63,19 +63,19 @@ def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
             yield issue("ratio_of_leader", (*path, "ratios", drive), drive)
 
 
-def interlock_problems(parsed: ParsedPlant) -> Iterator[Issue]:
-    read: dict[str, Expression] = {}
+def interlock_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    expressions: dict[str, Expression] = {}
     for id, interlock in parsed.file.interlock.items():
         path = ("interlock", id, "require")
         try:
-            read[id] = parse(interlock.require)
+            expressions[id] = parse(interlock.require)
         except ConfigurationError as error:
             yield issue("expression", path, interlock.require, why=error_text(error))
             continue
-        yield from _check_names(parsed, read[id], path)
-        for comparison in comparisons(read[id]):
+        yield from _check_names(parsed, expressions[id], path)
+        for comparison in comparisons(expressions[id]):
             yield from _check_sides(parsed, comparison, path)
-    yield from _check_cycles({id: parsed.file.interlock[id] for id in read}, read)
+    yield from _check_cycles({id: parsed.file.interlock[id] for id in expressions}, expressions)
 
 
 def _check_names(parsed: ParsedPlant, expression: Expression, path: KeyPath) -> Iterator[Issue]:
@@ -124,10 +124,10 @@ def _check_sides(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> 
 
 def _check_units(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
     sides = [(side, quantity_of(parsed, side)) for side in (comparison.left, comparison.right)]
-    if any(what is None for _, what in sides):
+    if any(quantity is None for _, quantity in sides):
         return
-    (left, one), (right, other) = sides
-    if one != other:
+    (left, left_quantity), (right, right_quantity) = sides
+    if left_quantity != right_quantity:
         shown = str(comparison)
         units: dict[str, Any] = {"left": _with_unit(parsed, left), "right": _with_unit(parsed, right)}
         yield issue("expression_measures", path, shown, column=left.column, **units)
@@ -160,29 +160,29 @@ def _unit(parsed: ParsedPlant, side: Operand) -> str | None:
     return None if signal is None else signal.unit
 
 
-def _check_cycles(interlocks: Mapping[str, InterlockTable], read: Mapping[str, Expression]) -> Iterator[Issue]:
+def _check_cycles(interlocks: Mapping[str, InterlockTable], expressions: Mapping[str, Expression]) -> Iterator[Issue]:
     """Yield drives that must run before each other, so that none of them could ever start."""
-    first: dict[str, list[tuple[str, str]]] = {}  # drive → drives that must run before it, each with the interlock
-    for id, expression in read.items():
+    required: dict[str, list[tuple[str, str]]] = {}  # drive → drives that must run before it, each with the interlock
+    for id, expression in expressions.items():
         wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
         for drive in interlocks[id].drives:
-            first.setdefault(drive, []).extend((other, id) for other in wanted)
+            required.setdefault(drive, []).extend((other, id) for other in wanted)
     reported: set[frozenset[str]] = set()
-    for drive in first:
-        ring = _shortest_cycle(drive, first)
+    for drive in required:
+        ring = _shortest_cycle(drive, required)
         if ring and frozenset(ring) not in reported:
             reported.add(frozenset(ring))
-            last = next(id for other, id in first[ring[-1]] if other == drive)
+            last = next(id for other, id in required[ring[-1]] if other == drive)
             yield issue("cycle", ("interlock", last, "require"), " -> ".join([*ring, drive]))
 
 
-def _shortest_cycle(start: str, first: Mapping[str, list[tuple[str, str]]]) -> list[str] | None:
+def _shortest_cycle(start: str, required: Mapping[str, list[tuple[str, str]]]) -> list[str] | None:
     """Return the shortest cycle of required drives from ``start`` back to itself."""
     paths = [[start]]
     visited = {start}
     while paths:
         path = paths.pop(0)
-        for other, _ in first.get(path[-1], ()):
+        for other, _ in required.get(path[-1], ()):
             if other == start:
                 return path
             if other not in visited:
@@ -195,7 +195,7 @@ _THRESHOLD_KINDS = ("above", "below")
 _SIGNAL_KINDS = (*_THRESHOLD_KINDS, "stale")
 
 
-def alarm_problems(parsed: ParsedPlant) -> Iterator[Issue]:
+def alarm_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     for id, alarm in parsed.file.alarm.items():
         path = ("alarm", id)
         yield from _check_keys(alarm, path)

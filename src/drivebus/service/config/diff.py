@@ -35,7 +35,8 @@ UPDATE_FIELDS = frozenset({"title", "limits", "on_client_lost", "on_service_stop
 REPOLL_FIELDS = frozenset({"signals", "min_poll_interval_s"})
 UPDATE_BUS_FIELDS = frozenset({"title"})
 """A change of any other field of a bus closes its port and opens another one."""
-_CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
+CONFIG_PARTS = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
+"""Fields of a plant that hold items with an id."""
 
 
 class _HasId(Protocol):
@@ -83,7 +84,7 @@ class ConfigDiff:
 
     def __bool__(self) -> bool:
         """Whether anything changes."""
-        return bool(any(getattr(self, name) for name in _CONFIG_PARTS) or self.others)
+        return bool(any(getattr(self, name) for name in CONFIG_PARTS) or self.others)
 
     @property
     def unchanged(self) -> tuple[str, ...]:
@@ -93,7 +94,7 @@ class ConfigDiff:
 
 def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
     """Return the difference from ``old`` to ``new``."""
-    parts: dict[str, Any] = {name: _part_diff(getattr(old, name), getattr(new, name)) for name in _CONFIG_PARTS}
+    parts: dict[str, Any] = {name: _part_diff(getattr(old, name), getattr(new, name)) for name in CONFIG_PARTS}
     before = {bus.id: bus for bus in old.buses}
     reopened = tuple(
         bus.id for bus in new.buses if bus.id in before and _changed_fields(before[bus.id], bus) - UPDATE_BUS_FIELDS
@@ -102,13 +103,13 @@ def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
     actions = {
         drive.id: _reload_action(drives[drive.id], drive, reopened) for drive in new.drives if drive.id in drives
     }
-    others = {name: getattr(new, name) for name in _changed_fields(old, new) - set(_CONFIG_PARTS)}
+    others = {name: getattr(new, name) for name in _changed_fields(old, new) - set(CONFIG_PARTS)}
     return ConfigDiff(**parts, actions=actions, reopened=reopened, others=others)
 
 
 def apply_diff(change: ConfigDiff, old: PlantConfig) -> PlantConfig:
     """Apply a difference: ``apply_diff(config_diff(a, b), a) == b``."""
-    parts: dict[str, Any] = {name: getattr(change, name).applied(getattr(old, name)) for name in _CONFIG_PARTS}
+    parts: dict[str, Any] = {name: getattr(change, name).applied(getattr(old, name)) for name in CONFIG_PARTS}
     return replace(old, **parts, **change.others)
 
 

@@ -66,8 +66,8 @@ def plant_file_schema() -> type[PlantFile]:
     return _load_all()[1]
 
 
-def gateway_problems(tables: GatewayTables, resolve_path: ResolvePath) -> Iterator[Issue]:
-    """Yield what the checks of the gateways find in their tables."""
+def gateway_issues(tables: GatewayTables, resolve_path: ResolvePath) -> Iterator[Issue]:
+    """Yield the issues that the gateways find in their tables."""
     for name, table in tables.configured():
         for found in installed_gateways()[name].check(table, resolve_path):
             yield replace(

@@ -32,7 +32,7 @@ from drivebus.service.config.redaction import restore_url
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 
 CATALOGUE = "plant_config"
-MAX_COMPLAINTS = 100
+MAX_DIAGNOSTICS = 100
 """Issues reported for one file, so that a hostile file cannot cost more."""
 MAX_VALIDATION_ROUNDS = 8
 """Rounds of removing faulty keys: a table without a required key is removed, then the table that held it."""
@@ -47,7 +47,7 @@ def load(path: str | Path) -> PlantConfig:
         with where.open("rb") as file:
             raw = file.read(MAX_TOML_BYTES + 1)
     except OSError as error:
-        raise config_error([unreadable_complaint(str(path), error)]) from None
+        raise config_error([unreadable_file_diagnostic(str(path), error)]) from None
     return _parse(raw, str(path), where.resolve().parent)
 
 
@@ -67,15 +67,15 @@ def loads(
     return _parse(text.encode(), source, (base or Path()).resolve(), may_read_model, history_url)
 
 
-def unreadable_complaint(path: str, error: OSError) -> Diagnostic:
+def unreadable_file_diagnostic(path: str, error: OSError) -> Diagnostic:
     """Return the diagnostic of a file that cannot be read."""
     missing = isinstance(error, FileNotFoundError)
     found = issue("no_file", (), path) if missing else issue("unreadable", (), error.strerror or str(error))
     return to_diagnostic(found, path, None, CATALOGUE)
 
 
-def config_error(complaints: Sequence[Diagnostic]) -> ConfigurationError:
-    return ConfigurationError("plant_config.refused", **error_params(complaints))
+def config_error(diagnostics: Sequence[Diagnostic]) -> ConfigurationError:
+    return ConfigurationError("plant_config.refused", **error_params(diagnostics))
 
 
 def _single_error(source: str, found: Issue, line: int | None) -> ConfigurationError:
@@ -102,14 +102,14 @@ def _parse(
             url = restore_url(file.history.url, history_url)
             file = file.model_copy(update={"history": file.history.model_copy(update={"url": url})})
             parsed = ParsedPlant(file=file, raw=raw, base=base, may_read_model=may_read_model)
-            found += check.all_problems(parsed)
+            found += check.all_issues(parsed)
     if found:
         raise config_error(_with_lines(found, text, source))
     assert parsed is not None
     return build.plant_config(parsed, source)
 
 
-def toml_complaint(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:
+def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:
     """Return the diagnostic of a TOML syntax error."""
     fault = syntax_fault(error, text)
     return to_diagnostic(fault.issue, source, fault.line, CATALOGUE)
@@ -145,7 +145,7 @@ def _name_gateways(one: Issue) -> Issue:
 def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:
     """Return whether a missing key is the consequence of a faulty key of its table that was removed."""
     table = one.path[:-1]
-    return one.kind == "missing_key" and any(fault.path[: len(table)] == table for fault in tuple(faults))
+    return one.kind == "missing_key" and any(fault.path[: len(table)] == table for fault in faults)
 
 
 def _remove_key(data: Any, path: Sequence[str | int]) -> None:
@@ -165,11 +165,11 @@ def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> 
     for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
             lines.setdefault(path[:depth], line)
-    complaints = [one if isinstance(one, Diagnostic) else _complaint_at(one, lines, source) for one in found]
-    return sorted(complaints, key=lambda one: (one.file != source, one.line or 0))[:MAX_COMPLAINTS]
+    diagnostics = [one if isinstance(one, Diagnostic) else _diagnostic_at(one, lines, source) for one in found]
+    return sorted(diagnostics, key=lambda one: (one.file != source, one.line or 0))[:MAX_DIAGNOSTICS]
 
 
-def _complaint_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:
+def _diagnostic_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:
     path = tuple(str(part) for part in found.path)
     line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
     return to_diagnostic(found, source, line, CATALOGUE)

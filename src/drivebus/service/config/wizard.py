@@ -17,7 +17,7 @@ from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
 from drivebus.profiles.model import SETPOINT_STEP
 from drivebus.profiles.toml_file import line_of, toml_string
-from drivebus.service.config.load import CATALOGUE, config_error, toml_complaint, unreadable_complaint
+from drivebus.service.config.load import CATALOGUE, config_error, syntax_diagnostic, unreadable_file_diagnostic
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel
 
 
@@ -79,13 +79,13 @@ def read_answers(path: str) -> PlantAnswers:
         text = Path(path).read_text(encoding="utf-8-sig")
         found = _PlantAnswersIn.model_validate(tomllib.loads(text))
     except OSError as error:
-        raise config_error([unreadable_complaint(path, error)]) from None
+        raise config_error([unreadable_file_diagnostic(path, error)]) from None
     except UnicodeDecodeError as error:
         raise config_error(
             [to_diagnostic(issue("encoding", (), f"{error.object[error.start]:02X}H"), path, 1, CATALOGUE)]
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise config_error([toml_complaint(path, error, text)]) from None
+        raise config_error([syntax_diagnostic(path, error, text)]) from None
     except ValidationError as error:
         faults = issues_from_pydantic(error, _PlantAnswersIn)
         raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None

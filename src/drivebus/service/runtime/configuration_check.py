@@ -19,7 +19,7 @@ from pathlib import Path
 from drivebus.errors import ConfigurationError, ServiceError, ServiceUnavailable
 from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.service.api.errors import localized, to_plain
-from drivebus.service.config.diff import ConfigDiff, config_diff
+from drivebus.service.config.diff import CONFIG_PARTS, ConfigDiff, config_diff
 from drivebus.service.config.load import loads
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.process.module_command import module_command
@@ -29,7 +29,6 @@ from drivebus.types import Json
 CHECK_TIMEOUT_S = 20.0  # a plant of 300 drives takes 1.5 s
 MAX_CHECKED_DRIVES = 1000
 MAX_CHECK_BYTES = 1 << 30  # of the address space of the process
-RELOADABLE_TABLES = ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
 _DRIVE_TABLE = re.compile(r"^[ \t]*\[[ \t]*drive[ \t]*\.", re.MULTILINE)
 
 
@@ -108,7 +107,7 @@ def check_text(text: str, running: PlantConfig) -> Json:
 
 def difference_json(change: ConfigDiff) -> Json:
     """Return the names of what was added, changed and removed."""
-    parts = [getattr(change, name) for name in RELOADABLE_TABLES]
+    parts = [getattr(change, name) for name in CONFIG_PARTS]
     changed = [id for part in parts for id in part.changed]
     return {
         "added": _unique(id for part in parts for id in part.added),
