@@ -288,7 +288,7 @@ class UnauthorizedClient:
             created_ms=0,
             expires_ms=1,
         )
-        await self.auth.change(lambda register: register.with_user(user).with_token(token))
+        await self.auth.change_database(lambda register: register.with_user(user).with_token(token))
         expired = await self.auth.login(user.name, TEST_PASSWORD, "local")
         self.now += SESSION_LIFETIME_S
         ended = await self.auth.login(user.name, TEST_PASSWORD, "local")

@@ -9,7 +9,8 @@ import pytest
 from argon2 import PasswordHasher
 
 from drivebus.service.auth.errors import AuthUnavailable, InvalidInput
-from drivebus.service.auth.passwords import MIN_KNOWN_LENGTH, PasswordHashing, check_password_policy, common_passwords
+from drivebus.service.auth.password_policy import MIN_KNOWN_LENGTH, check_password_policy, common_passwords
+from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.testing.virtual_time import run
 from fixtures.web_app import FAST_HASHER, PASSWORD
 

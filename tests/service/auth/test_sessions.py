@@ -460,7 +460,7 @@ def test_a_hanging_disk_has_one_pending_write(tmp_path: Path, monkeypatch: pytes
 
     async def scenario() -> int:
         hung = asyncio.Event()
-        monkeypatch.setattr(auth, "keep", hung.wait)
+        monkeypatch.setattr(auth, "save_sessions", hung.wait)
         for _ in range(3):
             clock.now += SESSION_SAVE_INTERVAL_S
             await auth.record_activity(credential.session)

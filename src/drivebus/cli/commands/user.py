@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,19 +14,15 @@ import click
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, LazyGroup, Option
 from drivebus.cli.extras import require_extra
+from drivebus.service.auth.rights import Right, Role
 
 if TYPE_CHECKING:
     from drivebus.service.auth.users import Token, User, UserDatabase
-
-ROLES = ["viewer", "operator", "engineer", "administrator"]
-RIGHTS = ["view", "stop", "operate", "write_parameters", "save", "limit", "configure", "audit", "administer"]
-_DAY_MS = 86_400_000
 
 
 def _add(plant: str, name: str, role: str) -> None:
     from drivebus.clock import wall_ms
     from drivebus.service.auth.names import normalized_name
-    from drivebus.service.auth.rights import Role
     from drivebus.service.auth.users import User
 
     user_name = normalized_name(name)
@@ -81,20 +76,10 @@ def _remove(plant: str, name: str) -> None:
 def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str) -> None:
     from drivebus.clock import wall_ms
     from drivebus.service.auth.names import normalized_name
-    from drivebus.service.auth.rights import Right
-    from drivebus.service.auth.sessions import secret_digest
-    from drivebus.service.auth.users import Token
+    from drivebus.service.auth.tokens import new_token
 
-    secret, now_ms, rights = "dbt_" + secrets.token_urlsafe(32), wall_ms(), tuple(sorted(Right(one) for one in right))
-    token = Token(
-        id=secrets.token_hex(6),
-        name=label,
-        user=normalized_name(name),
-        rights=rights,
-        digest=secret_digest(secret),
-        created_ms=now_ms,
-        expires_ms=now_ms + days * _DAY_MS,
-    )
+    rights = [Right(one) for one in right]
+    secret, token = new_token(name=label, user=normalized_name(name), rights=rights, days=days, now_ms=wall_ms())
     params = {"user": name, "rights": list(right), "days": days}
     _change(plant, "token.add", token.id, params, lambda database: database.with_token(token))
     output.print_json({"token": secret, "id": token.id, "expires_ms": token.expires_ms})
@@ -143,7 +128,8 @@ def _change_user(plant: str, operation: str, name: str, params: dict[str, Any], 
 def _hash(name: str) -> str:
     """Hash a password: entered twice on a terminal, else the first line of standard input."""
     require_extra("server")
-    from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
+    from drivebus.service.auth.password_policy import check_password_policy
+    from drivebus.service.auth.passwords import PasswordHashing
 
     password = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
     return asyncio.run(PasswordHashing().hash(check_password_policy(password, name)))
@@ -182,7 +168,13 @@ def _user_command(
 add = _user_command(
     "add",
     _add,
-    Option(["--role"], type=Choice(ROLES), required=True, key="help.option.role", example="--role operator"),
+    Option(
+        ["--role"],
+        type=Choice([str(role) for role in Role]),
+        required=True,
+        key="help.option.role",
+        example="--role operator",
+    ),
     example="add plant.toml ann --role administrator",
 )
 listed = _user_command("list", _list, example="list plant.toml", with_name=False)
@@ -195,7 +187,7 @@ token = _user_command(
     _token,
     Option(
         ["--right"],
-        type=Choice(RIGHTS),
+        type=Choice([str(right) for right in Right]),
         metavar="RIGHT",
         multiple=True,
         default=["view"],
@@ -228,7 +220,7 @@ command = LazyGroup(
     "user",
     help_key="user",
     sections={
-        "cli.section.profile": {
+        "cli.section.commands": {
             "add": f"{_MODULE}:add",
             "list": f"{_MODULE}:listed",
             "passwd": f"{_MODULE}:passwd",

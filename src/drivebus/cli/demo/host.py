@@ -20,7 +20,7 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.cli import output
-from drivebus.cli.demo.history import HOURS, DemoEvent, HistoryGenerator
+from drivebus.cli.demo.history import HISTORY_HOURS, DemoEvent, HistoryGenerator
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
@@ -53,7 +53,7 @@ USER = "demo"
 PASSWORD_BYTES = 9  # the password is new each time, printed, and on the log-in page, which only this computer reaches
 LAST_CAPTION_S = 60.0  # the last caption of the script stays this long on the page
 PAGE_TIMEOUT_S = 30.0  # after this time a note reports that the page is late
-SEED = 1
+HISTORY_SEED = 1
 
 
 # --- in the browser -----------------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ async def prepare(config: PlantConfig, password: str) -> str:
     _write_waivers(config)
     auth = AuthService(config.directory)
     user = await auth.new_user(USER, Role.ADMINISTRATOR, password)
-    await auth.change(lambda database: database.with_user(user))
+    await auth.change_database(lambda database: database.with_user(user))
     return await auth.issue_code(USER, LOGIN_CODE_LIFETIME_S)
 
 
@@ -207,7 +207,7 @@ def _write_waivers(config: PlantConfig) -> None:
 
 async def _write_history(config: PlantConfig) -> None:
     """Write samples and events, and the alarms and run statistics that follow from them."""
-    start_ms = wall_ms() - int(HOURS * 3_600_000)
+    start_ms = wall_ms() - int(HISTORY_HOURS * 3_600_000)
     drives = {drive.id: drive for drive in config.drives}
     alarms: list[Alarm] = []
     async with Historian(config.history, config.directory) as historian:
@@ -215,7 +215,7 @@ async def _write_history(config: PlantConfig) -> None:
             for drive in bus.drives:
                 setting = drives[drive.key]
                 profile = profile_of(setting)
-                generator = HistoryGenerator(bus, drive, profile, start_ms, SEED)
+                generator = HistoryGenerator(bus, drive, profile, start_ms, HISTORY_SEED)
                 samples = list(generator.samples())
                 historian.append(samples)
                 for number, event in enumerate(generator.events):

@@ -22,24 +22,24 @@ from drivebus.types import Json
 WriteAuditRecord = Callable[[Json], Awaitable[object]]
 
 
-def user_file_of(setting: PlantConfig) -> UserFile:
+def user_file_of(config: PlantConfig) -> UserFile:
     """Return the user file of a plant."""
-    return UserFile(setting.users or setting.directory / USER_FILE)
+    return UserFile(config.users or config.directory / USER_FILE)
 
 
 async def change_users(
-    setting: PlantConfig, what: str, target: str, params: Json, change: Callable[[UserDatabase], UserDatabase]
+    config: PlantConfig, what: str, target: str, params: Json, change: Callable[[UserDatabase], UserDatabase]
 ) -> UserDatabase:
     """Change the user database, with an audit record before and after it, and return it.
 
     Raises the errors of ``change``; AuditUnavailable and ServiceUnavailable if it cannot be recorded, and then nothing
     is changed.
     """
-    async with _audit_writer(setting) as write:
+    async with _audit_writer(config) as write:
         entry: Json = {"what": what, "target": target, "params": params}
         await write(entry | {"outcome": "requested"})
         try:
-            after = user_file_of(setting).change(change)
+            after = user_file_of(config).change(change)
         except DrivebusError as error:
             await write(entry | {"outcome": error.key})
             raise
@@ -48,22 +48,22 @@ async def change_users(
 
 
 @asynccontextmanager
-async def _audit_writer(setting: PlantConfig) -> AsyncIterator[WriteAuditRecord]:
+async def _audit_writer(config: PlantConfig) -> AsyncIterator[WriteAuditRecord]:
     """Yield the writer of audit records: the running service, else the trail itself."""
     actor = local_actor(getpass.getuser(), "command-line")
     try:
-        lock = single_instance(setting.directory)
+        lock = single_instance(config.directory)
         lock.__enter__()
     except ConfigurationError as error:
         if error.key != "plant.runs_already":
             raise
-        client = SocketClient(socket_path(setting.directory, SERVICE_SOCKET))
+        client = SocketClient(socket_path(config.directory, SERVICE_SOCKET))
         try:
             yield lambda entry: client.record(entry, actor)
         finally:
             await client.close()
         return
-    trail = AuditTrail.of(setting)
+    trail = AuditTrail.of(config)
     try:
         await trail.open()
         yield lambda entry: trail.record(AuditEntry.from_json(entry, actor))

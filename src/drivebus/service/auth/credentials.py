@@ -12,7 +12,7 @@ from drivebus.service.auth.sessions import Session
 from drivebus.service.auth.users import Token, UserDatabase
 
 _RIGHTS_CHECK_INTERVAL_S = 0.5
-"""A changed role ends open connections within this time; 1 s is required."""
+"""Longest time for which an open connection keeps rights that its user has lost."""
 _IDLE_SESSION_RIGHTS = frozenset({Right.VIEW, Right.STOP})
 """Rights of an idle session: a stop never waits for a password."""
 

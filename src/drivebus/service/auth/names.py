@@ -28,7 +28,7 @@ def appearance(name: str) -> str:
 
 
 def check_user_name(name: str) -> None:
-    """Raises InvalidInput for a name that no user may have."""
+    """Check that a user may have this name. Raises InvalidInput."""
     if not _USER_NAME.fullmatch(name) or name != normalized_name(name):
         raise InvalidInput("auth.bad_name", name=name)
     scripts = {_script(letter) for letter in name if letter.isalpha()}

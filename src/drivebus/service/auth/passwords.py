@@ -1,101 +1,21 @@
-"""``PasswordHashing``, and the policy for new passwords. The only module that imports argon2."""
+"""``PasswordHashing``: argon2 hashes of passwords. The only module that imports argon2."""
 
 from __future__ import annotations
 
 import asyncio
-import re
 import secrets
-import unicodedata
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-from importlib.resources import files
 from typing import TypeVar
 
 from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 
-from drivebus.service.auth.errors import AuthUnavailable, InvalidInput
-
-MIN_UNCOMMON_CHARACTERS = 4
-"""Different characters that a password needs besides common words, keyboard rows and digits."""
-_COMMON_WORDS = """
-password passwort passwd pass login secret default changeme letmein welcome hello iloveyou woaini wodemima mima
-admin administrator root user guest test master super operator engineer viewer service company office factory
-drive drivebus inverter motor pump plant dragon monkey football sunshine princess summer winter spring autumn
-"""
-_KEYBOARD_ROWS = (
-    "abcdefghijklmnopqrstuvwxyz",
-    "01234567890",
-    "qwertyuiop",
-    "asdfghjkl",
-    "zxcvbnm",
-    "1q2w3e4r5t6y7u8i9o0p",
-    "1qaz2wsx3edc4rfv5tgb6yhn7ujm",
-    "!@#$%^&*()",
-)
-MIN_KNOWN_LENGTH = 4
-"""Length of the shortest entry of ``common_passwords``."""
-_KEYBOARD_RUN_LENGTH = 3
-"""Neighbours of a keyboard row, in either direction, that count as common."""
-_LEET_SPELLING = str.maketrans("@4$5031!", "aassoeii")
-"""Substitutions such as p@ssw0rd for password."""
-
-
-def _keyboard_runs(row: str) -> set[str]:
-    return {
-        direction[at : at + _KEYBOARD_RUN_LENGTH]
-        for direction in (row, row[::-1])
-        for at in range(len(row) - _KEYBOARD_RUN_LENGTH + 1)
-    }
-
-
-_COMMON_PARTS = frozenset(_COMMON_WORDS.split()).union(*map(_keyboard_runs, _KEYBOARD_ROWS))
-
-
-def is_guessable(password: str) -> bool:
-    """Return whether a password is made of common words, keyboard rows and digits, and few other characters."""
-    folded = password.casefold()
-    return any(_is_common(each) for each in (folded, folded.translate(_LEET_SPELLING)))
-
-
-@cache
-def common_passwords() -> frozenset[str]:
-    """Return frequent passwords, names and words; ``common_passwords.txt`` names source and licence."""
-    lines = files("drivebus.service.auth").joinpath("common_passwords.txt").read_text(encoding="ascii").splitlines()
-    return frozenset(line for line in lines if not line.startswith("#"))
-
-
-def is_known(password: str) -> bool:
-    """Return whether a password is a frequent one, repeated or not, or two of them, with digits and signs added.
-
-    Three common words and more are a passphrase, which is hard to guess.
-    """
-    folded = password.casefold()
-    spellings = {folded, folded.translate(_LEET_SPELLING)}
-    texts = {"".join(filter(keep, each)) for each in spellings for keep in (str.isalnum, str.isalpha)}
-    return any(_is_known_text(text) for text in (*spellings, *texts))
-
-
-def _is_known_text(text: str) -> bool:
-    known, length = common_passwords(), len(text)
-    units = {text[:size] for size in range(MIN_KNOWN_LENGTH, length + 1) if text == text[:size] * (length // size)}
-    halves = ((text[:at], text[at:]) for at in range(MIN_KNOWN_LENGTH, length - MIN_KNOWN_LENGTH + 1))
-    return not known.isdisjoint(units) or any(first in known and second in known for first, second in halves)
-
-
-def _is_common(text: str) -> bool:
-    found = ((match.start(), part) for part in _COMMON_PARTS for match in re.finditer(f"(?={re.escape(part)})", text))
-    common = {at for start, part in found for at in range(start, start + len(part))}
-    uncommon = {character for at, character in enumerate(text) if at not in common and not character.isdigit()}
-    return (bool(common) or text.isdigit()) and len(uncommon) < MIN_UNCOMMON_CHARACTERS
-
+from drivebus.service.auth.errors import AuthUnavailable
+from drivebus.service.auth.password_policy import normalized_password
 
 T = TypeVar("T")
 
-MIN_PASSWORD_LENGTH = 10
-MAX_PASSWORD_LENGTH = 200
-_MIN_DIFFERENT_CHARACTERS = 5
 _MAX_WAITING_HASHES = 8
 """Hashes waiting for a thread; further ones are refused, so that a flood of logins cannot fill the memory."""
 
@@ -114,10 +34,10 @@ class PasswordHashing:
 
     async def hash(self, password: str) -> str:
         """Return the encoded hash of a password. Raises AuthUnavailable if too many hashes are waiting."""
-        return await self._in_thread(True, self._hasher.hash, _normalized(password))
+        return await self._in_thread(True, self._hasher.hash, normalized_password(password))
 
     def check_capacity(self, is_known: bool) -> None:
-        """Raises AuthUnavailable if too many hashes are waiting on the thread of known or of unknown browsers."""
+        """Check that the thread of known or of unknown browsers takes another hash. Raises AuthUnavailable."""
         if self._waiting[is_known] >= _MAX_WAITING_HASHES:
             raise AuthUnavailable("auth.busy")
 
@@ -127,7 +47,7 @@ class PasswordHashing:
         It takes as long for an unknown user (``encoded`` None) as for a wrong password. ``is_known``: it comes from a
         browser or session in which the user has logged in before.
         """
-        arguments = (encoded or self._unknown_user_hash, _normalized(password))
+        arguments = (encoded or self._unknown_user_hash, normalized_password(password))
         matches = await self._in_thread(is_known, self._verify, *arguments)
         return matches and encoded is not None
 
@@ -144,18 +64,3 @@ class PasswordHashing:
             return await asyncio.get_running_loop().run_in_executor(self._threads[is_known], work, *arguments)
         finally:
             self._waiting[is_known] -= 1
-
-
-def check_password_policy(password: str, name: str) -> str:
-    """Return ``password`` if the user ``name`` may have it. Raises InvalidInput with the reason."""
-    text = _normalized(password)
-    if not MIN_PASSWORD_LENGTH <= len(text) <= MAX_PASSWORD_LENGTH:
-        raise InvalidInput("auth.password_length", shortest=MIN_PASSWORD_LENGTH, longest=MAX_PASSWORD_LENGTH)
-    guessable = is_guessable(text) or is_known(text) or name.casefold() in text.casefold()
-    if guessable or len(set(text)) < _MIN_DIFFERENT_CHARACTERS:
-        raise InvalidInput("auth.password_common", different=_MIN_DIFFERENT_CHARACTERS, own=MIN_UNCOMMON_CHARACTERS)
-    return password
-
-
-def _normalized(password: str) -> str:
-    return unicodedata.normalize("NFC", password)

@@ -18,7 +18,8 @@ from drivebus.service.auth.credentials import AuthContext, Credential, SessionCr
 from drivebus.service.auth.devices import DeviceCookies
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound, TooManyAttempts
 from drivebus.service.auth.names import normalized_name
-from drivebus.service.auth.passwords import PasswordHashing, check_password_policy
+from drivebus.service.auth.password_policy import check_password_policy
+from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
 from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, unknown_browser_keys
@@ -101,9 +102,11 @@ class AuthService:
         self.failed_logins = Counter[str]()
         """User → wrong passwords since the last login, while this process runs."""
         self.throttle = LoginThrottle()
-        """Of passwords."""
+        """Throttle of passwords."""
         self.secret_throttle = LoginThrottle()
-        """Of set-up secrets and one-time codes, which take no hash: a flood of them must not reach the other counts."""
+        """Throttle of set-up secrets and one-time codes, which take no hash: a flood of them must not reach the other
+        counts.
+        """
         self.devices = DeviceCookies(directory)
         self.context = AuthContext(self.user_file.read, clock, wall_ms)
 
@@ -115,11 +118,11 @@ class AuthService:
     def needs_setup(self) -> bool:
         return not self.database.has_administrator
 
-    async def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
+    async def change_database(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
         """Change the user database durably, without blocking the event loop."""
         return await asyncio.to_thread(self.user_file.change, change)
 
-    async def keep(self) -> None:
+    async def save_sessions(self) -> None:
         """Save the sessions for the next process. A failed write is ignored: logging in must not depend on it."""
         async with self._save_lock:
             self._saved_at = self.clock()
@@ -129,7 +132,7 @@ class AuthService:
         """Record a user's activity. The save runs in the background, because the request may be a stop."""
         session.record_activity(self.clock())
         if self.clock() - self._saved_at >= SESSION_SAVE_INTERVAL_S and not self._save_tasks:
-            task = asyncio.create_task(self.keep())
+            task = asyncio.create_task(self.save_sessions())
             self._save_tasks.add(task)
             task.add_done_callback(self._save_tasks.discard)
 
@@ -143,7 +146,7 @@ class AuthService:
         if not self.setup_secret.verify(secret):
             raise NotAuthenticated("auth.wrong_secret")
         user = await self.new_user(name, Role.ADMINISTRATOR, password)
-        await self.change(lambda database: _add_first_administrator(database, user))
+        await self.change_database(lambda database: _add_first_administrator(database, user))
         self.setup_secret.consume()
         return await self._open_session(user, address)
 
@@ -179,7 +182,7 @@ class AuthService:
         found = self._find_code(code)
         if found is None:
             raise NotAuthenticated("auth.wrong_code")
-        await self.change(lambda database: _consume_code(database, found))
+        await self.change_database(lambda database: _consume_code(database, found))
         user = self.database.user(found.user)
         if user.disabled:
             raise NotAuthenticated("auth.wrong_code")
@@ -191,20 +194,20 @@ class AuthService:
         code = secrets.token_urlsafe(16)
         now_ms = self.wall_ms()
         stored = OneTimeCode(secret_digest(code), normalized_name(user), now_ms + round(lifetime_s * 1000))
-        await self.change(lambda database: database.with_code(stored, now_ms))
+        await self.change_database(lambda database: database.with_code(stored, now_ms))
         return code
 
     async def logout(self, session: Session) -> None:
         """End this session."""
         session.end("logout")
-        await self.keep()
+        await self.save_sessions()
 
     async def end_session(self, own: Session, id: str, password: str) -> None:
         """End the session ``id`` of the user of the session ``own``, after a check of the password.
 
         Raises ResourceNotFound, AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
         """
-        await self._verify_own_password(own, password)
+        await self.verify_own_password(own, password)
         found = next((one for one in self.sessions.of_user(own.user) if one.id == id), None)
         if found is None:
             raise ResourceNotFound("auth.no_such_session", id=id)
@@ -213,7 +216,7 @@ class AuthService:
     async def end_sessions(self, user: str, reason: str) -> int:
         """End every session of a user and return their number."""
         ended = self.sessions.end_all(normalized_name(user), reason)
-        await self.keep()
+        await self.save_sessions()
         return ended
 
     async def change_password(self, session: Session, old: str, new: str) -> LoginResult:
@@ -221,7 +224,7 @@ class AuthService:
 
         Raises AccessDenied for a wrong ``old`` password, TooManyAttempts, InvalidInput, AuthUnavailable.
         """
-        user = await self._verify_own_password(session, old)
+        user = await self.verify_own_password(session, old)
         hashed = await self.passwords.hash(check_password_policy(new, user.name))
 
         def change(database: UserDatabase) -> UserDatabase:
@@ -230,30 +233,25 @@ class AuthService:
                 raise NotAuthenticated("auth.wrong_password")
             return database.with_changed_user(replace(current, password=hashed))
 
-        changed = (await self.change(change)).user(user.name)
+        changed = (await self.change_database(change)).user(user.name)
         self.sessions.end_all(user.name, "rights")
         return await self._open_session(changed, session.address)
-
-    async def confirm_password(self, session: Session, password: str) -> None:
-        """Check the password of the session's user again, before a change that gives rights to others.
-
-        Raises AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
-        """
-        await self._verify_own_password(session, password)
 
     async def unlock(self, session: Session, password: str) -> LoginResult:
         """Give an idle session its rights back. It stays the same session, so that its control leases stay valid.
 
         Raises AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
         """
-        await self._verify_own_password(session, password)
+        await self.verify_own_password(session, password)
         secret = self.sessions.unlock(session, self.clock())
-        await self.keep()
+        await self.save_sessions()
         return LoginResult(secret, session)
 
-    async def _verify_own_password(self, session: Session, password: str) -> User:
-        """Return the session's user after checking the password. Raises AccessDenied rather than NotAuthenticated,
-        because the session goes on and keeps its right to stop. Its attempts are counted on their own.
+    async def verify_own_password(self, session: Session, password: str) -> User:
+        """Return the session's user after checking the password; its attempts are counted on their own.
+
+        Raises AccessDenied rather than NotAuthenticated for a wrong password, because the session goes on and keeps its
+        right to stop; TooManyAttempts, AuthUnavailable.
         """
         user = self.database.user(session.user)
         try:
@@ -277,11 +275,14 @@ class AuthService:
 
     async def _open_session(self, user: User, address: str) -> LoginResult:
         secret, session = self.sessions.open(user, address, self.clock())
-        await self.keep()
+        await self.save_sessions()
         return LoginResult(secret, session)
 
     async def _verify_password(self, user: User | None, password: str, keys: AttemptKeys, *, is_known: bool) -> None:
-        """Raises NotAuthenticated, TooManyAttempts, AuthUnavailable; an attempt that is not checked is not counted."""
+        """Check a password and count the attempt, unless it is not checked.
+
+        Raises NotAuthenticated, TooManyAttempts, AuthUnavailable.
+        """
         self.passwords.check_capacity(is_known)
         at = self._record_attempt(self.throttle, keys)
         encoded = user.password if user is not None and not user.disabled else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import replace
 
 from starlette.requests import Request
@@ -12,10 +11,10 @@ from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.credentials import SessionCredential
 from drivebus.service.auth.errors import AccessDenied, Conflict, InvalidInput
 from drivebus.service.auth.names import normalized_name
-from drivebus.service.auth.passwords import check_password_policy
+from drivebus.service.auth.password_policy import check_password_policy
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.service import AuthService
-from drivebus.service.auth.sessions import secret_digest
+from drivebus.service.auth.tokens import new_token
 from drivebus.service.auth.users import Token, User, UserDatabase
 from drivebus.types import Json
 from drivebus.web.context import actor_of, context_of, credential_of
@@ -34,8 +33,6 @@ from drivebus.web.operations.users import (
     UserParams,
 )
 
-DAY_MS = 86_400_000
-
 
 @handles(USERS_LIST)
 async def list_users(request: Request, params: NoParams) -> Json:
@@ -51,7 +48,7 @@ async def add_user(request: Request, params: NewUserParams) -> Json:
         if params.role is Role.ADMINISTRATOR:
             await _confirm(request, params.own_password)
         user = await context.auth.new_user(params.name, params.role, params.password)
-        await context.auth.change(lambda database: database.with_user(user))
+        await context.auth.change_database(lambda database: database.with_user(user))
         return user
 
     user = await context.record_change(USER_ADD, params.name, {"role": params.role}, actor_of(request), add())
@@ -82,7 +79,7 @@ async def remove_user(request: Request, params: UserParams) -> Json:
         raise Conflict("auth.oneself")
 
     async def remove() -> None:
-        await context.auth.change(lambda database: database.without_user(user))
+        await context.auth.change_database(lambda database: database.without_user(user))
         await context.auth.end_sessions(user, "rights")
 
     await context.record_change(USER_REMOVE, user, {}, actor_of(request), remove())
@@ -101,9 +98,15 @@ async def add_token(request: Request, params: NewTokenParams) -> Json:
     context, actor = context_of(request), actor_of(request)
     if beyond := set(params.rights) - actor.rights:
         raise AccessDenied("auth.beyond_own", rights=", ".join(sorted(beyond)))
-    secret, token = _new_token(context.auth, params, _user_name(request))
+    secret, token = new_token(
+        name=params.name,
+        user=_user_name(request),
+        rights=params.rights,
+        days=params.days,
+        now_ms=context.auth.wall_ms(),
+    )
     recorded = {"name": params.name, "rights": list(token.rights), "days": params.days}
-    change = context.auth.change(lambda database: database.with_token(token))
+    change = context.auth.change_database(lambda database: database.with_token(token))
     await context.record_change(TOKEN_ADD, token.id, recorded, actor, change)
     return {"token": _token_json(token), "secret": secret}
 
@@ -115,7 +118,7 @@ async def remove_token(request: Request, params: TokenParams) -> Json:
     database = context.auth.database
     manageable = {one.id for one in database.tokens if _may_manage(request, one)}
     (database if token in manageable else UserDatabase()).without_token(token)
-    change = context.auth.change(lambda database: database.without_token(token))
+    change = context.auth.change_database(lambda database: database.without_token(token))
     await context.record_change(TOKEN_REMOVE, token, {}, actor_of(request), change)
     return {}
 
@@ -133,7 +136,9 @@ async def _change_user(auth: AuthService, params: UserChangeParams, own_name: st
     changes: Json = {key: value for key in ("role", "disabled") if (value := getattr(params, key)) is not None}
     if params.password is not None:
         changes["password"] = await auth.passwords.hash(check_password_policy(params.password, user.name))
-    after = await auth.change(lambda database: database.with_changed_user(replace(database.user(user.name), **changes)))
+    after = await auth.change_database(
+        lambda database: database.with_changed_user(replace(database.user(user.name), **changes))
+    )
     changed = after.user(user.name)
     if params.end_sessions or changed.stamp != user.stamp:
         await auth.end_sessions(user.name, "rights")
@@ -150,22 +155,7 @@ async def _confirm(request: Request, own_password: str | None) -> None:
         raise AccessDenied("auth.only_session")
     if own_password is None:
         raise InvalidInput("auth.own_password_needed")
-    await context_of(request).auth.confirm_password(credential.session, own_password)
-
-
-def _new_token(auth: AuthService, params: NewTokenParams, user: str) -> tuple[str, Token]:
-    secret, now_ms = "dbt_" + secrets.token_urlsafe(32), auth.wall_ms()
-    rights = tuple(sorted(set(params.rights)))
-    expires_ms = now_ms + params.days * DAY_MS
-    return secret, Token(
-        id=secrets.token_hex(6),
-        name=params.name,
-        user=user,
-        rights=rights,
-        digest=secret_digest(secret),
-        created_ms=now_ms,
-        expires_ms=expires_ms,
-    )
+    await context_of(request).auth.verify_own_password(credential.session, own_password)
 
 
 def _user_name(request: Request) -> str:
