@@ -13,9 +13,9 @@ from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
 from drivebus.service.control.control_requests import (
-    ANSWER_KEPT_S,
     CONTROL_REQUEST_INTERVAL_S,
     CONTROL_REQUEST_TTL_S,
+    ENDED_REQUEST_TTL_S,
     MAX_OPEN_REQUESTS,
     ControlRequests,
 )
@@ -30,7 +30,7 @@ FAN = {"drive": "fan-1"}
 
 
 def test_the_documented_times_and_limits() -> None:
-    found = (CONTROL_REQUEST_TTL_S, CONTROL_REQUEST_INTERVAL_S, ANSWER_KEPT_S, MAX_OPEN_REQUESTS)
+    found = (CONTROL_REQUEST_TTL_S, CONTROL_REQUEST_INTERVAL_S, ENDED_REQUEST_TTL_S, MAX_OPEN_REQUESTS)
     assert found == (60, 30, 60, 20)
 
 
@@ -77,9 +77,9 @@ def test_a_request_expires_and_its_end_is_kept_for_a_minute() -> None:
         assert list(requests.expire(leases, now)) == []
     leases.renew("a", ANN, 59.0)
     assert [one.state for one in requests.expire(leases, CONTROL_REQUEST_TTL_S)] == ["expired"]
-    assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ANSWER_KEPT_S - 0.1)) == []
+    assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ENDED_REQUEST_TTL_S - 0.1)) == []
     assert requests.get("a") is not None and requests.find_open("a") is None
-    assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ANSWER_KEPT_S)) == []
+    assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ENDED_REQUEST_TTL_S)) == []
     assert requests.get("a") is None
 
 

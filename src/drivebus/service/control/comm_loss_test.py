@@ -40,12 +40,12 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-STEP_S = 0.1  # how often the conditions of the test are checked
-TURNING_S = 3.0  # the motor turns this long before the silence, so that its user sees that it turns
-ACCELERATION_TIMEOUT_S = 60.0
-POLLS_END_S = 0.5  # polls that were under way when polling ended are answered by then
+CHECK_INTERVAL_S = 0.1  # how often the conditions of the test are checked
+TURNING_TIME_S = 3.0  # the motor turns this long before the silence, so that its user sees that it turns
+ACCELERATION_TIMEOUT_S = 60.0  # the drive runs steadily within this time
+LAST_POLLS_S = 0.5  # polls that were under way when polling ended are answered by then
 READ_TIMEOUT_S = 120.0  # an adapter that was pulled is plugged in again within this time
-READ_PAUSE_S = 0.5
+READ_RETRY_INTERVAL_S = 0.5  # between two reads after the silence
 
 
 @dataclass(slots=True, eq=False)
@@ -178,7 +178,7 @@ class CommLossTests:
         await self._wait_until_turning(test)
         parameters = await self._read_parameters(runtime)
         runtime.stop_monitor()
-        await asyncio.sleep(POLLS_END_S)
+        await asyncio.sleep(LAST_POLLS_S)
         silent_since = runtime.bus.health(runtime.config.address).last_reply_at
         if silent_since is None:
             raise ServiceError("plant.comm_loss_not_turning", drive=runtime.id)
@@ -213,8 +213,8 @@ class CommLossTests:
         runtime, now = test.runtime, self.plant.now
         runtime.comm_loss_test = CommLossTestView("turning", None)
         steady_since, timeout = None, now() + ACCELERATION_TIMEOUT_S
-        while steady_since is None or now() - steady_since < TURNING_S:
-            await asyncio.sleep(STEP_S)
+        while steady_since is None or now() - steady_since < TURNING_TIME_S:
+            await asyncio.sleep(CHECK_INTERVAL_S)
             self._check_goes_on(test)
             state = runtime.status().state
             steady_since = None if state is not DriveState.RUNNING else now() if steady_since is None else steady_since
@@ -229,7 +229,7 @@ class CommLossTests:
         runtime.comm_loss_test = CommLossTestView("silent", until_ms)
         sent = runtime.bus.statistics().stations[address].transactions
         while self.plant.now() < ends_at and not test.read_now.is_set():
-            await asyncio.sleep(STEP_S)
+            await asyncio.sleep(CHECK_INTERVAL_S)
             self._check_goes_on(test)
             if runtime.bus.statistics().stations[address].transactions != sent:
                 return False
@@ -248,7 +248,7 @@ class CommLossTests:
                 if status.state is not DriveState.DECELERATING:
                     self._check_goes_on(test)
                     return first, status
-            await asyncio.sleep(READ_PAUSE_S)
+            await asyncio.sleep(READ_RETRY_INTERVAL_S)
         raise ServiceError("plant.comm_loss_no_reply", drive=test.runtime.id, seconds=READ_TIMEOUT_S)
 
     async def _record(self, test: ActiveTest, record: CommLossRecord) -> None:

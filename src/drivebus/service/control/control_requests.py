@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import ceil
 
 from drivebus.errors import NotFound, ServiceError
 from drivebus.service.auth.actor import Actor
@@ -14,7 +15,7 @@ from drivebus.service.runtime.utc_clock import UtcClock
 CONTROL_REQUEST_TTL_S = 60.0  # a request without an answer expires after this time
 CONTROL_REQUEST_INTERVAL_S = 30.0  # between two requests of one user for one drive
 MAX_OPEN_REQUESTS = 20  # of one user; those of a selection of drives are one
-ANSWER_KEPT_S = 60.0  # an ended request stays readable for the session that made it
+ENDED_REQUEST_TTL_S = 60.0  # an ended request stays readable for the session that made it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +54,7 @@ class ControlRequest:
 
 
 class ControlRequests:
-    """Newest request for control of each drive: at most one is open, and an ended one is kept for ``ANSWER_KEPT_S``."""
+    """Newest request for control of each drive: an open one, or one that ended within ``ENDED_REQUEST_TTL_S``."""
 
     def __init__(self) -> None:
         self._requests: dict[str, ControlRequest] = {}
@@ -73,11 +74,11 @@ class ControlRequests:
         """Open a request. Raises ServiceError where one is open, or the user makes them too often."""
         other = self.find_open(drive)
         if other is not None:
-            wait_s = _rounded_up(other.expires_at - now)
+            wait_s = max(1, ceil(other.expires_at - now))
             raise ServiceError("plant.control_requested_already", drive=drive, user=other.actor.name, wait_s=wait_s)
         last = self._requested_at.get((drive, actor.name))
         if last is not None and now - last < CONTROL_REQUEST_INTERVAL_S:
-            wait_s = _rounded_up(last + CONTROL_REQUEST_INTERVAL_S - now)
+            wait_s = max(1, ceil(last + CONTROL_REQUEST_INTERVAL_S - now))
             raise ServiceError("plant.control_request_too_soon", drive=drive, wait_s=wait_s)
         open_ids = {one.id for one in self._requests.values() if one.is_open and one.actor.name == actor.name}
         if len(open_ids - {id}) >= MAX_OPEN_REQUESTS:
@@ -115,7 +116,7 @@ class ControlRequests:
             if state is not None:
                 self.end(request, state, now)
                 yield self._requests[request.drive]
-            elif request.ended_at is not None and now - request.ended_at >= ANSWER_KEPT_S:
+            elif request.ended_at is not None and now - request.ended_at >= ENDED_REQUEST_TTL_S:
                 del self._requests[request.drive]
         self._requested_at = {
             key: at for key, at in self._requested_at.items() if now - at < CONTROL_REQUEST_INTERVAL_S
@@ -136,7 +137,3 @@ def _ended_state(request: ControlRequest, leases: ControlLeases, now: float) -> 
     if lease.actor.session == request.actor.session:
         return "withdrawn"
     return "expired" if now >= request.expires_at else None
-
-
-def _rounded_up(seconds: float) -> int:
-    return max(1, int(-(-seconds // 1)))

@@ -165,8 +165,8 @@ class DriveCommands:
         self.plant.note_stop(runtime, by=actor.name, kind="drive")
         if params.assume_model:
             runtime.drive.assume_model()
-        ways = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
-        return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, ways[params.how]()), actor)
+        stops = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
+        return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, stops[params.how]()), actor)
 
     async def finish_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:
         """Await a stop. An unconfirmed one raises an alarm and is repeated by ``Drive``. Raises StopUnconfirmed."""
@@ -191,10 +191,10 @@ class DriveCommands:
     @handles(START_INHIBIT_RELEASE)
     async def release_start_inhibit(self, params: DriveParams, actor: Actor) -> Json:
         """Permit starts again after a bus stop; nothing is sent."""
-        self.release_drive(self.plant.drive_runtime(params.drive), actor)
+        self.release_start(self.plant.drive_runtime(params.drive), actor)
         return {}
 
-    def release_drive(self, runtime: DriveRuntime, actor: Actor) -> None:
+    def release_start(self, runtime: DriveRuntime, actor: Actor) -> None:
         """Permit starts of one drive again. Raises ControlNotHeld."""
         self.require_control(runtime.id, actor)
         runtime.bus.release_start([runtime.config.address])

@@ -53,12 +53,12 @@ class ControlLeases:
 
         Raises ControlNotHeld where another session has control and the actor may not take it.
         """
-        held = self.get(drive, now)
-        taken = held if held is not None and held.actor.session != actor.session else None
+        lease = self.get(drive, now)
+        taken = lease if lease is not None and lease.actor.session != actor.session else None
         if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
             raise _not_owner_error(taken)
         old = self._leases.get(drive)
-        if held is None and old is not None and old.actor.session != actor.session:
+        if lease is None and old is not None and old.actor.session != actor.session:
             self._replaced_expired.append(old)
         self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
         return taken
@@ -74,18 +74,18 @@ class ControlLeases:
         if self.get(drive, now) is None and not actor.remote:
             self.take(drive, actor, now)
             return
-        held = self.require_held(drive, actor, now)
-        if not held.claimed:
-            self._leases[drive] = replace(held, claimed=True)
+        lease = self.require_own(drive, actor, now)
+        if not lease.claimed:
+            self._leases[drive] = replace(lease, claimed=True)
 
-    def require_held(self, drive: str, actor: Actor, now: float) -> ControlLease:
+    def require_own(self, drive: str, actor: Actor, now: float) -> ControlLease:
         """Return the lease of the actor. Raises ControlNotHeld unless the actor has control of the drive now."""
-        held = self.get(drive, now)
-        if held is None:
+        lease = self.get(drive, now)
+        if lease is None:
             raise ControlNotHeld("plant.no_lease", drive=drive)
-        if held.actor.session != actor.session:
-            raise _not_owner_error(held)
-        return held
+        if lease.actor.session != actor.session:
+            raise _not_owner_error(lease)
+        return lease
 
     def require_answerable(self, drive: str, actor: Actor, now: float) -> ControlLease:
         """Return the lease whose holder ``actor`` answers for: its own, or on the local socket that of the same user.
@@ -93,10 +93,10 @@ class ControlLeases:
         Each command on that socket has a session of its own, so the answer comes from another terminal. Only the user
         of the service opens the socket (mode 0600). Raises ControlNotHeld.
         """
-        held = self.get(drive, now)
-        if held is not None and held.actor.is_same_local_user(actor):
-            return held
-        return self.require_held(drive, actor, now)
+        lease = self.get(drive, now)
+        if lease is not None and lease.actor.is_same_local_user(actor):
+            return lease
+        return self.require_own(drive, actor, now)
 
     def hand_over(self, drive: str, actor: Actor, to: Actor, now: float) -> None:
         """Release the lease of ``actor`` to ``to``, which has to use it before it ends. Raises ControlNotHeld."""
@@ -105,10 +105,10 @@ class ControlLeases:
 
     def release(self, drive: str, actor: Actor, now: float) -> None:
         """End a lease; there may be none. Raises ControlNotHeld where it is another session's."""
-        held = self.get(drive, now)
-        if held is not None and held.actor.session != actor.session:
-            raise _not_owner_error(held)
-        if held is not None:
+        lease = self.get(drive, now)
+        if lease is not None and lease.actor.session != actor.session:
+            raise _not_owner_error(lease)
+        if lease is not None:
             del self._leases[drive]
 
     def pop_expired(self, now: float) -> list[ControlLease]:
@@ -128,32 +128,43 @@ def _not_owner_error(lease: ControlLease) -> ControlNotHeld:
     return ControlNotHeld("plant.not_owner", drive=lease.drive, owner=lease.actor.name)
 
 
+@dataclass(frozen=True, slots=True)
+class IssuedArm:
+    """Permission of one session to start ``target`` until ``expires_at``, in monotonic seconds."""
+
+    target: str
+    """A drive, ``group:<id>``, or what ``arm_target_of_test`` returns."""
+    session: str
+    expires_at: float
+
+
 class ArmTokens:
     """Tokens of first steps of a start; each is valid once."""
 
     def __init__(self) -> None:
-        self._tokens: dict[str, tuple[str, str, float]] = {}
+        self._tokens: dict[str, IssuedArm] = {}
 
-    def issue(self, what: str, actor: Actor, now: float) -> str:
-        """Return a token for one start of ``what``, a drive or ``group:<id>``, by this session within ``ARM_TTL_S``."""
-        self._tokens = {token: issued for token, issued in self._tokens.items() if now <= issued[2]}
-        own = [token for token, (_, session, _) in self._tokens.items() if session == actor.session]
+    def issue(self, target: str, actor: Actor, now: float) -> str:
+        """Return a token for one start of ``target`` by this session within ``ARM_TTL_S``."""
+        self._tokens = {token: issued for token, issued in self._tokens.items() if now <= issued.expires_at}
+        own = [token for token, issued in self._tokens.items() if issued.session == actor.session]
         if len(own) >= MAX_ARM_TOKENS:
             del self._tokens[own[0]]
         token = secrets.token_urlsafe(16)
-        self._tokens[token] = what, actor.session, now + ARM_TTL_S
+        self._tokens[token] = IssuedArm(target, actor.session, now + ARM_TTL_S)
         return token
 
-    def consume(self, token: str | None, what: str, actor: Actor, now: float) -> None:
+    def consume(self, token: str | None, target: str, actor: Actor, now: float) -> None:
         """Raise ArmRequired unless a remote actor's token was issued to it for this start and is unused."""
         if not actor.remote:
             return
         if token is None:
-            raise ArmRequired("plant.arm_needed", what=what)
-        found = self._tokens.pop(token, None)
-        if found is None or found[:2] != (what, actor.session) or now > found[2]:
-            raise ArmRequired("plant.arm_void", what=what, limit_s=ARM_TTL_S)
+            raise ArmRequired("plant.arm_needed", what=target)
+        issued = self._tokens.pop(token, None)
+        fits = issued is not None and (issued.target, issued.session) == (target, actor.session)
+        if issued is None or not fits or now > issued.expires_at:
+            raise ArmRequired("plant.arm_void", what=target, limit_s=ARM_TTL_S)
 
     def revoke(self, *targets: str) -> None:
         """Invalidate the tokens of these drives and groups: after a stop each start has to be armed again."""
-        self._tokens = {token: issued for token, issued in self._tokens.items() if issued[0] not in targets}
+        self._tokens = {token: issued for token, issued in self._tokens.items() if issued.target not in targets}

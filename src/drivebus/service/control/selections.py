@@ -17,7 +17,8 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-DONE, UNCHANGED = {"status": "done"}, {"status": "unchanged"}
+DONE = {"status": "done"}
+UNCHANGED = {"status": "unchanged"}
 
 
 class SelectionCommands:
@@ -40,7 +41,7 @@ class SelectionCommands:
         try:
             if is_free:
                 leases.take(runtime.id, actor, now)
-            self.commands.release_drive(runtime, actor)
+            self.commands.release_start(runtime, actor)
             if is_free:
                 leases.release(runtime.id, actor, now)
         except DrivebusError as error:

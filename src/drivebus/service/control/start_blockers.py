@@ -29,9 +29,9 @@ def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusErro
         yield ServiceUnavailable("plant.stopping")
         return
     address = runtime.config.address
-    around = bus_conditions(runtime.bus, address)
-    yield from permissives.unmet_bus_permissives(address, around)
-    yield from permissives.unmet_start_permissives(around, runtime.profile.family)
+    conditions = bus_conditions(runtime.bus, address)
+    yield from permissives.unmet_bus_permissives(address, conditions)
+    yield from permissives.unmet_start_permissives(conditions, runtime.profile.family)
     for violation in plant.interlocks.violations(runtime.id):
         yield Interlocked("interlocks.violated", **violation.message_params)
     if runtime.comm_loss.kind != "trips" and runtime.waiver is None:
@@ -49,8 +49,10 @@ def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
         record = runtime.comm_loss_record
         tested = record is not None and record.holds_for(runtime.comm_loss_parameters)
         key = "plant.waiver_needed_tested" if tested else "plant.waiver_needed"
-        return WaiverRequired(key, drive=runtime.id, why=_why(runtime))
-    return WaiverRequired("plant.waiver_of_another", drive=runtime.id, why=_why(runtime), **other.recorded_for)
+        return WaiverRequired(key, drive=runtime.id, why=_comm_loss_reason(runtime))
+    return WaiverRequired(
+        "plant.waiver_of_another", drive=runtime.id, why=_comm_loss_reason(runtime), **other.recorded_for
+    )
 
 
 def start_blockers_json(plant: Plant, runtime: DriveRuntime) -> Iterator[Json]:
@@ -65,7 +67,7 @@ def _blocker_json(key: str, params: tuple[tuple[str, Any], ...]) -> Json:
     return {"key": key, "params": to_plain(dict(params)), "text": localized(key, dict(params))}
 
 
-def _why(runtime: DriveRuntime) -> Text:
+def _comm_loss_reason(runtime: DriveRuntime) -> Text:
     """Return why the drive may run on; a test that no longer holds is named."""
     record = runtime.comm_loss_record
     if record is None or record.holds_for(runtime.comm_loss_parameters) or runtime.comm_loss_parameters is None:

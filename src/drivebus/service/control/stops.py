@@ -17,7 +17,6 @@ from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
-from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -37,15 +36,14 @@ class StopCommands:
         """Stop all buses at once, each by broadcast and then drive by drive; starts stay inhibited."""
         plant = self.plant
         plant.note_stop(*plant.drives.values(), by=actor.name, kind="all")
-        everything = [
-            (bus_runtime.config.id, bus_runtime, list(bus_runtime.drives.values()))
-            for bus_runtime in plant.buses.values()
-        ]
-        reports = await asyncio.gather(*(_stop_bus(bus_runtime, runtimes) for _, bus_runtime, runtimes in everything))
+        drives = {id: list(bus_runtime.drives.values()) for id, bus_runtime in plant.buses.items()}
+        reports = await asyncio.gather(
+            *(stop_bus(plant.buses[id].bus, [runtime.drive for runtime in runtimes]) for id, runtimes in drives.items())
+        )
         buses: Json = {}
         outcomes: Json = {}
-        for (bus, _, runtimes), report in zip(everything, reports, strict=True):
-            buses[bus], answer = self._count_report(runtimes, report)
+        for (id, runtimes), report in zip(drives.items(), reports, strict=True):
+            buses[id], answer = self._count_report(runtimes, report)
             outcomes |= answer
         plant.last_stop_all = {"time_ms": plant.wall_ms(), "actor": actor.name, "buses": buses}
         self._publish_stop_all(buses, outcomes, actor)
@@ -95,13 +93,12 @@ class StopCommands:
         """Stop drives at once; return the outcome or error of each."""
         wanted = list(runtimes)
         self.plant.note_stop(*wanted, by=actor.name, kind="group")
-        many = len(wanted)
-        found = await asyncio.gather(*(self._stop_one(runtime, actor, many) for runtime in wanted))
+        found = await asyncio.gather(*(self._stop_one(runtime, actor, len(wanted)) for runtime in wanted))
         return {runtime.id: answer for runtime, answer in zip(wanted, found, strict=True)}
 
-    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, many: int) -> Json:
+    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, concurrent: int) -> Json:
         try:
-            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop_concurrently(many))
+            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop_concurrently(concurrent))
         except DrivebusError as error:
             return error_to_json(error)
         answer: Json = self.commands.publish_outcome(runtime, "stop", outcome, actor)["outcome"]
@@ -138,7 +135,3 @@ def _left_running(runtime: DriveRuntime) -> str | None:
     if state is DriveState.UNKNOWN:
         return "plant.left_unknown"
     return "plant.left_running" if state.turning else None
-
-
-async def _stop_bus(bus_runtime: BusRuntime, runtimes: Sequence[DriveRuntime]) -> StopReport:
-    return await stop_bus(bus_runtime.bus, [runtime.drive for runtime in runtimes])
