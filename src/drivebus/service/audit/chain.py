@@ -101,8 +101,7 @@ def lines_backwards(path: Path) -> Iterator[bytes]:
             size = min(READ_BLOCK_BYTES, at)
             at -= size
             file.seek(at)
-            first, *lines = (file.read(size) + rest).split(b"\n")
-            rest = first
+            rest, *lines = (file.read(size) + rest).split(b"\n")
             if lines and not ended:
                 lines.pop()
                 ended = True

@@ -104,7 +104,8 @@ class AuditTrail:
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
         """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError."""
-        return await self._in_thread(lambda: query_records(self.paths, from_ms, to_ms, drive, cursor, limit))
+        # On a thread other than the writer's, so that reading never delays a record.
+        return await asyncio.to_thread(query_records, self.paths, from_ms, to_ms, drive, cursor, limit)
 
     async def verify(self) -> Json:
         """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
@@ -190,8 +191,3 @@ class AuditTrail:
 
     def _now_ms(self) -> int:
         return int(self._wall_clock().timestamp() * 1000)
-
-    @staticmethod
-    async def _in_thread(function: Callable[[], Json]) -> Json:
-        """Run on a thread other than the writer's, so that reading never delays a record."""
-        return await asyncio.get_running_loop().run_in_executor(None, function)

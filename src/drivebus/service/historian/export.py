@@ -6,6 +6,7 @@ import csv
 import io
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any
@@ -29,11 +30,10 @@ CSV_ROWS_PER_PART = 20_000
 MAX_PARQUET_EXPORTS = 4
 """Concurrent Parquet exports; each holds a part in memory. A further one ends the oldest."""
 
-EXPORT_COLUMNS: dict[bool, tuple[str, ...]] = {
-    True: ("time", "tag", "value", "unit", "quality", "number"),
-    False: ("time", "tag", "minimum", "mean", "maximum", "unit", "quality", "values"),
-}
-"""Columns of raw samples (``number``: order of arrival) and of rollups (``values``: number of values)."""
+SAMPLE_COLUMNS = ("time", "tag", "value", "unit", "quality", "number")
+"""Columns of raw samples; ``number``: order of arrival."""
+ROLLUP_COLUMNS = ("time", "tag", "minimum", "mean", "maximum", "unit", "quality", "values")
+"""Columns of rollups; ``values``: number of values."""
 
 _FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 
@@ -69,12 +69,20 @@ def wide_rows(rows: Sequence[ExportRow], names: Sequence[str], *, is_raw: bool) 
 
     Of two samples of one time the later one counts.
     """
-    column = {name: at for at, name in enumerate(names, 1)}
+    columns = SAMPLE_COLUMNS if is_raw else ROLLUP_COLUMNS
+    value_at, quality_at = columns.index("value" if is_raw else "mean"), columns.index("quality")
+    place = {name: at for at, name in enumerate(names, 1)}
     found: dict[int, list[Any]] = {}
     for row in rows:
-        value = row[3] if not is_raw else None if row[4] == str(Quality.BAD) else row[2]
-        found.setdefault(row[0], [row[0], *[None] * len(names)])[column[row[1]]] = value
+        time_ms, name = row[:2]
+        is_bad = is_raw and row[quality_at] == str(Quality.BAD)
+        found.setdefault(time_ms, [time_ms, *[None] * len(names)])[place[name]] = None if is_bad else row[value_at]
     return [tuple(line) for line in found.values()]
+
+
+def export_columns(params: ExportParams) -> tuple[str, ...]:
+    """Return the columns of the rows of an export."""
+    return SAMPLE_COLUMNS if params.resolution == "raw" else ROLLUP_COLUMNS
 
 
 def csv_heading(params: ExportParams, tags: Mapping[str, Tag]) -> list[str]:
@@ -82,7 +90,7 @@ def csv_heading(params: ExportParams, tags: Mapping[str, Tag]) -> list[str]:
     if params.layout == "wide":
         units = {name: f" [{tag.unit}]" if tag.unit else "" for name, tag in tags.items()}
         return [time, *(escape_formula(name + units[name]) for name in tags)]
-    return [time, *EXPORT_COLUMNS[params.resolution == "raw"][1:]]
+    return [time, *export_columns(params)[1:]]
 
 
 def export_windows(
@@ -126,13 +134,22 @@ def _point_rows(
     return sorted(rows, key=lambda row: row[:2])
 
 
+@dataclass(slots=True)
+class ParquetExport:
+    """Parquet export that is under way."""
+
+    parts: Iterator[bytes]
+    sent: int = 0
+    """Number of parts that the client has."""
+
+
 class HistoryExporter:
     """Exports of one reader. All methods run on the reader's thread."""
 
     def __init__(self, reader: HistoryReader) -> None:
         self._reader = reader
-        self._running: dict[int, tuple[int, Iterator[bytes]]] = {}
-        self._serial = 0
+        self._parquet_exports: dict[int, ParquetExport] = {}
+        self._last_id = 0
 
     def next_part(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Return one part; ``next`` is None in the last. Raises InvalidParameters, ConfigurationError, StoreError."""
@@ -144,7 +161,7 @@ class HistoryExporter:
         return {"file": name, **made}
 
     def _csv(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
-        """Stateless: the cursor holds the partition and the row in it."""
+        """Return a part of a CSV file. The cursor holds the partition and the row in it, so that no state is needed."""
         text = io.StringIO()
         writer = csv.writer(text)
         at, skip = (params.from_ms, 0) if params.cursor is None else decode_cursor(params.cursor, 2)
@@ -163,28 +180,28 @@ class HistoryExporter:
         return {"text": text.getvalue(), "next": None}
 
     def _parquet(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
-        """Stateful: the cursor holds the number of the export and of its finished parts."""
+        """Return a part of a Parquet file. The cursor holds the number of the export and of the parts sent."""
         try:
             from drivebus.service.historian.parquet import parquet_parts
         except ImportError as error:
             raise ConfigurationError("history.no_pyarrow") from error
         if params.cursor is None:
-            self._serial, serial, gone = self._serial + 1, self._serial + 1, 0
+            self._last_id, id, sent = self._last_id + 1, self._last_id + 1, 0
             rows = (rows for _, rows in export_windows(self._reader, params, tags, params.from_ms))
-            self._running[serial] = (0, parquet_parts(rows, EXPORT_COLUMNS[params.resolution == "raw"]))
-            if len(self._running) > MAX_PARQUET_EXPORTS:
-                del self._running[min(self._running)]
+            self._parquet_exports[id] = ParquetExport(parquet_parts(rows, export_columns(params)))
+            if len(self._parquet_exports) > MAX_PARQUET_EXPORTS:
+                del self._parquet_exports[min(self._parquet_exports)]
         else:
-            serial, gone = decode_cursor(params.cursor, 2)
-        done, made = self._running.get(serial, (-1, iter(())))
-        if done != gone:
+            id, sent = decode_cursor(params.cursor, 2)
+        export = self._parquet_exports.get(id)
+        if export is None or export.sent != sent:
             raise InvalidParameters("plant.params", faults=[param_fault("cursor", params.cursor, "export_over")])
-        data = next(made, None)
+        data = next(export.parts, None)
         if data is None:
-            del self._running[serial]
+            del self._parquet_exports[id]
             return {"base64": "", "next": None}
-        self._running[serial] = (gone + 1, made)
-        return {"base64": b64encode(data).decode(), "next": encode_cursor(serial, gone + 1)}
+        export.sent += 1
+        return {"base64": b64encode(data).decode(), "next": encode_cursor(id, export.sent)}
 
 
 def _csv_cell(value: Any) -> Any:

@@ -29,7 +29,7 @@ from drivebus.values import Text
 
 T = TypeVar("T")
 
-log = logging.getLogger("drivebus.history")
+LOG = logging.getLogger("drivebus.history")
 
 HISTORY_FILE = "history.db"
 FLUSH_INTERVAL_S = 1.0
@@ -104,7 +104,7 @@ class Historian:
             except Exception as error:
                 # A defect must not end the task: report it and try again in the next interval.
                 self.writer.problem = repr(error)
-                log.exception("history can't be written")
+                LOG.exception("history can't be written")
 
     def _on_writer_thread(self, work: Callable[[], T]) -> Awaitable[T]:
         return asyncio.get_running_loop().run_in_executor(self._write_thread, work)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 
 from drivebus.service.historian import blocks
 from drivebus.service.historian.blocks import SampleColumns
@@ -78,8 +79,8 @@ class HistoryReader:
         found = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
         fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
         runs = [(row.tag, row.number, _decode_samples(row)) for row in rows]
-        for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=_run_order):
-            found[tag] = _append_in_range(found[tag], first, samples, from_ms, to_ms)
+        for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=itemgetter(0, 1)):
+            found[tag] = _with_samples_in_range(found[tag], first, samples, from_ms, to_ms)
         return found
 
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
@@ -102,10 +103,6 @@ class HistoryReader:
         }, rows
 
 
-def _run_order(run: tuple[int, int, SampleColumns]) -> tuple[int, int]:
-    return run[0], run[1]
-
-
 def _skip_compacted(first: int, samples: SampleColumns, first_uncompacted: int) -> tuple[int, SampleColumns]:
     """Drop the samples before number ``first_uncompacted``."""
     skip = max(0, first_uncompacted - first)
@@ -117,17 +114,17 @@ def _decode_block(row: Block, first_ms: int, last_ms: int) -> Points:
     """Return the sorted points of a row in the time range."""
     if row.level is ResolutionLevel.RAW:
         return slice_time(points_of_samples(*_decode_samples(row)), first_ms, last_ms)
-    with _damage_named(row):
+    with _naming_damaged_row(row):
         return blocks.decode_points(row.data, first_ms, last_ms)
 
 
 def _decode_samples(row: Block) -> SampleColumns:
-    with _damage_named(row):
+    with _naming_damaged_row(row):
         return blocks.decode_samples(row.data)
 
 
 @contextmanager
-def _damage_named(row: Block) -> Iterator[None]:
+def _naming_damaged_row(row: Block) -> Iterator[None]:
     """Turn DamagedBlock into a StoreError that names the row."""
     try:
         yield
@@ -135,11 +132,18 @@ def _damage_named(row: Block) -> Iterator[None]:
         raise StoreError(f"block {row.level} {row.tag} {row.start_ms}: {error}") from error
 
 
-def _append_in_range(
+def _with_samples_in_range(
     found: NumberedSamples, first: int, samples: SampleColumns, from_ms: int, to_ms: int
 ) -> NumberedSamples:
+    """Return ``found`` with the samples of a time range after its own; ``first``: number of the first of them."""
     time, value, quality = samples
+    times, values, qualities = found.samples
     wanted = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
-    number = found.number + [first + n for n in wanted]
-    times, values = [*found.samples[0], *(time[n] for n in wanted)], [*found.samples[1], *(value[n] for n in wanted)]
-    return NumberedSamples(number, (times, values, found.samples[2] + bytes([quality[n] for n in wanted])))
+    return NumberedSamples(
+        found.number + [first + n for n in wanted],
+        (
+            [*times, *(time[n] for n in wanted)],
+            [*values, *(value[n] for n in wanted)],
+            qualities + bytes([quality[n] for n in wanted]),
+        ),
+    )

@@ -17,7 +17,7 @@ from drivebus.service.historian.points import ResolutionLevel
 from drivebus.values import Text
 
 SCHEMA_VERSION = 3
-"""Version of the tables and of the encoding of their rows; others are not touched, but ``TEXT_COLUMNS_VERSION``."""
+"""Version of the tables and of the encoding of their rows; of the others only ``TEXT_COLUMNS_VERSION`` is changed."""
 TEXT_COLUMNS_VERSION = 2
 """Version whose tags had a column for each of two languages; opened for writing, it is changed to the present one."""
 
@@ -298,8 +298,8 @@ class HistoryStore:
         return deleted
 
     @_raises_store_error
-    def delete_events(self, but: int) -> None:
-        self.connection.execute("DELETE FROM event WHERE id <= (SELECT max(id) FROM event) - ?", but)
+    def delete_events(self, keep: int) -> None:
+        self.connection.execute("DELETE FROM event WHERE id <= (SELECT max(id) FROM event) - ?", keep)
 
     @_raises_store_error
     def oldest_stored_ms(self, level: ResolutionLevel, skip: int) -> int | None:

@@ -210,7 +210,7 @@ def _sample_columns(samples: list[Sample]) -> SampleColumns:
     )
 
 
-log = logging.getLogger("drivebus.history")
+LOG = logging.getLogger("drivebus.history")
 
 MAX_BATCH_SAMPLES = 50_000
 """Samples of one transaction."""
@@ -285,7 +285,7 @@ class HistoryWriter:
         try:
             self.write()
         except StoreError:
-            log.error("history that came last is lost: %s", self.problem)
+            LOG.error("history that came last is lost: %s", self.problem)
         finally:
             self._is_open = False
             with suppress(StoreError):
@@ -312,12 +312,12 @@ class HistoryWriter:
         lost = self._queue.lost_samples - self._reported_lost
         self._reported_lost += lost
         if lost:
-            log.warning("history is written again; samples lost: %d", lost)
+            LOG.warning("history is written again; samples lost: %d", lost)
 
     def _record_failure(self, error: Exception) -> None:
         """Close the store and keep the error: the service raises an alarm of it, which is the one line of the log."""
         self._is_open = False
-        log.debug("history can't be written: %s", error)
+        LOG.debug("history can't be written: %s", error)
         self.problem = str(error)
         with suppress(StoreError):
             self._store.close()
@@ -348,15 +348,15 @@ class HistoryWriter:
     def _write_batch(self) -> None:
         if self._pending is None:
             self._pending = self._builder.build(self._queue.take(MAX_BATCH_SAMPLES), self.open_blocks.next_number)
-        packed, batch = self._pending, self._pending.batch
+        pending, batch = self._pending, self._pending.batch
         if batch.samples or batch.tags or batch.events or batch.documents:
             self._store.write_batch(batch)
         for tag in batch.tags:
             if tag.name not in self.tags:
                 self.open_blocks.add_tag(tag.id, 0)
         self._builder.confirm(batch)
-        self.open_blocks.add(batch.id, packed.groups)
-        self.written_count = packed.accepted
+        self.open_blocks.add(batch.id, pending.groups)
+        self.written_count = pending.accepted
         self._pending = None
 
     def _compact_due(self) -> None:
