@@ -52,7 +52,7 @@ def _errors(language: str) -> str:
 
 def _exempt(language: str) -> str:
     """Return the table of routes that are no operations: files of the page, live values."""
-    operations = {(one.method, one.address) for one in (*OPERATIONS.values(), *WEB_OPERATIONS.values())}
+    operations = {(one.method, one.url_path) for one in (*OPERATIONS.values(), *WEB_OPERATIONS.values())}
     rows = [
         (f"`{route.method} {route.path}`", f"`{route.access}`")
         for route in declared_routes()
@@ -66,7 +66,7 @@ def _operations(operations: Iterable[Operation], language: str) -> str:
 
 
 def _operation(operation: Operation, language: str) -> Iterator[str]:
-    yield f"### `{operation.method} {operation.address}`\n"
+    yield f"### `{operation.method} {operation.url_path}`\n"
     right = localized(ACCESS.get(operation.right, RIGHT), language).format(right=operation.right)
     audited = localized(AUDITED, language) if operation.mutates else ""
     stop, blank = (".", " ") if language == "en" else ("。", "")

@@ -38,21 +38,21 @@ class AlarmService:
         self._plant, self._log = plant, log
 
     @handles(ALARMS_LIST)
-    async def _list_alarms(self, params: NoParams, actor: Actor) -> Json:
+    async def list_alarms(self, params: NoParams, actor: Actor) -> Json:
         return self._plant.alarms.as_json()
 
     @handles(ALARMS_HISTORY)
-    async def _alarm_history(self, params: TimeRangeParams, actor: Actor) -> Json:
+    async def list_history(self, params: TimeRangeParams, actor: Actor) -> Json:
         return self._log.history(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
 
     @handles(ALARM_ACKNOWLEDGE)
-    async def _acknowledge(self, params: AlarmParams, actor: Actor) -> Json:
+    async def acknowledge(self, params: AlarmParams, actor: Actor) -> Json:
         plant = self._plant
         plant.publish_alarms(plant.alarms.acknowledge(params.alarm, actor.name, plant.wall_ms()))
         return {"alarm": params.alarm}
 
     @handles(ALARM_SHELVE)
-    async def _shelve(self, params: ShelveParams, actor: Actor) -> Json:
+    async def shelve(self, params: ShelveParams, actor: Actor) -> Json:
         plant = self._plant
         changes = plant.alarms.shelve(
             params.alarm, params.minutes, plant.now(), plant.wall_ms(), by=actor.name, reason=params.reason
@@ -61,21 +61,21 @@ class AlarmService:
         return {"alarm": params.alarm, "shelved_until_ms": changes[0].alarm.shelved_until_ms}
 
     @handles(ALARM_UNSHELVE)
-    async def _unshelve(self, params: AlarmParams, actor: Actor) -> Json:
+    async def unshelve(self, params: AlarmParams, actor: Actor) -> Json:
         self._plant.publish_alarms(self._plant.alarms.unshelve(params.alarm))
         return {"alarm": params.alarm}
 
     # --- several alarms ---------------------------------------------------------------------------------------------
 
     @handles(ALARMS_ACKNOWLEDGE)
-    async def _acknowledge_selected(self, params: AlarmSelectionParams, actor: Actor) -> Json:
+    async def acknowledge_selected(self, params: AlarmSelectionParams, actor: Actor) -> Json:
         plant = self._plant
         return await self._change_each(
             params.alarms, lambda id: plant.alarms.acknowledge(id, actor.name, plant.wall_ms())
         )
 
     @handles(ALARMS_SHELVE)
-    async def _shelve_selected(self, params: ShelveSelectionParams, actor: Actor) -> Json:
+    async def shelve_selected(self, params: ShelveSelectionParams, actor: Actor) -> Json:
         """Shelve for the same time from now on, however long the changes take."""
         alarms, now, now_ms = self._plant.alarms, self._plant.now(), self._plant.wall_ms()
         return await self._change_each(
@@ -84,7 +84,7 @@ class AlarmService:
         )
 
     @handles(ALARMS_UNSHELVE)
-    async def _unshelve_selected(self, params: AlarmSelectionParams, actor: Actor) -> Json:
+    async def unshelve_selected(self, params: AlarmSelectionParams, actor: Actor) -> Json:
         return await self._change_each(params.alarms, self._plant.alarms.unshelve)
 
     async def _change_each(self, ids: Sequence[str], change: Callable[[str], list[AlarmChange]]) -> Json:

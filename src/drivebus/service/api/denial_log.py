@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from drivebus.clock import Clock
 from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import Actor
 from drivebus.types import Json
 
-SUMMARY_PERIOD_S = 30.0
+SUMMARY_PERIOD_S = 30.0  # repetitions are recorded together at its end
 MAX_KINDS_PER_PERIOD = 16  # further kinds are counted together: at most 25 MB of audit trail a day
 _RECORD_TIMEOUT_S = 2.0  # a response never waits longer for the audit trail
 ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")
@@ -34,30 +34,46 @@ async def try_record(client: AuditRecorder, entry: Json, actor: Actor) -> bool:
     return True
 
 
+class DenialKind(NamedTuple):
+    """Denials that count as repetitions of each other."""
+
+    method: str
+    target: str
+    """Path of the route table, or the name of an operation."""
+    reason: str
+    """Key of the error."""
+    client: str
+    """Name and address of the actor."""
+
+
+OTHER_KINDS = DenialKind("*", "*", "*", "*")
+"""Stands for the kinds beyond ``MAX_KINDS_PER_PERIOD``."""
+
+
 class DenialLog:
     """Records the first denial of a kind at once, counts the others, and records their number after the period."""
 
     def __init__(self, client: AuditRecorder, clock: Clock) -> None:
         self.client = client
         self.clock = clock
-        self._counts: dict[tuple[str, str, str, str], int] = {}
+        self._counts: dict[DenialKind, int] = {}
         self._period_start = -SUMMARY_PERIOD_S
         self._flush_task: asyncio.Task[None] | None = None
 
     async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
-        """``target`` is the path of the route table, ``reason`` the key of the error."""
-        if await self.is_new(method, target, reason, actor):
-            await try_record(self.client, _denial_entry((method, target, reason, _who(actor)), 1), actor)
+        """Count a denial, and record it if it is the first of its kind in this period."""
+        if await self.count_denial(method, target, reason, actor):
+            await try_record(self.client, _denial_entry(_denial_kind(method, target, reason, actor), 1), actor)
 
-    async def is_new(self, method: str, target: str, reason: str, actor: Actor) -> bool:
+    async def count_denial(self, method: str, target: str, reason: str, actor: Actor) -> bool:
         """Count a denial; return whether it is the first of its kind in this period, which the caller records."""
         if self.clock() - self._period_start >= SUMMARY_PERIOD_S:
             await self.flush()
             self._period_start = self.clock()
-        kind = (method, target, reason, _who(actor))
+        kind = _denial_kind(method, target, reason, actor)
         if kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD:
-            kind = ("*", "*", "*", "*")
-        if kind in self._counts or kind[0] == "*":
+            kind = OTHER_KINDS
+        if kind in self._counts or kind is OTHER_KINDS:
             self._counts[kind] = self._counts.get(kind, 0) + 1
             if self._flush_task is None or self._flush_task.done():
                 self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
@@ -77,15 +93,14 @@ class DenialLog:
                 await try_record(self.client, _denial_entry(kind, times), ANONYMOUS)
 
 
-def _who(actor: Actor) -> str:
-    return f"{actor.name}@{actor.address}"
+def _denial_kind(method: str, target: str, reason: str, actor: Actor) -> DenialKind:
+    return DenialKind(method, target, reason, f"{actor.name}@{actor.address}")
 
 
-def _denial_entry(kind: tuple[str, str, str, str], times: int) -> Json:
-    method, target, reason, who = kind
+def _denial_entry(kind: DenialKind, times: int) -> Json:
     return {
         "what": "refused",
-        "target": f"{method} {target}",
-        "params": {"who": who, "times": times},
-        "outcome": reason,
+        "target": f"{kind.method} {kind.target}",
+        "params": {"who": kind.client, "times": times},
+        "outcome": kind.reason,
     }

@@ -103,7 +103,7 @@ class Dispatcher:
         if actor.may(right):
             return
         error = PermissionDenied("plant.forbidden", name=actor.name, operation=operation.name, right=right)
-        if await self.denials.is_new(operation.method, operation.path, error.key, actor):
+        if await self.denials.count_denial(operation.method, operation.path, error.key, actor):
             self._record_nowait(_audit_entry(operation, params, actor, error.key))
         raise error
 

@@ -97,15 +97,15 @@ class IncidentService(PlantListener):
     # --- operations -------------------------------------------------------------------------------------------------
 
     @handles(INCIDENTS_LIST)
-    async def _list_incidents(self, params: TimeRangeParams, actor: Actor) -> Json:
+    async def list_incidents(self, params: TimeRangeParams, actor: Actor) -> Json:
         span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
         return await asyncio.to_thread(self._store.query, *span)
 
     @handles(INCIDENTS_GET)
-    async def _get_incident(self, params: IncidentParams, actor: Actor) -> Json:
+    async def get_incident(self, params: IncidentParams, actor: Actor) -> Json:
         return await asyncio.to_thread(self._store.get, params.incident)
 
     @handles(INCIDENT_NOTE)
-    async def _add_note(self, params: IncidentNoteParams, actor: Actor) -> Json:
+    async def add_note(self, params: IncidentNoteParams, actor: Actor) -> Json:
         note = {"time_ms": self._plant.wall_ms(), "by": actor.name, "text": params.note}
         return {"notes": await asyncio.to_thread(self._store.add_note, params.incident, note)}

@@ -25,7 +25,7 @@ MAX_SELECTED_ALARMS = 1000
 class AlarmParams(OperationParams):
     """Raised alarm that the operation acts on, by its id in ``alarms.list``."""
 
-    alarm: Annotated[Name, Field(examples=["fault:fan-1:3"])]
+    alarm: Annotated[Name, Field(examples=["a3"])]
 
 
 class AlarmSelectionParams(OperationParams):
@@ -54,7 +54,7 @@ class ShelveSelectionParams(AlarmSelectionParams):
 class IncidentParams(OperationParams):
     """Incident that the operation returns."""
 
-    incident: Annotated[Name, Field(examples=["incident-17"])]
+    incident: Annotated[Name, Field(examples=["000017-fan-1"])]
 
 
 class IncidentNoteParams(IncidentParams):

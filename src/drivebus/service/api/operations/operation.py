@@ -161,8 +161,8 @@ class Operation:
         return not (self.mutates or self.keepalive)
 
     @property
-    def address(self) -> str:
-        """Path of its route."""
+    def url_path(self) -> str:
+        """Path of its route, with the prefix."""
         return self.prefix + self.path
 
     @property
