@@ -17,7 +17,8 @@ from drivebus.service.process.logging_setup import LogFormat
 from drivebus.service.process.module_command import module_command
 from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
 
-FIRST_RESTART_PAUSE_S, MAX_RESTART_PAUSE_S = 0.5, 30.0  # doubling in between
+FIRST_RESTART_PAUSE_S = 0.5  # doubled with each further exit
+MAX_RESTART_PAUSE_S = 30.0
 STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
 TERMINATE_TIMEOUT_S = 2.0  # before it is killed
 CAN_NOT_START_EXIT_CODE = 127  # of a command that the system can't start, as a shell reports it

@@ -20,10 +20,10 @@ from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
 MAX_QUEUED_RECORDS = 10_000  # while the log hangs; further lines are dropped
-FLUSH_TIMEOUT_S = 1.0
+FLUSH_TIMEOUT_S = 1.0  # the end of the process never waits longer for a log that hangs
 REPETITION_INTERVAL_S = 10.0  # between messages of a library that begin alike
-REPETITION_PREFIX = 60  # characters
-MAX_MESSAGE_KINDS = 100
+REPETITION_PREFIX_CHARS = 60  # messages that begin with the same ones are alike
+MAX_MESSAGE_KINDS = 100  # remembered by the filter; a flood of more starts over
 LogFormat = Literal["text", "json"]
 EVENT_LEVELS = {
     "fault": logging.ERROR,
@@ -33,10 +33,10 @@ EVENT_LEVELS = {
 }
 
 
-def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
+def configure_logging(log_format: LogFormat, stream: TextIO | None = None) -> None:
     """Write the log to ``stream`` as ``text`` or ``json``: everything of drivebus, and the warnings of libraries."""
     handler = logging.StreamHandler(stream or sys.stderr)
-    handler.setFormatter(JsonFormatter() if form == "json" else PlainFormatter())
+    handler.setFormatter(JsonFormatter() if log_format == "json" else PlainFormatter())
     lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)
     listener = QueueListener(lines, handler)
     queued = NonBlockingQueueHandler(lines)
@@ -76,7 +76,7 @@ class RepetitionFilter(logging.Filter):
         if record.name.split(".")[0] == "drivebus":
             return True
         text = record.getMessage()
-        kind = record.name, text.partition("\n")[0][:REPETITION_PREFIX]
+        kind = record.name, text.partition("\n")[0][:REPETITION_PREFIX_CHARS]
         now, (passed_at, left_out) = self._now(), self._passed.get(kind, (-inf, 0))
         if now - passed_at < REPETITION_INTERVAL_S:
             self._passed[kind] = passed_at, left_out + 1

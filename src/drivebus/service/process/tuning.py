@@ -6,8 +6,8 @@ import gc
 import os
 from contextlib import suppress
 
-NICE_GATEWAY, NICE_BATCH = 5, 10
-"""Steps of ``nice`` behind the service: a third and a tenth of its share of a busy processor."""
+NICE_GATEWAY = 5  # steps of nice behind the service: a third of its share of a busy processor
+NICE_BATCH = 10  # a tenth of its share
 
 
 def set_nice(steps: int) -> None:
