@@ -42,9 +42,8 @@ class WebProcess:
 
 def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebConfig]) -> None:
     """Print the address of the page on standard output, and the remaining manual steps on standard error."""
-    secret = (
-        auth.setup_secret.issue() if auth.needs_setup else None
-    )  # before the address: its reader may use it at once
+    # Before the address, whose reader may use the secret at once.
+    secret = auth.setup_secret.issue() if auth.needs_setup else None
     if arguments.address_output != "not":
         print(json.dumps({"page": address}) if arguments.address_output == "json" else address, flush=True)
     if secret is not None:

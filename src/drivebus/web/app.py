@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
@@ -11,7 +11,7 @@ from starlette.types import ASGIApp
 
 from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.api.handlers import bound_handlers
-from drivebus.service.api.operations import OPERATIONS, Operation
+from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.web.api.openapi import install_openapi
@@ -45,25 +45,22 @@ HANDLERS = bound_handlers((description, session, users))
 """Handlers of the operations of this process."""
 
 
-def _routers(operations: Iterable[Operation]) -> tuple[AccessRouter, ...]:
-    return (*EXEMPT_ROUTERS, gateway_router(WEB_OPERATIONS.values(), HANDLERS), service_router(operations))
+def _routers() -> tuple[AccessRouter, ...]:
+    return (
+        *EXEMPT_ROUTERS,
+        gateway_router(WEB_OPERATIONS.values(), HANDLERS),
+        service_router(OPERATIONS.values()),
+    )
 
 
-def declared_routes(operations: Iterable[Operation] = OPERATIONS.values()) -> list[Route]:
-    """Return every route of an app with the access that it requires."""
-    return [route for router in _routers(operations) for route in router.routes]
+def declared_routes() -> list[Route]:
+    """Return every route of the app with the access that it requires."""
+    return [route for router in _routers() for route in router.routes]
 
 
-def make_app(
-    client: ServiceClient,
-    auth: AuthService,
-    web: WebConfig,
-    *,
-    operations: Iterable[Operation] = OPERATIONS.values(),
-    routers: Sequence[AccessRouter] = (),
-) -> FastAPI:
-    """Return the app; ``routers`` are additional ones."""
-    every = (*_routers(operations), *routers)
+def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAPI:
+    """Return the app of the page and the API."""
+    routers = _routers()
     denials = DenialLog(client, auth.clock)
 
     @asynccontextmanager
@@ -71,7 +68,7 @@ def make_app(
         yield
         await denials.flush()
 
-    table = RouteTable(route for router in every for route in router.routes)
+    table = RouteTable(route for router in routers for route in router.routes)
     app = _WebApp(
         docs_url=None,
         redoc_url=None,
@@ -94,7 +91,7 @@ def make_app(
     )
     app.state.live = LiveEndpoint(client)
     install_error_handlers(app)
-    for router in every:
+    for router in routers:
         app.include_router(router.fastapi)
     install_openapi(app)
     return app

@@ -18,7 +18,7 @@ from drivebus.service.api.errors import build_error_json, error_to_json
 from drivebus.service.auth import errors as auth_errors
 from drivebus.service.ipc.service_client import ServiceErrorReply
 
-_log = logging.getLogger(__name__)
+LOG = logging.getLogger(__name__)
 
 
 class RequestError(DrivebusError):
@@ -150,6 +150,6 @@ async def _framework_error(request: Request, error: Exception) -> Response:
 
 async def _internal_error(request: Request, error: Exception) -> Response:
     """Answer without internals; they are in the log."""
-    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    LOG.error("%s %s", request.method, request.url.path, exc_info=error)
     found = build_error_json("api.unforeseen", "InternalError", {})
     return _response(json.dumps(found, ensure_ascii=False).encode(), 500)

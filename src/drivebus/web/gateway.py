@@ -67,8 +67,8 @@ def web_config(table: WebTable, resolve_path: ResolvePath) -> WebConfig:
     )
 
 
-def web_problems(table: WebTable, resolve_path: ResolvePath) -> Iterator[Issue]:
-    """Yield what the schema does not find: missing files, an open address without TLS, bad origins and proxies."""
+def web_issues(table: WebTable, resolve_path: ResolvePath) -> Iterator[Issue]:
+    """Yield issues that the schema does not find: missing files, open address without TLS, bad origins and proxies."""
     for name, other in (("certificate", "key"), ("key", "certificate")):
         text = getattr(table, name)
         if text is None:
@@ -105,7 +105,7 @@ GATEWAY = Gateway(
     module="drivebus.web",
     table=WebTable,
     settings=web_config,
-    check=web_problems,
+    check=web_issues,
     certificates=web_certificates,
     runs_without_table=True,
     extra="server",

@@ -42,7 +42,7 @@ class Route:
         """Return the route of an operation."""
         return cls(
             method=operation.method,
-            path=operation.address,
+            path=operation.url_path,
             access=operation.right,
             background=operation.background,
             yields=operation.yields or operation.right is AccessLevel.PUBLIC,

@@ -96,7 +96,7 @@ class HttpServer:
             self._tls.load()
 
     async def run(self) -> None:
-        """Raises ConfigurationError for an address or certificate that cannot be used."""
+        """Serve until the end. Raises ConfigurationError for an address or certificate that cannot be used."""
         while not self._ending.is_set():
             await self._serve(listen_host(self.web, self.auth))
 

@@ -11,28 +11,28 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient, ServiceErrorReply
 
-HEALTH_INTERVAL_S = 1.0  # between questions to the service, however many clients want to know
-HEALTH_TIMEOUT_S = 2.0
+HEALTH_INTERVAL_S = 1.0  # between two checks of the service, however many clients ask
+HEALTH_TIMEOUT_S = 2.0  # a service that does not answer within it counts as hanging
 HEALTH_ACTOR = Actor("web", frozenset({Right.VIEW}), "web-health", address="local")
 
 
 class ServiceHealth:
-    """Whether the service answers; one question serves all clients."""
+    """Health of the service: one check serves all clients."""
 
     def __init__(self, client: ServiceClient) -> None:
         self._client = client
-        self._asked_at = -inf
-        self._answer: asyncio.Task[bool] | None = None
+        self._checked_at = -inf
+        self._check_task: asyncio.Task[bool] | None = None
 
     async def service_answers(self) -> bool:
         """Return whether the service has answered within ``HEALTH_TIMEOUT_S``."""
         now = asyncio.get_running_loop().time()
-        if self._answer is None or (self._answer.done() and now - self._asked_at >= HEALTH_INTERVAL_S):
-            self._asked_at = now
-            self._answer = asyncio.create_task(self._ask(), name="health")
-        return await asyncio.shield(self._answer)
+        if self._check_task is None or (self._check_task.done() and now - self._checked_at >= HEALTH_INTERVAL_S):
+            self._checked_at = now
+            self._check_task = asyncio.create_task(self._check(), name="health")
+        return await asyncio.shield(self._check_task)
 
-    async def _ask(self) -> bool:
+    async def _check(self) -> bool:
         try:
             async with asyncio.timeout(HEALTH_TIMEOUT_S):
                 await self._client.call_json(PLANT_GET.name, {}, HEALTH_ACTOR)

@@ -44,12 +44,12 @@ def test_a_route_that_is_declared_twice_is_rejected() -> None:
 def test_a_route_of_an_operation_requires_the_right_of_the_operation() -> None:
     access = {(route.method, route.path): route.access for route in ROUTES}
     for operation in EVERY_OPERATION:
-        assert access[operation.method, operation.address] is operation.right
+        assert access[operation.method, operation.url_path] is operation.right
 
 
 def test_only_files_of_the_page_and_the_websocket_are_no_operations() -> None:
     """The reasons are in docs/explanation/architecture.md."""
-    declared = {(operation.method, operation.address) for operation in EVERY_OPERATION}
+    declared = {(operation.method, operation.url_path) for operation in EVERY_OPERATION}
     assert {(route.method, route.path) for route in ROUTES} - declared == {
         ("GET", "/"),
         ("GET", "/static/{path:path}"),
@@ -67,7 +67,7 @@ def test_commands_and_renewals_do_not_wait_in_the_read_queue() -> None:
     """A stop that overtakes a command sent before it would not void that command."""
     yields = {(route.method, route.path): route.yields for route in ROUTES}
     urgent = [one for one in EVERY_OPERATION if not one.yields and one.right is not AccessLevel.PUBLIC]
-    assert urgent and not [one for one in urgent if yields[one.method, one.address]]
+    assert urgent and not [one for one in urgent if yields[one.method, one.url_path]]
     assert all(
         route.yields for route in ROUTES if route.method in ("GET", WEBSOCKET) or route.access is AccessLevel.PUBLIC
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -34,7 +35,9 @@ class ErrorResponse(ApiObject):
 
 API_TITLE = "drivebus"
 API_VERSION = "1"  # of the API, not of the program: it changes with an incompatible change
-COOKIE_SCHEME, TOKEN_SCHEME, CSRF_SCHEME = "session", "token", "csrf"
+COOKIE_SCHEME = "session"
+TOKEN_SCHEME = "token"
+CSRF_SCHEME = "csrf"
 SECURITY_SCHEMES: Json = {
     COOKIE_SCHEME: {
         "type": "apiKey",
@@ -176,11 +179,9 @@ def _security(method: str, required: RequiredAccess) -> list[Json]:
 
 def install_openapi(app: FastAPI) -> None:
     """Let the app describe itself; the description is made once."""
-    made: list[Json] = []
 
+    @cache
     def openapi() -> Json:
-        if not made:
-            made.append(openapi_document(app))
-        return made[0]
+        return openapi_document(app)
 
     app.openapi = openapi  # type: ignore[method-assign]

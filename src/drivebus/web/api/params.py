@@ -1,7 +1,7 @@
 """Parameters of an operation from a request: its path, and its parsed body or its query.
 
 Types and ranges are checked by the model of the operation. Here only what a query string leaves open is settled:
-numbers, booleans, and a name given twice.
+numbers, booleans, and a name params twice.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _INTEGER = re.compile(r"-?[0-9]{1,18}")
 def request_params(operation: Operation, request: Request) -> Json:
     """Return the parameters of ``operation`` as they were sent. Raises InvalidParameters."""
     if operation.has_body:
-        given: Json = request.state.body
-        if not isinstance(given, dict):
+        params: Json = request.state.body
+        if not isinstance(params, dict):
             raise params_error(operation.name, [param_fault("", "", "object")])
         if request.query_params:
             raise params_error(operation.name, [param_fault(min(request.query_params), "", "in_body")])
     else:
-        given = _query_params(operation, request)
-    if duplicates := set(given) & set(operation.path_params):
+        params = _query_params(operation, request)
+    if duplicates := set(params) & set(operation.path_params):
         raise params_error(operation.name, [param_fault(min(duplicates), "", "in_address")])
-    return given | {name: request.path_params[name] for name in operation.path_params}
+    return params | {name: request.path_params[name] for name in operation.path_params}
 
 
 def _query_params(operation: Operation, request: Request) -> Json:

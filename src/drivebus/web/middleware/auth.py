@@ -74,7 +74,7 @@ class AuthMiddleware:
         await self._forward(route, credential, scope, receive, send)
 
     def _check_origin(self, scope: Scope, headers: Headers) -> None:
-        """Raises AccessDenied for an unknown Host, and for a foreign Origin of anything but a GET."""
+        """Check the Host, and the Origin of anything but a GET. Raises AccessDenied for a foreign one."""
         if not self.hosts.is_known_host(headers):
             raise AccessDenied("auth.foreign_host")
         if _method(scope) == "GET" or "origin" not in headers:
@@ -83,7 +83,7 @@ class AuthMiddleware:
             raise AccessDenied("auth.foreign_origin")
 
     def _match(self, scope: Scope) -> Route:
-        """Raises ResourceNotFound, MethodNotAllowed."""
+        """Return the route of a request. Raises ResourceNotFound, MethodNotAllowed."""
         routes = self.routes.match(scope["path"])
         if not routes:
             raise ResourceNotFound("auth.no_such_address")
@@ -112,8 +112,9 @@ class AuthMiddleware:
         return self.auth.session_credential(secret) if secret else None
 
     def _check_csrf(self, route: Route, headers: Headers, credential: SessionCredential) -> None:
-        """Raises AccessDenied for a request that the page of this service did not send: a browser adds the cookie to
-        every request, but only the page knows the CSRF token.
+        """Check that the page of this service sent a request. Raises AccessDenied.
+
+        A browser adds the cookie to every request, but only the page knows the CSRF token.
         """
         if route.method == WEBSOCKET and "origin" not in headers:
             raise AccessDenied("auth.foreign_origin")
@@ -121,7 +122,7 @@ class AuthMiddleware:
             raise AccessDenied("auth.csrf")
 
     def _check_right(self, route: Route, credential: Credential | None) -> None:
-        """Raises Conflict before the set-up, NotAuthenticated, AccessDenied.
+        """Check the right of a route. Raises Conflict before the set-up, NotAuthenticated, AccessDenied.
 
         A user added on the command line may stop before the set-up.
         """

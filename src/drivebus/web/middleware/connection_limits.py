@@ -86,7 +86,7 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
             super().on_header(name, value)
 
     def _count_header(self, size: int) -> None:
-        """Raises HttpParserError, answered as a malformed request, beyond the limit."""
+        """Count bytes of headers. Raises HttpParserError, answered as a malformed request, beyond the limit."""
         self._parsed_header_bytes += size
         if self._parsed_header_bytes > MAX_HEADER_BYTES:
             raise HttpParserError(f"more than {MAX_HEADER_BYTES} bytes of headers")

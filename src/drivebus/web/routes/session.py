@@ -186,7 +186,7 @@ async def _complete_login(
     previous: Credential | None = request.state.credential
     if isinstance(previous, SessionCredential) and previous.session is not opened.session:
         previous.session.end("replaced")
-        await auth.keep()
+        await auth.save_sessions()
     credential = SessionCredential(opened.session, auth.context)
     await try_record(context.client, audit_entry(operation.name, opened.session.user, outcome="done"), credential.actor)
     response = with_session_cookie(request, JSONResponse(_session_json(context, credential)), opened.secret)

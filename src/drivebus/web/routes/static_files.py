@@ -47,10 +47,25 @@ COMMAND_LINE_TEXTS = frozenset(
         "models",
         "monitor",
         "params",
+        "plant_check",
+        "plant_config",
+        "plant_init",
+        "ports_command",
+        "profile_new",
+        "read",
+        "record",
+        "register_table",
+        "release",
+        "run",
+        "scan",
+        "serve",
+        "service",
+        "sim",
+        "simulate",
+        "status",
+        "stop_all",
+        "user_command",
     }
-    | {"plant_check", "plant_config", "plant_init", "ports_command", "profile_new", "read", "record", "register_table"}
-    | {"release", "run"}
-    | {"scan", "serve", "service", "sim", "simulate", "status", "stop_all", "user_command"}
 )
 """First parts of the keys that only the command line and the check of a file use; the page does not load them."""
 
@@ -107,7 +122,7 @@ async def texts(request: Request, language: str) -> Response:
 
 
 def _file_response(request: Request, folder: Path, name: str) -> Response:
-    """Raises ResourceNotFound for a path outside ``folder`` or an unknown extension."""
+    """Return a file of a folder. Raises ResourceNotFound for a path outside it or an unknown extension."""
     try:
         path = (folder / name).resolve()
         is_served = path.is_relative_to(folder) and path.is_file() and path.suffix in MEDIA_TYPES
@@ -120,7 +135,7 @@ def _file_response(request: Request, folder: Path, name: str) -> Response:
 
 @lru_cache(maxsize=256)
 def _read_file(path: Path, changed_ns: int) -> bytes:
-    """``changed_ns`` is part of the cache's key, so that a changed file is read again."""
+    """Return the content of a file; ``changed_ns`` is part of the cache's key, so that a changed one is read again."""
     return path.read_bytes()
 
 
