@@ -1,1 +1,1 @@
-"""Bench work on drives and frames: ``explain`` a frame, ``scan`` a line, a capture for Wireshark. Moves nothing."""
+"""Bench work on drives and frames: decode a frame, scan a bus, acceptance, a new profile, a capture for Wireshark."""

@@ -24,7 +24,9 @@ StepOutcome = tuple[bool | None, dict[str, Any]]
 """Passed, failed or (None) not observable on this port; and the figures, units in their names."""
 
 TIMING_READS = 300
+"""Reads of the reply times: enough for a p99."""
 WRONG_PARITY_READS = 20
+"""Reads with a wrong parity; each waits for its timeout."""
 FAILED_SHARE_MAX = 0.01
 """A bus on which more than 1 % of the reads fail, before their retry, is not well wired."""
 QUIET_OBSERVATION_S = 3.0

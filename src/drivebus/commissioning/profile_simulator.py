@@ -43,6 +43,7 @@ from drivebus.profiles.model import (
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.family import Locator
+from drivebus.protocols.modbus.messages import ILLEGAL_FUNCTION, ILLEGAL_REGISTER, ILLEGAL_VALUE
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import MODBUS_ASCII_FRAMING, MODBUS_RTU_FRAMING
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
@@ -51,9 +52,9 @@ from drivebus.simulator.station import SimulatedModel, SimulatedStation, Station
 from drivebus.values import Scale
 
 MODBUS = "modbus"
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
-ACCEL_TIME, DECEL_TIME = 0x10000, 0x10001
-"""Keys of ramp times beyond all registers, 0.1 s."""
+ACCEL_TIME = 0x10000
+DECEL_TIME = 0x10001
+"""Memory keys of the ramp times, beyond all registers; unit 0.1 s."""
 DEFAULT_MAXIMUM_HZ = 50.0
 JOG_HZ = 5.0
 REPLY_DELAY_S = 0.005
@@ -190,12 +191,12 @@ class ProfileStation(SimulatedStation):
         if span not in blocks and any(
             block.covers(span._replace(start=n, length=1)) for block in blocks for n in range(span.start, span.end)
         ):
-            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_REGISTER)
         values = [self._value((span.space, place)) for place in range(span.start, span.end)]
         if isinstance(request, modbus.ReadBits) and any(value is not None for value in values):
             return modbus.BitValues(request.address, request.function, tuple(bool(value) for value in values))
         if None in values and span not in blocks:
-            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_REGISTER)
         return modbus.RegisterValues(request.address, request.function, tuple(value or 0 for value in values))
 
     def _value(self, locator: Locator) -> int | None:
@@ -285,7 +286,7 @@ class ProfileStation(SimulatedStation):
         """Execute a write. Return 0 or the code of the exception."""
         writes = self._writes.recognise(changes)
         if writes is None:
-            return ILLEGAL_ADDRESS
+            return ILLEGAL_REGISTER
         places = iter(changes)
         for write in writes:
             part = list(islice(places, write.width))
@@ -314,12 +315,12 @@ class ProfileStation(SimulatedStation):
             case ParameterWrite(parameter=parameter):
                 number = join_words((value for _, _, value in changes), self.features)
                 return self._store_parameter(parameter, number, changes[0][1])
-        return ILLEGAL_ADDRESS
+        return ILLEGAL_REGISTER
 
     def _store_parameter(self, parameter: Parameter, number: int, written: int) -> int:
         key = _memory_key(parameter.locator)
         if key not in self.memory.specs:
-            return ILLEGAL_ADDRESS
+            return ILLEGAL_REGISTER
         if self.memory.write_rejection(key, number, self.running) is not None:
             return ILLEGAL_VALUE
         self.memory.write(key, number, save=self.profile.write_support.saves(parameter.locator[1], written))

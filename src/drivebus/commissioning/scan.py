@@ -20,9 +20,11 @@ from drivebus.errors import AddressError, PortError, PortLost
 from drivebus.ports import Port
 from drivebus.serial_settings import SerialSettings
 
+SNIFF_SAMPLE_BYTES = 64
+"""Bytes of foreign traffic that are shown."""
 MAX_UNREADABLE_REPLIES = 4
 """Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
-PARAMETER_NUMBERS = 1000
+PARAMETER_REGISTERS_END = 1000
 """Registers below it are parameters in many drives, so that a status register there proves little."""
 
 
@@ -96,7 +98,7 @@ class _Sniffer:
     def data_received(self, data: bytes, marks: int = 0) -> None:
         self.count += len(data)
         self.line_errors += marks
-        if len(self.data) < 64:
+        if len(self.data) < SNIFF_SAMPLE_BYTES:
             self.data += data
 
     def port_lost(self, error: PortLost) -> None:
@@ -108,13 +110,13 @@ async def sniff(port: Port, seconds: float) -> SniffResult:
 
     Raises PortUnavailable.
     """
-    ear = _Sniffer()
-    await port.open(ear)
+    sniffer = _Sniffer()
+    await port.open(sniffer)
     try:
         await asyncio.sleep(seconds)
     finally:
         await port.close()
-    return SniffResult(ear.count, ear.line_errors, bytes(ear.data[:64]), seconds)
+    return SniffResult(sniffer.count, sniffer.line_errors, bytes(sniffer.data[:SNIFF_SAMPLE_BYTES]), seconds)
 
 
 async def scan(
@@ -316,14 +318,14 @@ def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate
 
     def stays(candidate: ScanCandidate) -> bool:
         profile = candidate.profile
-        if profile.status is not None or _probe_register(candidate) >= PARAMETER_NUMBERS:
+        if profile.status is not None or _probe_register(candidate) >= PARAMETER_REGISTERS_END:
             return True
-        highest = PARAMETER_NUMBERS - 1 if profile.notation.style == "register" else profile.notation.highest
+        highest = PARAMETER_REGISTERS_END - 1 if profile.notation.style == "register" else profile.notation.highest
         return max(registers, default=-1) <= highest
 
     def may_be_a_parameter(candidate: ScanCandidate) -> bool:
         status = candidate.profile.status
-        return status is not None and status.register < PARAMETER_NUMBERS
+        return status is not None and status.register < PARAMETER_REGISTERS_END
 
     return sorted(filter(stays, fits), key=may_be_a_parameter)
 

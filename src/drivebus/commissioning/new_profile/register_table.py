@@ -30,7 +30,7 @@ REQUIRED = ("name", "address")
 ACCESS = {"": False, "r": False, "ro": False, "只读": False, "rw": True, "r/w": True, "w": True, "读写": True}
 """Text of the access column to whether the register can be written."""
 UNITS = ", ".join(unit for unit in get_args(Unit) if unit)
-MAX_BYTES = 1_000_000
+MAX_TABLE_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +99,7 @@ def _read_text(path: Path) -> str:
         raw = path.read_bytes()
     except OSError as error:
         raise ProfileError("register_table.unreadable", file=str(path), reason=error.strerror or str(error)) from error
-    if len(raw) > MAX_BYTES:
+    if len(raw) > MAX_TABLE_BYTES:
         raise profile_error([to_diagnostic(issue("too_large", (), len(raw)), str(path), 1, CATALOGUE)])
     try:
         return raw.decode("utf-8-sig")
