@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from drivebus import profiles
-from drivebus.cli.demo.history import HOURS, STEP_S, HistoryGenerator
+from drivebus.cli.demo.history import HISTORY_HOURS, SAMPLE_INTERVAL_S, HistoryGenerator
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
 from drivebus.profiles.model import DriveProfile
@@ -15,7 +15,7 @@ from drivebus.service.runtime.run_statistics import RunStatistics
 from drivebus.values import Quality, Text
 
 START_MS = 1_700_000_000_000
-STEPS = int(HOURS * 3600.0 / STEP_S)
+STEPS = int(HISTORY_HOURS * 3600.0 / SAMPLE_INTERVAL_S)
 
 
 def generator(bus: int = 2, drive: int = 0, seed: int = 1) -> HistoryGenerator:
@@ -32,7 +32,7 @@ def test_every_signal_has_a_value_every_ten_seconds_for_eight_hours() -> None:
     assert set(Counter(sample.tag for sample in found).values()) == {STEPS}
     assert {sample.tag.partition(".")[0] for sample in found} == {BUSES[2].drives[0].key}
     times = [sample.time_ms for sample in found]
-    assert times == sorted(times) and times[-1] - times[0] == (STEPS - 1) * int(STEP_S * 1000)
+    assert times == sorted(times) and times[-1] - times[0] == (STEPS - 1) * int(SAMPLE_INTERVAL_S * 1000)
 
 
 def test_a_history_has_only_signals_that_the_profile_lists() -> None:
@@ -96,8 +96,8 @@ def test_the_statistics_count_the_hours_of_the_history() -> None:
         if "status" not in profile.capabilities:
             assert (shown["running_h"], shown["starts"]) == (None, None), setting.id
             continue
-        assert shown["running_h"] == round(sum(hz > 0.0 for hz in frequencies) * STEP_S / 3600.0, 4)
-        assert 1.0 < shown["running_h"] < HOURS and shown["starts"] >= 1
+        assert shown["running_h"] == round(sum(hz > 0.0 for hz in frequencies) * SAMPLE_INTERVAL_S / 3600.0, 4)
+        assert 1.0 < shown["running_h"] < HISTORY_HOURS and shown["starts"] >= 1
         assert sum(shown["faults"].values()) == sum(event.kind == "trip" for event in history.events)
         assert RunStatistics.from_document(found.to_document()) == found
 

@@ -388,8 +388,8 @@ def test_comm_loss_test_records_a_trip_and_tells_success_by_its_exit_code(
     plant: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.ENGINEER))
-    monkeypatch.setattr(comm_loss_test, "TURNING_S", 0.2)
-    monkeypatch.setattr(comm_loss_test, "POLLS_END_S", 0.1)
+    monkeypatch.setattr(comm_loss_test, "TURNING_TIME_S", 0.2)
+    monkeypatch.setattr(comm_loss_test, "LAST_POLLS_S", 0.1)
     arguments = ("--drive", "fan-2", "--frequency", "5", "--silence", "2")
     assert "--yes" in run_command(plant.url, "comm-loss-test", *arguments, code=2)["error"]["text"]
     plant.run_in_loop(lambda: _set_keypad(plant, {0x9_03: 2, 0x9_04: 10}))

@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from drivebus.cli.demo.history import HOURS
+from drivebus.cli.demo.history import HISTORY_HOURS
 from drivebus.cli.demo.layout import BUSES
 
 DRIVES = {part.key for bus in BUSES for part in bus.drives}
@@ -86,11 +86,11 @@ def test_twelve_drives_of_four_families_on_four_buses_reply(browser: httpx.Clien
 
 def test_the_demo_starts_with_eight_hours_of_history(browser: httpx.Client) -> None:
     now_ms = int(time.time() * 1000)
-    span = {"from_ms": now_ms - int(HOURS * 3_600_000), "to_ms": now_ms}
+    span = {"from_ms": now_ms - int(HISTORY_HOURS * 3_600_000), "to_ms": now_ms}
     found = browser.get("api/v1/history/trend", params={"tags": "spindle-1.output_frequency", **span}).json()
     points = found["series"]["spindle-1.output_frequency"]
     known = [time_ms for time_ms, value in zip(points["t"], points["mean"], strict=True) if value is not None]
-    assert known[-1] - known[0] > 0.95 * HOURS * 3_600_000
+    assert known[-1] - known[0] > 0.95 * HISTORY_HOURS * 3_600_000
     assert max(value for value in points["max"] if value is not None) > 10.0
     markers = browser.get("api/v1/history/events", params={**span, "drive": "spindle-1"}).json()["items"]
     assert {"command"} <= {marker["kind"] for marker in markers}

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from drivebus.profiles.model import DriveProfile, Parameter, Signal
 
 MISSING_VALUE = "–"
-_MAX_PAGE_CELLS = 98
 
 
 # --- readings -----------------------------------------------------------------------------------------------------
@@ -96,7 +95,7 @@ def status_text(status: DriveStatus, now: float, profile: DriveProfile, identity
         rows.append((output.text("status.warning"), warning))
     if identity is not None:
         rows.append((output.text("status.identity"), identity_text(identity)))
-    page = [output.two_columns(rows, min(_MAX_PAGE_CELLS, output.terminal_width(sys.stdout)), indent=0)]
+    page = [output.two_columns(rows, output.page_cells(), indent=0)]
     readings = [_reading_row(name, reading, now, profile) for name, reading in status.readings.items()]
     if readings:
         columns = ["reading", "meaning", "value", "age", "quality"]

@@ -31,9 +31,9 @@ def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str)
     return [CompletionItem(name) for name in [*found, "sim://", "tcp://", "rfc2217://"] if name.startswith(incomplete)]
 
 
-def port_argument(*, required: bool = True) -> click.Argument:
+def port_argument() -> click.Argument:
     """Return the argument PORT."""
-    return Argument(["port"], metavar="PORT", required=required, shell_complete=_complete_ports)
+    return Argument(["port"], metavar="PORT", shell_complete=_complete_ports)
 
 
 def source_argument() -> click.Argument:
@@ -214,7 +214,6 @@ def _parse_capture_file(text: str) -> str:
     return text
 
 
-FILE = CheckedType(click.Path(dir_okay=False, path_type=Path), "cli.expect.file")
 FOLDER = CheckedType(click.Path(file_okay=False, path_type=Path), "cli.expect.folder")
 SEED = NumberType(0, 2**32 - 1)
 PERIOD = NumberType(0.1, 86_400.0)

@@ -16,6 +16,8 @@ import click
 from drivebus import i18n
 
 _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
+_MAX_PAGE_CELLS = 98  # lines of text are no longer, however wide the terminal is
+_MAX_TERM_CELLS = 26  # a longer term of a definition list stands on a line of its own
 _MIN_WRAP_CELLS = 20  # a narrower terminal is treated as one of this width
 _MIN_LAST_COLUMN_CELLS = 20  # with less space, the last column of a table goes to its own lines
 _WIDE = "\u2e80-\u9fff\uff00-\uffef\u3000-\u303f"
@@ -128,6 +130,11 @@ def terminal_width(stream: Any) -> int:
     return shutil.get_terminal_size().columns - 1 if on_terminal else _UNLIMITED_CELLS
 
 
+def page_cells() -> int:
+    """Return the cells of a line of a page on standard output, short enough to read."""
+    return min(_MAX_PAGE_CELLS, terminal_width(sys.stdout))
+
+
 def width(string: str) -> int:
     """Return the terminal cells of ``string``; a Chinese character has two."""
     return sum(2 if unicodedata.east_asian_width(c) in "WF" else 0 if unicodedata.combining(c) else 1 for c in string)
@@ -171,9 +178,9 @@ def paragraphs(string: str, cells: int, indent: int = 2) -> str:
 # --- tables -------------------------------------------------------------------------------------------------------
 
 
-def two_columns(rows: Sequence[tuple[str, str]], cells: int, indent: int = 2, widest: int = 26) -> str:
+def two_columns(rows: Sequence[tuple[str, str]], cells: int, indent: int = 2) -> str:
     """Format a definition list: terms on the left, explanations wrapped on the right."""
-    left = min(max((width(term) for term, _ in rows), default=0), widest) + 2
+    left = min(max((width(term) for term, _ in rows), default=0), _MAX_TERM_CELLS) + 2
     shown: list[str] = []
     for term, meaning in rows:
         lines = wrap(meaning, cells - indent - left) or [""]
@@ -239,12 +246,6 @@ class ProgressBar:
         """Show ``done`` of ``total`` seconds."""
         if self._bar is not None:
             left = text("scan.left", time=format_minutes(max(0.0, total - done)))
-            self._bar.update(self._task, description=description, total=total, completed=done, left=left)
-
-    def update_count(self, description: str, done: int, total: int, unit: str) -> None:
-        """Show ``done`` of ``total`` trials."""
-        if self._bar is not None:
-            left = f"{done}/{total} {unit}"
             self._bar.update(self._task, description=description, total=total, completed=done, left=left)
 
     def print_above(self, line: str) -> None:

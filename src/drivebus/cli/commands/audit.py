@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from drivebus.service.audit.description import Titles
     from drivebus.service.config.model import AuditConfig
 
-MAX_TIME_MS = 253_402_300_799_999
-
 
 def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: str | None, at_least: int) -> ExitCode:
     from drivebus.service.audit.verify import verify
@@ -43,6 +41,7 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: s
 
 
 def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
+    from drivebus.service.api.operations.operation import MAX_TIME_MS
     from drivebus.service.audit.description import described
     from drivebus.service.audit.query import query_records
 

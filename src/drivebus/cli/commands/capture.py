@@ -109,7 +109,7 @@ export = CliCommand(
 command = LazyGroup(
     "capture",
     help_key="capture",
-    sections={"cli.section.capture": {"export": "drivebus.cli.commands.capture:export"}},
+    sections={"cli.section.commands": {"export": "drivebus.cli.commands.capture:export"}},
     no_args_is_help=True,
     examples=("drivebus capture export trip-of-pump-3.dbcap -o trip.pcapng",),
 )

@@ -16,11 +16,11 @@ from drivebus.types import Json
 if TYPE_CHECKING:
     from drivebus.cli.remote.drive import RemoteDrive
 
-POLL_S = 0.5
+TEST_POLL_PERIOD_S = 0.5  # between two looks at the result of the test
 
 
 def _test(service: str, drive: str, frequency: float, silence: float | None, yes: bool) -> ExitCode:
-    """Raises ConfigurationError without a terminal, where the start can't be confirmed, unless ``yes``."""
+    """Run the test. Raises ConfigurationError where no terminal can confirm the start, unless ``yes``."""
     from drivebus.errors import ConfigurationError
 
     if not yes and not sys.stdin.isatty():
@@ -65,7 +65,7 @@ async def _result(drive: RemoteDrive, before: Json | None) -> Json | None:
         found: Json = (await drive.call(DRIVES_GET))["comm_loss"]
         if found["test"] is None:
             return found if (found["tested"] or {}).get("time_ms") != (before or {}).get("time_ms") else None
-        await asyncio.sleep(POLL_S)
+        await asyncio.sleep(TEST_POLL_PERIOD_S)
 
 
 def _print_result(name: str, found: Json | None) -> ExitCode:

@@ -5,6 +5,13 @@ from __future__ import annotations
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand
 
+COMPLETION_NAMES = {
+    "complete_func": "_drivebus_completion",
+    "complete_var": "_DRIVEBUS_COMPLETE",
+    "prog_name": "drivebus",
+}
+"""Names in the script of click."""
+
 
 def _complete(shell: str) -> None:
     from click.shell_completion import get_completion_class
@@ -13,17 +20,9 @@ def _complete(shell: str) -> None:
 
     kind = get_completion_class(shell)
     if kind is not None:
-        script = kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % _names()
+        script = kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % COMPLETION_NAMES
         output.print_json({"shell": shell, "script": script})
         output.print_text(script)
-
-
-def _names() -> dict[str, str]:
-    return {
-        "complete_func": "_drivebus_completion",
-        "complete_var": "_DRIVEBUS_COMPLETE",
-        "prog_name": "drivebus",
-    }
 
 
 command = CliCommand(

@@ -138,7 +138,7 @@ command = LazyGroup(
     "control",
     help_key="control",
     sections={
-        "cli.section.profile": {
+        "cli.section.commands": {
             name: f"drivebus.cli.commands.control:{name}" for name in ("request", "grant", "decline")
         }
     },

@@ -85,7 +85,7 @@ def description_text(model: str, data: bytes, found: FrameDescription) -> str:
     lines.append(f"  {output.to_json_value(data)}")
     if found.fields:
         rows = [(field_label(name), field_text(name, value)) for name, value in found.fields.items()]
-        lines += ["", two_columns(rows, min(98, output.terminal_width(sys.stdout)))]
+        lines += ["", two_columns(rows, output.page_cells())]
     for kind in ("problems", "errata", "hazards"):
         texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
         lines += [output.wrap_for(one, sys.stdout) for one in texts]

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 DEAD_MAN_TIMEOUT_S = 0.5  # the motor stops this long after the last key at the latest
 FIRST_REPEAT_TIMEOUT_S = 1.0  # terminals repeat a held key after 0.25 to 0.66 s
-FORWARD, REVERSE, QUIT = frozenset(" f"), frozenset("r"), frozenset("q\x1b\x03\x04")
+FORWARD_KEYS = frozenset(" f")
+REVERSE_KEYS = frozenset("r")
+QUIT_KEYS = frozenset("q\x1b\x03\x04")  # q, Esc, Ctrl-C, Ctrl-D
 
 
 async def _jog(target: Target, frequency: float | None) -> ExitCode:
@@ -49,7 +51,7 @@ async def _until_quit(
 ) -> None:
     while not shutdown.received:
         key = await shutdown.interruptible(keys.get())
-        if key is None or key in QUIT:
+        if key is None or key in QUIT_KEYS:
             return
         direction = _direction(key)
         if direction is not None and await _is_held(keys, key):
@@ -60,7 +62,7 @@ async def _until_quit(
 def _direction(key: str) -> Direction | None:
     from drivebus.drives.state import Direction
 
-    return Direction.FORWARD if key in FORWARD else Direction.REVERSE if key in REVERSE else None
+    return Direction.FORWARD if key in FORWARD_KEYS else Direction.REVERSE if key in REVERSE_KEYS else None
 
 
 async def _is_held(keys: KeyQueue, key: str) -> bool:

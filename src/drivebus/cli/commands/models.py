@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from drivebus.cli import output
@@ -22,7 +21,7 @@ def _models(search: str) -> ExitCode:
     code = ExitCode.USAGE if refused else ExitCode.DONE
     output.print_json({"models": found, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
     output.print_text(_table(found) if found else output.text("models.none", search=search))
-    output.print_text(paragraphs(output.text("models.grades"), min(98, output.terminal_width(sys.stdout)), indent=0))
+    output.print_text(paragraphs(output.text("models.grades"), output.page_cells(), indent=0))
     for one in refused:
         print_error(one)
     return code

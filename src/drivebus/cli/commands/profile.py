@@ -40,7 +40,7 @@ command = LazyGroup(
     "profile",
     help_key="profile",
     sections={
-        "cli.section.profile": {
+        "cli.section.commands": {
             "new": "drivebus.cli.commands.profile_new:command",
             "check": "drivebus.cli.commands.profile:check",
         }

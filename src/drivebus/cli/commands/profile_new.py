@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivebus.commissioning.new_profile.questions import Question
     from drivebus.commissioning.profile_trial import TrialStep
 
-MOST_FRAMES = 12
+MAX_PRINTED_FRAMES = 12
 """Frames printed for a step: a motor that accelerates gives many different replies."""
 
 
@@ -33,7 +33,7 @@ def _new(file: str, table: str | None, answers_file: str | None, force: bool) ->
     try:
         _ask_all(answers)
     except click.Abort:
-        return _keep(answers, file)
+        return _save_unfinished(answers, file)
     rows = register_table.read_table(table, answers["numbering"]) if table is not None else []
     _write(file, file_text.profile_toml(answers, rows, output.language()), force)
     try:
@@ -127,14 +127,14 @@ def _expected(question: Question, answers: dict[str, str]) -> str:
     return output.text(f"profile_new.expect_{question.kind}", **params)
 
 
-def _keep(answers: dict[str, str], file: str) -> ExitCode:
+def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
     """Write the answers of an unfinished dialogue beside the file that it would have written."""
     from drivebus.profiles.toml_file import toml_string
 
-    kept = f"{file}.answers.toml"
+    answers_file = f"{file}.answers.toml"
     click.echo(err=True)
-    _write(kept, "".join(f"{name} = {toml_string(text)}\n" for name, text in answers.items()), force=True)
-    output.print_note("profile_new.left", count=len(answers), kept=kept, file=file)
+    _write(answers_file, "".join(f"{name} = {toml_string(text)}\n" for name, text in answers.items()), force=True)
+    output.print_note("profile_new.left", count=len(answers), kept=answers_file, file=file)
     return ExitCode.INTERRUPTED
 
 
@@ -159,7 +159,7 @@ def _print_trial(steps: list[TrialStep]) -> None:
         detail = "" if step.error is None else step.error.text(output.language())
         result = "profile_new.trial_ok" if step.error is None else "profile_new.trial_failed"
         output.print_text("  " + output.text(result, name=name, detail=detail))
-        for frame in step.frames[:MOST_FRAMES]:
+        for frame in step.frames[:MAX_PRINTED_FRAMES]:
             arrow = "→" if frame.direction == "sent" else "←"
             output.print_text(f"    {arrow} {frame.data.hex(' ').upper()}")
 

@@ -39,10 +39,10 @@ def _running() -> ReadingPairs:
     from drivebus.drives.readings import ReadingPairs
     from drivebus.values import Reading
 
-    book = ReadingPairs()
+    readings = ReadingPairs()
     for _ in range(2):
-        book.add({"command": Reading(value=1, raw=1)})
-    return book
+        readings.add({"command": Reading(value=1, raw=1)})
+    return readings
 
 
 command = drive_command(

@@ -39,13 +39,24 @@ def _simulate(
     option: tuple[tuple[str, str], ...],
 ) -> ExitCode:
     options = dict(option) | ({"encoding": encoding} if encoding else {})
-    bus = make_bus(model, address, baud, format, seed, line_quality, load, ramp, options)
+    bus = make_bus(
+        model,
+        address,
+        baud=baud,
+        format=format,
+        seed=seed,
+        line_quality=line_quality,
+        load=load,
+        ramp_s=ramp,
+        options=options,
+    )
     return asyncio.run(_serve(bus, bind, link))
 
 
 def make_bus(
     model: str,
     addresses: tuple[int, ...],
+    *,
     baud: int | None,
     format: str | None,
     seed: int,
@@ -63,8 +74,8 @@ def make_bus(
     for station in stations:
         station.set_ramps(ramp_s, ramp_s)
     factory = stations[0].factory_settings
-    line = SerialSettings.parse(baud or factory.baud, format or factory.format)
-    return SimulatedBus(stations, line, line_quality=line_quality, seed=seed)
+    settings = SerialSettings.parse(baud or factory.baud, format or factory.format)
+    return SimulatedBus(stations, settings, line_quality=line_quality, seed=seed)
 
 
 async def _serve(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | None) -> ExitCode:

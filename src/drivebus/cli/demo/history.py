@@ -18,7 +18,8 @@ from drivebus.simulator.models.dzb100 import FAULT_CODES as DZB100_FAULT_CODES
 from drivebus.simulator.motor import Motor, Trip
 from drivebus.values import Quality
 
-HOURS, STEP_S = 8.0, 10.0
+HISTORY_HOURS = 8.0  # the shift before the demo
+SAMPLE_INTERVAL_S = 10.0
 SETPOINTS_HZ = (15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
 RUN_S = (600.0, 5400.0)  # shortest and longest time at one setpoint
 PAUSE_S = (60.0, 900.0)  # shortest and longest standstill
@@ -57,11 +58,11 @@ class HistoryGenerator:
 
     def samples(self) -> Iterator[Sample]:
         """Yield the samples in order of time; append to ``events`` on the way."""
-        for step in range(int(HOURS * 3600.0 / STEP_S)):
-            time_s = step * STEP_S
+        for step in range(int(HISTORY_HOURS * 3600.0 / SAMPLE_INTERVAL_S)):
+            time_s = step * SAMPLE_INTERVAL_S
             if time_s >= self._next_event_s:
                 self._next_event(time_s)
-            self._motor.step(STEP_S)
+            self._motor.step(SAMPLE_INTERVAL_S)
             yield from self._read(self.start_ms + int(time_s * 1000.0))
 
     def _next_event(self, time_s: float) -> None:

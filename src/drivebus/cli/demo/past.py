@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from drivebus.cli.demo.history import STEP_S, TRIP_CODES, DemoEvent
+from drivebus.cli.demo.history import SAMPLE_INTERVAL_S, TRIP_CODES, DemoEvent
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.alarms.condition import LimitState, Observation
 from drivebus.service.alarms.engine import DEFAULT_ALARMS, configured_alarm
@@ -59,14 +59,14 @@ def past_statistics(
             values.setdefault(sample.tag.partition(".")[2], []).append(sample.value)
     found = RunStatistics(since_ms=start_ms)
     if "status" in profile.capabilities:
-        found.running_s = STEP_S * sum(hz > 0.0 for hz in values.get("output_frequency", ()))
+        found.running_s = SAMPLE_INTERVAL_S * sum(hz > 0.0 for hz in values.get("output_frequency", ()))
         found.starts = sum(
             event.kind == "run" and (at == 0 or events[at - 1].kind != "run") for at, event in enumerate(events)
         )
         trips = sum(event.kind == "trip" for event in events)
         found.faults = {str(TRIP_CODES[profile.family]): trips} if trips else {}
     if "output_power" in values:
-        found.energy_kwh = sum(values["output_power"]) * STEP_S / 3600.0
+        found.energy_kwh = sum(values["output_power"]) * SAMPLE_INTERVAL_S / 3600.0
     found.maximum_current_a = max(values.get("output_current", ()), default=None)
     found.maximum_temperature_c = max(values.get("temperature", ()), default=None)
     return found

@@ -32,7 +32,8 @@ from drivebus.service.process.module_command import module_command
 from drivebus.types import Json
 
 DEFAULT_RUN_HZ = 25.0  # frequency of "run" for a drive that had none
-MIN_HZ, MAX_HZ = 5.0, 50.0
+MIN_SETPOINT_HZ = 5.0  # lowest setpoint of the keys + and -
+MAX_SETPOINT_HZ = 50.0
 MAX_LOG_CHARACTERS = 2000
 CLOSE_TIMEOUT_S = 15.0  # the service stops its drives at its end; then it is killed
 
@@ -131,7 +132,7 @@ class DemoClient:
         self._command(key, "stop", DRIVE_STOP.name)
 
     def change_frequency(self, key: str, by_hz: float) -> None:
-        frequency_hz = min(MAX_HZ, max(MIN_HZ, self._frequency_hz(key) + by_hz))
+        frequency_hz = min(MAX_SETPOINT_HZ, max(MIN_SETPOINT_HZ, self._frequency_hz(key) + by_hz))
         self._command(key, "set", DRIVE_SET_FREQUENCY.name, frequency_hz=frequency_hz)
 
     def reset(self, key: str) -> None:

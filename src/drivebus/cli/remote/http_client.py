@@ -92,7 +92,7 @@ class HttpClient:
 def http_request(operation: Operation, params: Json) -> tuple[str, str, bytes | None]:
     """Return method, path and body of an operation, from its declaration."""
     rest = {name: value for name, value in params.items() if name not in operation.path_params and value is not None}
-    path = operation.address.format(**{name: quote(str(params[name]), safe="") for name in operation.path_params})
+    path = operation.url_path.format(**{name: quote(str(params[name]), safe="") for name in operation.path_params})
     if operation.has_body:
         return operation.method, path, json.dumps(rest, allow_nan=False).encode()
     return operation.method, path + (f"?{urlencode(rest, doseq=True)}" if rest else ""), None

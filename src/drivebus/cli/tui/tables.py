@@ -16,9 +16,11 @@ from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 STALE_AGE_S = 3.0  # older values are dimmed
 
 DRIVE_COLUMNS = {"name": 13, "state": 13, "direction": 5} | dict(zip(COLUMN_SIGNALS, (8, 8, 7, 6, 6), strict=True))
-AGE_CELLS, FAULT_CELLS = 6, 7
+AGE_CELLS = 6
+MIN_FAULT_CELLS = 7
 FAULT_TEXT_MIN_CELLS = 24  # a narrower fault column shows the code without its text
-LOAD_CELLS, ERROR_CELLS = 7, 12
+LOAD_CELLS = 7  # of the load without its bar
+MIN_ERROR_CELLS = 12
 BUS_COLUMNS = {"bus": 13, "settings": 11, "link": 9, "load": 18, "rate": 8}
 _RIGHT_ALIGNED = frozenset({*COLUMN_SIGNALS, "age", "rate"})
 _BAR_CELLS = 10
@@ -43,9 +45,9 @@ def drive_columns(cells: int) -> dict[str, int]:
     """
     columns, free = dict(DRIVE_COLUMNS), cells - AGE_CELLS
     for name in ("output_voltage", "dc_bus_voltage", "output_current"):
-        if sum(columns.values()) + FAULT_CELLS > free:
+        if sum(columns.values()) + MIN_FAULT_CELLS > free:
             del columns[name]
-    return columns | {"fault": max(FAULT_CELLS, free - sum(columns.values()) - 1), "age": AGE_CELLS}
+    return columns | {"fault": max(MIN_FAULT_CELLS, free - sum(columns.values()) - 1), "age": AGE_CELLS}
 
 
 def bus_columns(cells: int) -> dict[str, int]:
@@ -54,9 +56,9 @@ def bus_columns(cells: int) -> dict[str, int]:
     A narrow terminal shows the load without its bar.
     """
     columns = dict(BUS_COLUMNS)
-    if sum(columns.values()) + ERROR_CELLS >= cells:
+    if sum(columns.values()) + MIN_ERROR_CELLS >= cells:
         columns["load"] = LOAD_CELLS
-    return columns | {"errors": max(ERROR_CELLS, cells - sum(columns.values()) - 1)}
+    return columns | {"errors": max(MIN_ERROR_CELLS, cells - sum(columns.values()) - 1)}
 
 
 def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[Text]:
@@ -95,7 +97,7 @@ def _keep_end(text: str, cells: int) -> str:
     return text if width(text) <= cells else "…" + text[1 - cells :]
 
 
-def load_bar(load: float | None, bar: bool = True) -> str:
+def load_bar(load: float | None, *, bar: bool) -> str:
     """Format the load as a percentage, with ``bar`` after a bar."""
     if load is None:
         return "–"
