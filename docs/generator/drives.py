@@ -48,7 +48,7 @@ def makers_table(language: str) -> str:
 
 def models_table(found: Iterable[DriveProfile], language: str, link: Callable[[DriveProfile], str]) -> str:
     """Return the table of models with what distinguishes them; ``link`` makes the first cell of a row."""
-    heads = ("model", "maker", "encodings", "line", "addresses", "can", "grade")
+    heads = ("model", "maker", "encodings", "line", "addresses", "lacks", "grade")
     return terms.table([term(head, language) for head in heads], (_row(one, language, link(one)) for one in found))
 
 

@@ -36,7 +36,7 @@ def layout(vector: dict[str, Any]) -> Layout:
 
 
 def _c320(vector: dict[str, Any], size: int) -> Layout:
-    """Manual §3."""
+    """Return the fields of a C320 frame, as §3 of its manual parts them."""
     fields = vector["fields"]
     if vector["direction"] == "request":
         kind = fields["class"]
@@ -59,14 +59,14 @@ def _c320(vector: dict[str, Any], size: int) -> Layout:
 
 
 def _dzb100(vector: dict[str, Any]) -> Layout:
-    """Manual §2.2 (5)."""
+    """Return the fields of a DZB100 frame, as §2.2 (5) of its manual parts them."""
     third = ASK if vector["direction"] == "request" else ANSWER
     fourth = {"C": COMMAND, "Q": QUERY}.get(vector["fields"]["head"], PARAMETER)
     return [(HEAD, 1), (CONSTANT, 1), (third, 1), (ADDRESS, 2), (fourth, 2), (DATA, 4)]
 
 
 def _modbus(vector: dict[str, Any]) -> Layout:
-    """RTU as it is; ASCII: two characters a byte, ':' before, LRC, CR and LF behind."""
+    """Return the fields of a Modbus frame; in ASCII every byte is sent as two characters."""
     body = [(ADDRESS, 1), (FUNCTION, 1), *_pdu(vector)]
     if vector["encoding"] == "rtu":
         return [*body, (CRC, 2)]

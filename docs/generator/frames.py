@@ -9,7 +9,7 @@ from typing import Any
 from generator.frame_layouts import layout
 from generator.terms import colon, localized, phrase, table, term
 
-SOURCES = (
+SOURCE_WORDS = (
     ("sister manual", "相关型号手册"),
     ("manual", "手册"),
     ("CRC computed", "CRC 为计算值"),
@@ -37,10 +37,10 @@ def load_vectors(path: Path) -> list[Vector]:
 
 def frame_tables(vectors: list[Vector], language: str) -> str:
     """Return one byte table per vector, requests followed by their replies."""
-    return "\n".join(_one(vector, language) for vector in vectors)
+    return "\n".join(_frame_table(vector, language) for vector in vectors)
 
 
-def _one(vector: Vector, language: str) -> str:
+def _frame_table(vector: Vector, language: str) -> str:
     raw = bytes.fromhex(vector["hex"])
     direction = term(vector["direction"], language)
     lines = [
@@ -88,7 +88,7 @@ def _fields(fields: dict[str, Any]) -> str:
 
 def _source(source: str, language: str) -> str:
     if language == "zh":
-        for english, chinese in SOURCES:
+        for english, chinese in SOURCE_WORDS:
             source = source.replace(english, chinese)
     return source
 

@@ -28,7 +28,7 @@ from generator import (
 )
 from verification import ids
 
-PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
+PROFILE_PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
     "serial": profile_tables.serial_settings,
     "keypad": profile_tables.keypad,
     "signals": profile_tables.signals,
@@ -53,52 +53,45 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
     suffix = "" if language == "en" else f".{language}"
     readme = root / f"README{suffix}.md"
     yield readme, _fill_marks(readme, {"drives": drives.makers_table(language)})
-    page = root / "docs" / "explanation" / f"verification{suffix}.md"
-    yield page, _fill_marks(page, {"campaigns": verification.campaign_table(root / "docs" / "reports", language)})
-    page = root / "docs" / "explanation" / f"bus-stop{suffix}.md"
-    yield page, _fill_marks(page, {"collisions": command_collisions.collision_table(language)})
-    page = root / "docs" / "explanation" / f"fault-matrix{suffix}.md"
-    yield page, _fill_marks(page, fault_matrix.page_parts(root, language))
-    page = root / "docs" / "explanation" / f"security{suffix}.md"
-    standards = {name: security.requirements(name, language) for name in ("asvs", "iec62443")}
-    yield page, _fill_marks(page, standards | {"attacks": security.attacks(language)})
-    page = root / "docs" / "explanation" / f"timing{suffix}.md"
-    yield page, _fill_marks(page, {"load": bus_load.bus_load_table(language)})
-    page = root / "docs" / "how-to" / f"keypad-settings{suffix}.md"
-    yield (
-        page,
-        _fill_marks(
-            page, {name: profile_tables.keypad(profiles.load(name), language) for name in drives.MODELS_WITH_PAGE}
-        ),
-    )
-    reference = root / "docs" / "reference"
-    page = reference / f"command-line{suffix}.md"
-    yield page, _fill_marks(page, {"commands": cli_reference.page(language)})
-    page = reference / f"errors{suffix}.md"
-    yield page, _fill_marks(page, {"errors": error_reference.page(language)})
-    page = reference / f"sentences{suffix}.md"
-    yield page, _fill_marks(page, sentences.parts(root, language))
-    page = reference / f"plant-toml{suffix}.md"
-    yield page, _fill_marks(page, plant_reference.page(language))
-    page = reference / f"rest-api{suffix}.md"
-    yield page, _fill_marks(page, rest_reference.parts(language))
-    page = reference / f"python{suffix}.md"
-    yield page, _fill_marks(page, {"names": python_reference.page(language)})
-    page = reference / f"metrics{suffix}.md"
-    yield page, _fill_marks(page, metrics_reference.parts(language))
+    for name, parts in _parts_of_pages(root, language):
+        page = root / "docs" / f"{name}{suffix}.md"
+        yield page, _fill_marks(page, parts)
     shipped = drives.shipped()
     for profile in shipped:
         yield root / model_pages.FOLDER / f"{profile.model}{suffix}.md", model_pages.page(profile, language)
     yield root / model_pages.FOLDER / f"README{suffix}.md", model_pages.index(shipped, language)
+
+
+def _parts_of_pages(root: Path, language: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield the path of each page below ``docs``, without its ending, and its generated parts by mark."""
+    yield "explanation/verification", {"campaigns": verification.campaign_table(root / "docs" / "reports", language)}
+    yield "explanation/bus-stop", {"collisions": command_collisions.collision_table(language)}
+    yield "explanation/fault-matrix", fault_matrix.page_parts(root, language)
+    yield (
+        "explanation/security",
+        {name: security.requirements(name, language) for name in ("asvs", "iec62443")}
+        | {"attacks": security.attacks(language)},
+    )
+    yield "explanation/timing", {"load": bus_load.bus_load_table(language)}
+    yield (
+        "how-to/keypad-settings",
+        {name: profile_tables.keypad(profiles.load(name), language) for name in drives.MODELS_WITH_PAGE},
+    )
+    yield "reference/command-line", {"commands": cli_reference.page(language)}
+    yield "reference/errors", {"errors": error_reference.page(language)}
+    yield "reference/sentences", sentences.parts(root, language)
+    yield "reference/plant-toml", plant_reference.page(language)
+    yield "reference/rest-api", rest_reference.parts(language)
+    yield "reference/python", {"names": python_reference.page(language)}
+    yield "reference/metrics", metrics_reference.parts(language)
     for model in drives.MODELS_WITH_PAGE:
-        page = root / "docs" / "protocols" / f"{model}{suffix}.md"
-        yield page, _fill_marks(page, _parts(root, model, language))
+        yield f"protocols/{model}", _protocol_page_parts(root, model, language)
 
 
-def _parts(root: Path, model: str, language: str) -> dict[str, str]:
+def _protocol_page_parts(root: Path, model: str, language: str) -> dict[str, str]:
     profile = profiles.load(model)
     vectors = frames.load_vectors(root / "vectors" / f"{model}.jsonl")
-    parts = {name: make(profile, language) for name, make in PARTS.items()}
+    parts = {name: make(profile, language) for name, make in PROFILE_PARTS.items()}
     return parts | {"frames": frames.frame_tables(vectors, language), "errata": frames.errata_table(vectors, language)}
 
 

@@ -54,7 +54,7 @@ TERMS = {
     "addresses": Text("addresses", "站号"),
     "broadcast": Text("broadcast", "广播"),
     "none": Text("none", "无"),
-    "can": Text("does not have", "不具备"),
+    "lacks": Text("does not have", "不具备"),
     "grade": Text("grade", "等级"),
     "what": Text("property", "项目"),
     "value": Text("value", "值"),
@@ -130,7 +130,7 @@ TERMS = {
     "ambiguous": Text("Ambiguous; the manual meant", "有歧义，手册本意为"),
     "fields": Text("Fields", "字段"),
 }
-KINDS = {
+EVIDENCE_KINDS = {
     "manual": Text("manual", "手册"),
     "computed": Text("computed", "计算"),
     "sister": Text("related model", "相关型号"),
@@ -168,7 +168,7 @@ def localized(text: Text, language: str) -> str:
 
 def evidence(found: Evidence, language: str) -> str:
     """Return the kind of evidence and its source."""
-    kind = localized(KINDS[found.kind], language)
+    kind = localized(EVIDENCE_KINDS[found.kind], language)
     if not found.source:
         return kind
     mark = "" if found.source.startswith("§") else (":" if language == "en" else "：")

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from generator.terms import table
 from verification.campaign import CAMPAIGN_NAMES, load_campaign
 
 TABLE_HEADS = {
@@ -17,9 +18,8 @@ MISSING = {"en": "no report yet", "zh": "尚无报告"}
 
 def campaign_table(reports: Path, language: str) -> str:
     """Return one row per campaign, in the order of ``python -m verification all``."""
-    rows = [TABLE_HEADS[language], ("---",) * len(TABLE_HEADS[language])]
-    rows += [_row(name, reports / load_campaign(name).report_name, language) for name in CAMPAIGN_NAMES]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    rows = (_row(name, reports / load_campaign(name).report_name, language) for name in CAMPAIGN_NAMES)
+    return table(TABLE_HEADS[language], rows)
 
 
 def _row(name: str, path: Path, language: str) -> tuple[str, ...]:
