@@ -10,7 +10,7 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
-# These rooms hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
+# These folders hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
 ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system \
 	tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py
 

@@ -33,12 +33,12 @@ def measure_all(seconds: float, rounds: int) -> Figures:
     """Measure all parts one after another, because the machine must be quiet; each part is printed when it is done."""
     parts: dict[str, Callable[[], Figures]] = {
         "cpu": lambda: master.transaction_cpu(seconds, rounds),
-        "line": lambda: master.one_line(2 * seconds),
-        "line_115200": lambda: master.one_line(2 * seconds, baud=115_200),
-        "one_dead": lambda: master.one_line(4 * seconds, dead=31),
-        "late": lambda: master.one_line(2 * seconds, late=(20, 150_000)),
-        "lines_64": lambda: master.many_lines(2 * seconds, 64),
-        "lines_128": lambda: master.many_lines(2 * seconds, 128),
+        "line": lambda: master.one_bus(2 * seconds),
+        "line_115200": lambda: master.one_bus(2 * seconds, baud=115_200),
+        "one_dead": lambda: master.one_bus(4 * seconds, dead=31),
+        "late": lambda: master.one_bus(2 * seconds, late=(20, 150_000)),
+        "lines_64": lambda: master.many_buses(2 * seconds, 64),
+        "lines_128": lambda: master.many_buses(2 * seconds, 128),
         "codecs": codecs.run_codecs,
         "virtual": virtual.run_virtual_time,
         "motors": motors.run_motors,

@@ -9,6 +9,7 @@ from benchmarks.harness import CStations, Figures, run_client
 UNPACED_BAUD = 4_000_000
 """Baud rate given to our clients on a pty, where a frame takes no time on the wire: the shortest gap there is."""
 UNPACED_PERIOD_S = 0.0005
+MANY_BUSES_BAUD = 19_200
 MASTER_PEERS = ("drivebus_lines", "drivebus_transact", "pymodbus_async", "bare_asyncio", "libmodbus")
 """drivebus is measured twice: as a master that polls, and with one awaited transaction after the other."""
 
@@ -33,7 +34,7 @@ def transaction_cpu(seconds: float, rounds: int) -> Figures:
     return {"cpu_us": micros, "wrong": wrong, "ratios": ratios}
 
 
-def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
+def one_bus(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
     """Measure the share of one bus's legal capacity that each client uses, recorded at the stations."""
     found: Figures = {}
     for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
@@ -44,12 +45,12 @@ def one_line(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[i
     return found
 
 
-def many_lines(seconds: float, lines: int, baud: int = 19_200) -> Figures:
+def many_buses(seconds: float, count: int) -> Figures:
     """Measure many buses in one process, beside a bare asyncio loop: use of the wire, share of a core, memory."""
     found: Figures = {}
     for name in ("drivebus_lines", "bare_asyncio"):
-        with CStations(lines, baud=baud, delay_us=2000) as stations:
-            client = run_client(name, stations, seconds, baud)
+        with CStations(count, baud=MANY_BUSES_BAUD, delay_us=2000) as stations:
+            client = run_client(name, stations, seconds, MANY_BUSES_BAUD)
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
         found[name] = {key: stations.figures[key] for key in keep} | {
             "cores": round(client["cpu_s"] / client["wall_s"], 3),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.__main__ import current_commit, print_figures
-from benchmarks.clients.links import link
+from benchmarks.clients.station_configs import station_config
 from benchmarks.harness import CStations, Figures
 from benchmarks.master import UNPACED_BAUD, UNPACED_PERIOD_S
 from benchmarks.virtual import STATIONS
@@ -49,7 +49,7 @@ async def _poll(path: str, seconds: float, profile: Profile) -> int:
 
     async with Bus(open_port(path, baud=UNPACED_BAUD, format="8N1", echo="off")) as bus:
         for address in range(1, STATIONS + 1):
-            bus.add_station(link(address, codec, 0.002))
+            bus.add_station(station_config(address, codec, 0.002))
             bus.start_polling(address, [Poll(ReadRegisters(address, address, 4), UNPACED_PERIOD_S)], sink)
         await asyncio.sleep(1.0)
         done = 0

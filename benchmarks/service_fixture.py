@@ -84,7 +84,7 @@ def running_service(
     directory, port, file = folder / "state", free_port(), folder / "plant.toml"
     directory.mkdir(mode=0o700)
     file.write_text(plant_text(directory, port, links, drives, baud))
-    _add_token(directory)
+    add_benchmark_user(directory)
     environment = os.environ | {"XDG_STATE_HOME": str(folder)}
     begun = time.monotonic()
     with (folder / "log").open("wb") as log:
@@ -126,7 +126,8 @@ def free_port() -> int:
         return int(listener.getsockname()[1])
 
 
-def _add_token(directory: Path) -> None:
+def add_benchmark_user(directory: Path) -> None:
+    """Write the users' file of a state directory: one user with ``BENCHMARK_TOKEN``."""
     from drivebus.service.auth.rights import Right, Role
     from drivebus.service.auth.sessions import secret_digest
     from drivebus.service.auth.users import Token, User, UserDatabase, UserFile

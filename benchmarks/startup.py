@@ -32,15 +32,14 @@ DRIVEBUS_PROGRAM = "from drivebus.cli.main import main\nmain()\n"
 ROUNDS = 40
 
 
-def run_startup(turns: int = ROUNDS) -> dict[str, float]:
+def run_startup() -> dict[str, float]:
     """Return the medians in milliseconds and their ratio."""
-
     with tempfile.TemporaryDirectory() as folder:
         programs = {"empty_click": Path(folder, "empty.py"), "drivebus": Path(folder, "ours.py")}
         programs["empty_click"].write_text(EMPTY_CLICK_PROGRAM)
         programs["drivebus"].write_text(DRIVEBUS_PROGRAM)
         taken: dict[str, list[float]] = {name: [] for name in programs}
-        for _ in range(turns):
+        for _ in range(ROUNDS):
             for name, file in programs.items():
                 begun = time.perf_counter()
                 subprocess.run([sys.executable, str(file), "--help"], stdout=subprocess.DEVNULL, check=True)

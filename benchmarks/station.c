@@ -9,7 +9,8 @@
  * LATE_US late. Register r of station a reads (a << 8 | (r & 255)), so a reply accepted for another request is detected.
  * MISSING_PERMILLE are never sent, DAMAGED_PERMILLE have one inverted bit. SEED chooses the faulty replies; where it is
  * 0, a late reply delays every reply after it (as a serial server does), else only itself (as a slow drive does): where
- * it meets a request or a reply on the wire, the request is lost or each byte of the reply is damaged. Then the top bit of each of its registers is set, so that a late reply that is accepted for the same register is detected.
+ * it meets a request or a reply on the wire, the request is lost or each byte of the reply is damaged. Then the top bit
+ * of each of its registers is set, so that a late reply that is accepted for the same register is detected.
  * FLAT: registers from this one on read 1 (0: none). RECORD: a file that gets a line for each complete request: its bus,
  * the nanosecond (CLOCK_MONOTONIC) at which its first byte arrived, that of its reply's last byte (0: none), its bytes.
  * Ends at end of file on stdin and prints counts as JSON; "gap" is the silence before a request, in characters,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 
-from benchmarks.clients.links import link
+from benchmarks.clients.station_configs import station_config
 from benchmarks.harness import Figures
 from drivebus.bus import Bus
 from drivebus.bus.commands import DeliverResult, Send, SetTimer
@@ -25,7 +25,7 @@ def bare_core(transactions: int) -> float:
     core, codec, line = BusCore(SerialSettings(19_200), echo="off"), ModbusRtuCodec(), SerialSettings(19_200)
     replies = {}
     for address in range(1, STATIONS + 1):
-        core.add_station(link(address, codec, 0.002))
+        core.add_station(station_config(address, codec, 0.002))
         replies[address] = codec.encode_reply(RegisterValues(address, 3, (address << 8,) * 4))
     done, now, pending = 0, 0.0, core.on_port_open(0.0)
     for address in range(1, STATIONS + 1):
@@ -61,7 +61,7 @@ async def _line(seconds: float) -> int:
 
     async with Bus(open_port(f"sim://vc660@1-{STATIONS}?baud=9600")) as bus:
         for address in range(1, STATIONS + 1):
-            bus.add_station(link(address, ModbusRtuCodec(), 0.03))
+            bus.add_station(station_config(address, ModbusRtuCodec(), 0.03))
             bus.start_polling(address, [Poll(ReadRegisters(address, 0x3000, 4), 0.05)], sink)
         await asyncio.sleep(seconds)
     return received

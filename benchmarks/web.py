@@ -23,13 +23,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.__main__ import current_commit, print_figures
+from benchmarks.service_fixture import BENCHMARK_TOKEN, add_benchmark_user, cpu_s, memory_mb
 from drivebus.types import Json
 
 SIGNALS = 10
-WEB_TOKEN = "dbt_benchmark"
 PUBLISHED = re.compile(r'"signal_0":{"value":([0-9.]+)')
 """Pattern of one value of a drive: parsing all of fifty pages' JSON would measure the pages, not the service."""
-TICKS = os.sysconf("SC_CLK_TCK")
 
 
 class SyntheticService:
@@ -106,31 +105,18 @@ async def plant(directory: Path, drives: int) -> None:
 
 
 async def start_web(directory: Path) -> None:
-    from drivebus.service.auth.rights import Right, Role
     from drivebus.service.auth.service import AuthService
-    from drivebus.service.auth.sessions import secret_digest
-    from drivebus.service.auth.users import Token, User, UserDatabase
     from drivebus.service.ipc.client import SocketClient
     from drivebus.web.app import make_app
     from drivebus.web.gateway import WebConfig
     from drivebus.web.server import EmbeddedServer, bind_listener, server_config
 
-    access = AuthService(directory)
-    user = User("bench", Role.ADMINISTRATOR, "never used", 0)
-    token = Token(
-        id="1",
-        name="bench",
-        user="bench",
-        rights=(Right.VIEW,),
-        digest=secret_digest(WEB_TOKEN),
-        created_ms=0,
-        expires_ms=4_000_000_000_000,
-    )
-    access.user_file.change(lambda _: UserDatabase().with_user(user).with_token(token))
+    add_benchmark_user(directory)
     listener = bind_listener("127.0.0.1", 0)
-    setting = WebConfig(port=listener.getsockname()[1])
-    server = EmbeddedServer(server_config(make_app(SocketClient(directory / "plant.sock"), access, setting)))
-    print(setting.port, flush=True)
+    config = WebConfig(port=listener.getsockname()[1])
+    app = make_app(SocketClient(directory / "plant.sock"), AuthService(directory), config)
+    server = EmbeddedServer(server_config(app))
+    print(config.port, flush=True)
     await server.serve([listener])
 
 
@@ -138,7 +124,7 @@ async def count_page_messages(port: int, until: float, delays: list[float], size
     """Count the messages of one WebSocket, except those of the first second, which holds the snapshot."""
     import websockets
 
-    headers = {"Authorization": f"Bearer {WEB_TOKEN}"}
+    headers = {"Authorization": f"Bearer {BENCHMARK_TOKEN}"}
     address = f"ws://127.0.0.1:{port}/api/v1/live?topics=drives/*"
     async with websockets.connect(address, additional_headers=headers, max_size=None, compression=None) as socket:
         counted_from = time.monotonic() + 1.0
@@ -156,7 +142,7 @@ def request_repeatedly(port: int, until: float, times_s: list[float]) -> None:
     import http.client
 
     connection = http.client.HTTPConnection("127.0.0.1", port)
-    headers = {"Authorization": f"Bearer {WEB_TOKEN}"}
+    headers = {"Authorization": f"Bearer {BENCHMARK_TOKEN}"}
     while (begun := time.monotonic()) < until:
         connection.request("GET", "/api/v1/drives/drive-7", headers=headers)
         answer = connection.getresponse()
@@ -200,17 +186,6 @@ def child(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
         process.communicate()
 
 
-def cpu_s(process: subprocess.Popen[str]) -> float:
-    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
-
-
-def memory_mb(process: subprocess.Popen[str]) -> float:
-    status = Path(f"/proc/{process.pid}/status").read_text()
-    line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
-    return round(int(line.split()[1]) / 1024, 1)
-
-
 def measure_web(drives: int, clients: int, seconds: float) -> Json:
     found: Json = {"commit": current_commit(), "drives": drives, "clients": clients, "signals": SIGNALS}
     found["busy"] = round(os.getloadavg()[0], 2)
@@ -221,13 +196,13 @@ def measure_web(drives: int, clients: int, seconds: float) -> Json:
     ):
         words = ["--pages", port, "--clients", str(clients), "--seconds", str(seconds)]
         for name, more in (("quiet", []), ("with_rest", ["--with-requests"])):
-            before = cpu_s(hub), cpu_s(server)
+            before = cpu_s(hub.pid), cpu_s(server.pid)
             with child(*words, *more) as (_, message):
                 found[name] = json.loads(message)
-            used = cpu_s(hub) - before[0], cpu_s(server) - before[1]
+            used = cpu_s(hub.pid) - before[0], cpu_s(server.pid) - before[1]
             shares = [round(100 * one / seconds, 1) for one in used]
             found[name] |= {"cpu_percent": {"hub": shares[0], "web": shares[1]}}
-        found["memory_mb"] = {"hub": memory_mb(hub), "web": memory_mb(server)}
+        found["memory_mb"] = {"hub": memory_mb(hub.pid)["rss"], "web": memory_mb(server.pid)["rss"]}
     return found
 
 

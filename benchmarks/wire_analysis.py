@@ -21,8 +21,8 @@ from drivebus.serial_settings import SerialSettings
 
 STATUS_POLL = b"\x03\x30\x00"
 """VC660: FC03 from 3000H on."""
-LONGEST_REPLY = 13
-"""FC03 of four registers."""
+LONGEST_REPLY_BYTES = 13
+"""Reply to FC03 of four registers."""
 AnsweredCall = tuple[StopCall, str]
 """A stop call and the outcome or error key that it returned."""
 
@@ -38,7 +38,7 @@ def calls_by_interface(path: Path) -> dict[str, list[AnsweredCall]]:
 def line_times(baud: int) -> dict[str, float]:
     """Return the timeout and gap of the bus in seconds, as the plant computes them."""
     line, timing = SerialSettings.parse(baud, "8N1"), create_dialect(profiles.load("vc660"), 1).station_config.timing
-    return {"timeout_s": timing.timeout_s(line, LONGEST_REPLY), "gap_s": timing.gap_s(line)}
+    return {"timeout_s": timing.timeout_s(line, LONGEST_REPLY_BYTES), "gap_s": timing.gap_s(line)}
 
 
 def lateness_of_stops(

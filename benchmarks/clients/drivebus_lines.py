@@ -6,7 +6,7 @@ import asyncio
 import sys
 
 from common import BAUD, PATH, REGISTERS, SECONDS, STATIONS, ClientMeter, is_wrong_reply
-from links import link
+from station_configs import station_config
 
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusResult
@@ -37,7 +37,7 @@ async def main() -> None:
     for bus in buses:
         await bus.open()
         for address in range(1, STATIONS + 1):
-            bus.add_station(link(address, codec, DELAY_S))
+            bus.add_station(station_config(address, codec, DELAY_S))
             polls = [
                 Poll(ReadRegisters(address, register, REGISTERS), PERIOD_S) for register in (address, address + 50)
             ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from common import BAUD, PATH, REGISTERS, REPLY_DELAY_S, STATIONS, ClientMeter, is_wrong_reply
-from links import link
+from station_configs import station_config
 
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority
@@ -18,7 +18,7 @@ async def main() -> None:
     port = open_port(PATH, baud=BAUD, format="8N1", echo="off")
     async with Bus(port) as bus:
         for address in range(1, STATIONS + 1):
-            bus.add_station(link(address, codec, REPLY_DELAY_S or 0.02))
+            bus.add_station(station_config(address, codec, REPLY_DELAY_S or 0.02))
         meter = ClientMeter()
         while not meter.is_over():
             station, register = 1 + meter.done % STATIONS, meter.done % 50

@@ -11,9 +11,9 @@ import sys
 import time
 
 from common import BAUD, PATH, REGISTERS, REPLY_DELAY_S, STATIONS, ClientMeter, is_wrong_reply
-from links import link
 from pymodbus import ModbusException
 from pymodbus.client import AsyncModbusSerialClient
+from station_configs import station_config
 
 from drivebus.protocols.modbus import ModbusRtuCodec
 from drivebus.serial_settings import SerialSettings
@@ -26,7 +26,7 @@ def make_client() -> AsyncModbusSerialClient:
     if REPLY_DELAY_S is None:
         return AsyncModbusSerialClient(PATH, baudrate=BAUD)
     line = SerialSettings(BAUD)
-    timeout_s = link(1, ModbusRtuCodec(), REPLY_DELAY_S).timing.timeout_s(line, REPLY_BYTES)
+    timeout_s = station_config(1, ModbusRtuCodec(), REPLY_DELAY_S).timing.timeout_s(line, REPLY_BYTES)
     return AsyncModbusSerialClient(PATH, baudrate=BAUD, timeout=line.seconds(REQUEST_BYTES) + timeout_s, retries=0)
 
 

@@ -17,6 +17,7 @@ import sys
 import time
 from pathlib import Path
 
+from benchmarks.wire_analysis import LONGEST_REPLY_BYTES
 from drivebus.bus import Bus, Poll
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.messages import BusResult
@@ -32,8 +33,6 @@ PERIOD_S = 0.01
 PAUSE_S = 0.1
 """Longest pause between a confirmed stop and the next stop on its bus."""
 WARM_UP_S = 1.0
-LONGEST_REPLY = 13
-"""Bytes of a reply to FC03 of four registers."""
 VC660_STOP_WRITE = b"\x06\x20\x00"
 """VC660: FC06 to 2000H; bit 1 stops."""
 RecordedCall = tuple[int, int, int, int, int]
@@ -149,7 +148,7 @@ async def main() -> None:
         request_ms=work.busy_s / max(work.done, 1) * 1e3,
         bound_s=bound,
         own_bound_s=TimingBounds(VC660, buses[0].settings).stop_bound_s,
-        timeout_s=made[0][0].dialect.station_config.timing.timeout_s(buses[0].settings, LONGEST_REPLY),
+        timeout_s=made[0][0].dialect.station_config.timing.timeout_s(buses[0].settings, LONGEST_REPLY_BYTES),
         gap_s=made[0][0].dialect.station_config.timing.gap_s(buses[0].settings),
         occupied_percent=min(bus.statistics().occupied_percent for bus in buses),
     )

@@ -26,7 +26,7 @@ from benchmarks.service_fixture import drive_id
 from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_REQUEST, STOP_SOCKET
 from drivebus.types import Json
 
 STOP_LOAD_ACTOR = local_actor("bench", "stop_load")
@@ -35,8 +35,11 @@ READERS = 1
 SIGNALS = ["output_voltage", "output_power", "dc_bus_voltage", "temperature", "set_speed"] * 6
 PAUSE_S = 0.2
 """Longest pause between the result of a stop and the next stop on its bus."""
-WARM_UP_S, ONLINE_TIMEOUT_S = 2.0, 20.0
-LONGEST_LINE = 4 * 1024 * 1024
+WARM_UP_S = 2.0
+"""Seconds in which the readers fill the buses before the first stop is measured."""
+ONLINE_TIMEOUT_S = 20.0
+MAX_LINE_BYTES = 4 * 1024 * 1024
+"""Longest result of a stop of everything that is read from the stop socket."""
 TimedStop = tuple[str, int, int, int, str]
 
 
@@ -89,9 +92,9 @@ class LoadedService:
     async def stop_all(self, interface: str) -> list[TimedStop]:
         """Stop everything, over the socket that only takes "stop all" or over the web."""
         if interface == "socket":
-            reader, writer = await asyncio.open_unix_connection(self.directory / STOP_SOCKET, limit=LONGEST_LINE)
+            reader, writer = await asyncio.open_unix_connection(self.directory / STOP_SOCKET, limit=MAX_LINE_BYTES)
             at = time.monotonic_ns()
-            writer.write(b"stop all\n")
+            writer.write(STOP_REQUEST)
             await reader.readline()  # the acknowledgement
             buses = json.loads(await reader.readline())["buses"]
             writer.close()

@@ -8,11 +8,10 @@ from drivebus.protocols.modbus import Diagnostics, ModbusRtuCodec
 from drivebus.serial_settings import StationTiming
 
 
-def link(address: int, codec: ModbusRtuCodec, delay_s: float, gap_floor_s: float = 0.0) -> StationConfig:
+def station_config(address: int, codec: ModbusRtuCodec, delay_s: float) -> StationConfig:
     """Return the configuration of one station; a reply may take ``delay_s`` plus 5 ms before the timeout."""
     timing = StationTiming(
         gap_characters=3.5,
-        gap_floor_s=gap_floor_s,
         reply_delay_s=delay_s + 0.005,
         adapter_latency_s=0.01,
         max_reply_lateness_s=0.2,
