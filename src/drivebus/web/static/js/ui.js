@@ -143,7 +143,7 @@ export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
     </tr>`}</tbody></table></div>`;
 }
 
-/** Runs one request at a time for a part of the page: `[run, busy, error, result]`. */
+/** Runs one request at a time for a part of the page: `[run, busy, error, result, clear]`. */
 export function useRequest() {
   const [state, setState] = useState({ busy: false, error: null, result: null });
   const alive = useRef(true);

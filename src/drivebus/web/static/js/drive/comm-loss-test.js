@@ -8,11 +8,9 @@ import { may } from "../session.js";
 import { isLive, now } from "../live.js";
 import { serviceNow } from "../store.js";
 import { hasControl } from "../control-leases.js";
-import { ArmStart } from "../parts/arm-start.js";
+import { ArmStart, START_OPTIONS } from "../parts/arm-start.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
 
-/** The start of the drive is answered after the reads that confirm it. */
-const START_OPTIONS = { timeout_ms: 60_000 };
 const TEST_HZ = 10;
 const SILENCE_S = [2, 300];
 /** Without a communication-loss time that can be read: longer than most drives wait. */

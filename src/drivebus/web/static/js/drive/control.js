@@ -9,13 +9,11 @@ import { hasControl } from "../control-leases.js";
 import { stop } from "../stops.js";
 import { moment, number, numberOf } from "../format.js";
 import { Frequency, frequencyError } from "../parts/frequency.js";
-import { ArmStart } from "../parts/arm-start.js";
+import { ArmStart, START_OPTIONS } from "../parts/arm-start.js";
 import { mergeSentences } from "../parts/selection.js";
 import { ControlLease } from "./control-lease.js";
 import { JogPanel } from "./jog.js";
 
-/** A start is answered after the reads that confirm it. */
-const START_OPTIONS = { timeout_ms: 60_000 };
 const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Reason why only stops are possible now; null where commands are. */

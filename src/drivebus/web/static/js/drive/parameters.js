@@ -3,35 +3,23 @@
 import { html, useMemo, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { NO_VALUE, number, numberOf } from "../format.js";
+import { NO_VALUE, numberOf } from "../format.js";
 import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { hasControl } from "../control-leases.js";
 import { Button, ErrorNote, Field, Table } from "../ui.js";
 import { EvidenceNote } from "../parts/evidence.js";
+import { rangeText, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
 
 /** Parameters of one request: a bus at 9,600 baud reads these in about a second. */
 const READ_BATCH = 16;
 
-export function rangeOf(parameter) {
-  const choices = Object.keys(parameter.choices);
-  if (choices.length) return t("page.choices", { n: choices.length });
-  if (parameter.minimum === null && parameter.maximum === null) return NO_VALUE;
-  return `${number(parameter.minimum)} … ${number(parameter.maximum)}`;
-}
-
-/** A value with the choice's text where it has one. */
-export function shownValue(parameter, value, raw) {
-  const text = parameter.choices[String(raw ?? value)];
-  return text ? `${number(raw ?? value)} ${localized(text)}` : number(value);
-}
-
 function Cell({ parameter, found }) {
   if (!found) return NO_VALUE;
   if (found.value === null) return html`<span class="soft">${found.reason ? t(found.reason) : NO_VALUE}</span>`;
-  return html`<b>${shownValue(parameter, found.value, found.raw)}</b>`;
+  return html`<b>${valueText(parameter, found.value, found.raw)}</b>`;
 }
 
 /** Read parameters in batches: {values, left, error, read, stop}. */
@@ -97,8 +85,8 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
     [t("page.raw"), (one) => found(one)?.raw ?? NO_VALUE, "right"],
     [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
     [t("page.unit"), (one) => one.unit],
-    [t("page.range"), rangeOf, "right"],
-    [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : shownValue(one, one.factory)), "right"],
+    [t("page.range"), rangeText, "right"],
+    [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory)), "right"],
   ];
   if (canRead) {
     shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
@@ -164,8 +152,8 @@ export function ModelParameters({ profile }) {
     columns=${[
       [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
       [t("page.parameter"), (one) => localized(one.text), "wide"],
-      [t("page.range"), (one) => html`${rangeOf(one)}`],
-      [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : shownValue(one, one.factory, null))],
+      [t("page.range"), (one) => html`${rangeText(one)}`],
+      [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory, null))],
       [t("page.unit"), (one) => one.unit],
     ]} />`;
 }

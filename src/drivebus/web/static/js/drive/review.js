@@ -5,7 +5,7 @@ import { api, drivePath } from "../api.js";
 import { numberOf } from "../format.js";
 import { may } from "../session.js";
 import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useRequest } from "../ui.js";
-import { rangeOf, shownValue } from "./parameters.js";
+import { rangeText, valueText } from "./parameter-text.js";
 
 const valuesOf = (changes) => Object.fromEntries(changes.map(({ parameter, value }) => [parameter.notation, value]));
 const isWritten = (outcome) => outcome.status === "confirmed" || outcome.status === "acknowledged";
@@ -13,16 +13,16 @@ const WRITE_TIMEOUT_MS = 60_000;
 
 function Diff({ changes }) {
   const before = ({ parameter, before: was }) => (was === null || was.value === null ? t("page.not_read")
-    : html`<s>${shownValue(parameter, was.value, was.raw)}</s> ${parameter.unit}`);
+    : html`<s>${valueText(parameter, was.value, was.raw)}</s> ${parameter.unit}`);
   const wrong = ({ parameter, text }) => (numberOf(text) === null ? `${text}${t("page.colon")}${t("page.not_number")}`
-    : t("page.outside", { value: text, range: rangeOf(parameter) }));
+    : t("page.outside", { value: text, range: rangeText(parameter) }));
   return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
     columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
     [t("page.parameter"), ({ parameter }) => localized(parameter.text), "wide"],
     [t("page.before"), before, "right"],
     [t("page.after"), (one) => (one.value === null ? html`<span class="alarmtext">${wrong(one)}</span>`
-      : html`<b>${shownValue(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],
+      : html`<b>${valueText(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],
   ]} />`;
 }
 

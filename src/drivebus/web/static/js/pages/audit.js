@@ -29,7 +29,7 @@ function Verify() {
         <ol>${result.problems.map((problem, n) => html`<li key=${n}>${problemText(problem)}</li>`)}</ol><//>`)}</section>`;
 }
 
-const problemText = (problem) => (problem.text ? t("page.both", { text: problem.text }) : JSON.stringify(problem));
+const problemText = (problem) => (problem.text ? localized(problem.text) : JSON.stringify(problem));
 
 function Trail() {
   const [period, setPeriod] = useState({ span: "week" });

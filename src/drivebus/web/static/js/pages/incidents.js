@@ -84,8 +84,7 @@ function States({ found }) {
   const columns = [
     [t("page.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
     [t("page.state"), (one) => t(`drives.state_${one.state}`)],
-    [t("page.presence"), (one) => t(one.presence === "online"
-      ? "page.presence_online" : `page.presence_${one.presence}`)],
+    [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
     [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
     [t("page.fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NO_VALUE)],
   ];

@@ -1,7 +1,7 @@
 // Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { isShelved } from "../alarm-list.js";
+import { isShelved, unacknowledged } from "../alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
 import { now, isLive } from "../live.js";
@@ -9,7 +9,6 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus, serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
-import { unacknowledged } from "../alarm-list.js";
 import { acknowledgeAll, groupAlarms, groupSubject, unshelveAll } from "./alarm-groups.js";
 import { AlarmState } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve.js";
@@ -106,8 +105,8 @@ const BUS_ALARMS = ["port_lost", "foreign_master"];
 
 /** Subject of an alarm: its drive or its bus with a link, or the interlock or store. */
 export function AlarmDetails({ alarm }) {
-  const line = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
-  if (!alarm.drive && line) return html`<a href=${href("buses", alarm.subject)}>${titleOf(line)}</a>`;
+  const onBus = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
+  if (!alarm.drive && onBus) return html`<a href=${href("buses", alarm.subject)}>${titleOf(onBus)}</a>`;
   if (!alarm.drive) return alarm.subject ?? "";
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
     ? ` · ${alarm.subject}` : ""}`;

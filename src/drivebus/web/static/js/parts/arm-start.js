@@ -6,6 +6,9 @@ import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { nowMs } from "../store.js";
 import { now } from "../live.js";
 
+/** Options of a request that starts a drive: it is answered after the reads that confirm the start. */
+export const START_OPTIONS = { timeout_ms: 60_000 };
+
 /**
  * @param arm the first step: a promise of {arm_token, expires_s}
  * @param act the second step, given the arm token

@@ -52,7 +52,7 @@ export function Stations({ stations }) {
 
 function Presence({ station }) {
   const [icon, tone] = PRESENCE_APPEARANCES[station.presence] ?? PRESENCE_APPEARANCES.never_seen;
-  const word = station.presence === "online" ? t("page.presence_online") : t(`page.presence_${station.presence}`);
+  const word = t(`page.presence_${station.presence}`);
   return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${18} />${word}</span>`;
 }
 

@@ -93,14 +93,15 @@ function sections(views) {
   return [...inGroups, ["rest", views.filter((view) => view.groups.length === 0)]];
 }
 
-const live = new Set(["frequency", "current"]);
+/** Orders by a live value: it changes all the time, the order only at a slow tick. */
+const LIVE_SORTS = new Set(["frequency", "current"]);
 let before = { key: "", text: "[]" };
 
 function arrangementText(inGroup) {
   const key = JSON.stringify([inGroup, search.value, kind.value, sort.value, groupBy.value, slowTick.value, isLive.value,
     idsOf("drives").value.length]);
   const views = filteredDrives(inGroup);
-  if (live.has(sort.value) && before.key === key) return before.text;
+  if (LIVE_SORTS.has(sort.value) && before.key === key) return before.text;
   const found = sections(ordered(views)).filter(([, list]) => list.length > 0);
   before = { key, text: JSON.stringify(found.map(([name, list]) => [name, list.map((view) => view.id)])) };
   return before.text;

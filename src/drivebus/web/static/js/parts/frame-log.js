@@ -111,7 +111,7 @@ function row(frame, gap) {
       </div>`;
 }
 
-/** The frames as text, one a line, for the clipboard. */
+/** The frames as text, one a line, for a file. */
 function asText(frames) {
   return frames.map((frame) => [
     new Date(frame.time_ms).toISOString(), frame.kind, frame.station ?? "", frame.hex ?? "", localized(frame.text),

@@ -35,13 +35,14 @@ export function split({ t, min, mean, max, q }, { isWord = false } = {}) {
  * words. */
 export function table(tags, series, words = []) {
   const parts = tags.map((tag) => {
-    const { t, high, low, good, uncertain } = split(series[tag] ?? EMPTY, { isWord: words.includes(tag) });
+    const { t, high, low, good, uncertain } = split(series[tag] ?? EMPTY_SERIES, { isWord: words.includes(tag) });
     return [t, high, low, good, uncertain];
   });
   return parts.length ? uPlot.join(parts) : [[]];
 }
 
-const EMPTY = { t: [], min: [], mean: [], max: [], q: [] };
+/** Series of a tag without samples. */
+export const EMPTY_SERIES = { t: [], min: [], mean: [], max: [], q: [] };
 
 /** A series extended by the live samples after its last one; a null value is a gap. */
 export function extended(series, live) {

@@ -22,7 +22,7 @@ export function drawBands(plot, lines, isShown, fill) {
 }
 
 function drawBand(plot, high, low, scale) {
-  const points = visible(plot, high, low);
+  const points = visible(plot, high);
   const furthest = plot.bbox.width * MAX_BAND_GAP;
   const x = points.map((at) => plot.valToPos(plot.data[0][at], "x", true));
   points.forEach((at, n) => {

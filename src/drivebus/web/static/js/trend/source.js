@@ -4,7 +4,7 @@ import { signal } from "../lib.js";
 import { serviceNow, drive as driveTopic, topic } from "../store.js";
 import { subscribe, isLive } from "../live.js";
 import { BAD, QUALITIES } from "../quality.js";
-import { extended } from "./columns.js";
+import { EMPTY_SERIES, extended } from "./columns.js";
 import { covers, padded } from "./window.js";
 
 const POINTS = 1000;
@@ -74,7 +74,7 @@ export class TrendSource {
   _join() {
     const now = serviceNow();
     return Object.fromEntries(this.tags.map((tag) => {
-      const series = this.series.peek()[tag] ?? EMPTY;
+      const series = this.series.peek()[tag] ?? EMPTY_SERIES;
       // A window of the past ends long before the live samples: they are not joined.
       const isRecent = this.fetched !== null
         && now - this.fetched.to < 60_000 + (this.fetched.to - this.fetched.from) / 4;
@@ -173,5 +173,3 @@ export class TrendSource {
 }
 
 const byTime = (one, other) => one.time_ms - other.time_ms;
-
-const EMPTY = { t: [], min: [], mean: [], max: [], q: [] };
