@@ -1,4 +1,4 @@
-"""New access tokens of programs."""
+"""New API tokens of programs."""
 
 from __future__ import annotations
 
