@@ -167,7 +167,8 @@ def test_faults_found_by_a_handler_have_the_same_shape() -> None:
         assert rejected.value.params["faults"] == wrong
         for language in i18n.LANGUAGES:
             sentence = rejected.value.text(language)
-            assert sentence.startswith("names.0: ") and "parameters.read" not in sentence, "no id of an operation"
+            start = {"en": "names.0: ", "zh": "names.0："}[language]
+            assert sentence.startswith(start) and "parameters.read" not in sentence, "no id of an operation"
 
     with_dispatcher(scenario, parameters_read=InvalidParameters("plant.params", faults=wrong))
 
