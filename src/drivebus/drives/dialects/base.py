@@ -388,6 +388,6 @@ DEFAULT_POLL_PERIOD_S = 0.5
 """Period of a poll of which the profile describes no signal, such as that of the state."""
 
 
-def shortest_period_s(signals: Iterable[Signal]) -> float:
-    """Return the shortest poll period of these signals."""
-    return min((signal.period_s for signal in signals), default=DEFAULT_POLL_PERIOD_S)
+def shortest_period_s(profile: DriveProfile, signals: Iterable[Signal]) -> float:
+    """Return the shortest poll period of these signals by the profile in force: a reload can change it."""
+    return min((profile.signals[signal.name].period_s for signal in signals), default=DEFAULT_POLL_PERIOD_S)

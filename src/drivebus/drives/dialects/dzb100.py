@@ -136,7 +136,8 @@ class Dzb100Dialect(Dialect):
         wanted = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
         items = sorted(wanted | {1, STATE_ITEM})
         return tuple(
-            (Dzb100Query(self.address, item), shortest_period_s(self._signals.get(item, ()))) for item in items
+            (Dzb100Query(self.address, item), shortest_period_s(self.profile, self._signals.get(item, ())))
+            for item in items
         )
 
     def query(self, item: int) -> Dzb100Query:

@@ -165,7 +165,7 @@ class SunfarDialect(Dialect):
 
     def _period_s(self, index: int, names: tuple[str, ...]) -> float:
         signals = self._signals.get(index, [])
-        return shortest_period_s([signal for signal in signals if signal.name in names] or signals)
+        return shortest_period_s(self.profile, [signal for signal in signals if signal.name in names] or signals)
 
     def _monitor_read(self, index: int) -> ReadMonitor:
         return ReadMonitor(self.address, monitor_item(index, self._index_coding))

@@ -118,7 +118,8 @@ class HuanyangDialect(Dialect):
         wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
         items = sorted(wanted | {OUTPUT_FREQUENCY_ITEM})
         return tuple(
-            (read_status(self.address, item), shortest_period_s(self._signals.get(item, ()))) for item in items
+            (read_status(self.address, item), shortest_period_s(self.profile, self._signals.get(item, ())))
+            for item in items
         )
 
     def decode_readings(self, request: Any, reply: HuanyangReply, at: float | None) -> Readings:

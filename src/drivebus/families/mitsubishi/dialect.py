@@ -108,7 +108,7 @@ class MitsubishiDialect(Dialect):
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
         codes = sorted(wanted | {STATUS, OUTPUT_FREQUENCY})
-        return tuple((self._read(code), shortest_period_s(self._signals.get(code, ()))) for code in codes)
+        return tuple((self._read(code), shortest_period_s(self.profile, self._signals.get(code, ()))) for code in codes)
 
     def _read(self, code: int) -> MitsubishiRequest:
         return MitsubishiRequest(self.address, code)
