@@ -160,8 +160,12 @@ ACS550 = ChartDrive(
         1000: 10,  # 1001: commands from the bus
         1002: 1,  # 1003: forward
         1102: 8,  # 1103: reference from the bus
+        2201: 100,  # 2202: 10.0 s, ACH550-UH manual page 1-121
+        2202: 100,  # 2203
         3017: 1,  # 3018
         3018: 30,  # 3019
+        5301: 3,  # 5302: address, Daikin ACS320 manual page 68
+        5303: 1,  # 5304: 8N2
         5304: 0,  # 5305
         9903: 3,  # 9904: frequency control
     },

@@ -174,6 +174,9 @@ class SourceStation(SimulatedStation):
                 return ILLEGAL_VALUE
             self._execute(action)
             return 0
+        if register in self.drive.settings:
+            self.keypad_set(register, value)
+            return 0
         if register != self.drive.setpoint_register:
             return ILLEGAL_ADDRESS
         self.setpoint_word = value

@@ -54,7 +54,9 @@ from drivebus.values import Scale
 MODBUS = "modbus"
 ACCEL_TIME = 0x10000
 DECEL_TIME = 0x10001
-"""Memory keys of the ramp times, beyond all registers; unit 0.1 s."""
+"""Memory keys of the ramp times of a profile without such parameters, beyond all registers; unit 0.1 s."""
+TENTH_SECONDS = Scale(0.1, decimals=1)
+DEFAULT_RAMP_S = 10.0
 DEFAULT_MAXIMUM_HZ = 50.0
 JOG_HZ = 5.0
 REPLY_DELAY_S = 0.005
@@ -93,7 +95,6 @@ class ProfileStation(SimulatedStation):
     """Simulated drive that does what its profile says."""
 
     broadcast: ClassVar[int] = modbus.BROADCAST
-    ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
 
     def __init__(self, address: int, *, profile: DriveProfile, motor: Motor | None = None) -> None:
         assert profile.commands is not None
@@ -114,6 +115,12 @@ class ProfileStation(SimulatedStation):
         self._writes = ModbusWrites(address, profile, self.commands)
         self._signals = {signal.locator: signal for signal in profile.signals.values()}
         self._places = _number_places(profile)
+        ramps = [profile.parameters[notation] for notation in profile.ramp_notations or ()]
+        self._ramps = {_memory_key(ramp.locator): ramp.scale for ramp in ramps} or {
+            ACCEL_TIME: TENTH_SECONDS,
+            DECEL_TIME: TENTH_SECONDS,
+        }
+        """Memory key and scale of the acceleration and of the deceleration time."""
 
     def power_up(self) -> None:
         self.setpoint_word = self.command = 0
@@ -130,9 +137,13 @@ class ProfileStation(SimulatedStation):
         return max(REPLY_DELAY_S, settings.seconds(3.5))
 
     def elapse(self, dt: float) -> None:
-        self.motor.accel_s = self.memory[ACCEL_TIME] / 10.0
-        self.motor.decel_s = self.memory[DECEL_TIME] / 10.0
+        self.motor.accel_s, self.motor.decel_s = (scale.value(self.memory[key]) for key, scale in self._ramps.items())
         super().elapse(dt)
+
+    def set_ramps(self, accel_s: float, decel_s: float) -> None:
+        """Set both ramp times at the keypad: seconds per maximum frequency."""
+        for (key, scale), seconds in zip(self._ramps.items(), (accel_s, decel_s), strict=True):
+            self.keypad_set(key, max(1, scale.raw(seconds)))
 
     @property
     def setpoint_scale(self) -> Scale:
@@ -381,7 +392,8 @@ class ProfileStation(SimulatedStation):
 
 def _parameter_specs(profile: DriveProfile) -> dict[int, ParameterSpec]:
     """Return every readable parameter at its factory setting, or where it meets a precondition or the maximum."""
-    found = {ACCEL_TIME: ParameterSpec(100, 1, 36000), DECEL_TIME: ParameterSpec(100, 1, 36000)}
+    default_ramp = ParameterSpec(TENTH_SECONDS.raw(DEFAULT_RAMP_S), 1, 36000)
+    found = {ACCEL_TIME: default_ramp, DECEL_TIME: default_ramp}
     accepted = {one.notation: one.accepted[0] for one in profile.preconditions}
     for notation, parameter in profile.parameters.items():
         if parameter.readable:
@@ -424,6 +436,8 @@ def _initial_word(profile: DriveProfile, parameter: Parameter) -> int:
     share = profile.setpoint_share
     if share is not None and share.maximum == parameter.notation:
         return parameter.scale.raw(parameter.factory or DEFAULT_MAXIMUM_HZ)
+    if parameter.notation in (profile.ramp_notations or ()):
+        return parameter.scale.raw(parameter.factory or DEFAULT_RAMP_S)
     return 0 if parameter.factory is None else parameter.scale.raw(parameter.factory)
 
 
