@@ -65,20 +65,13 @@ class UpstreamFeed:
                 self._cache.remove(stream)
 
     def _wanted_streams(self) -> set[str]:
-        """Return the streams of the patterns; one of frames stands for the known buses, or for one that it names."""
+        """Return the streams of the patterns: a star stands for the known buses, a name also for a bus to come."""
         if not self._groups:
             return set()
-        patterns = {
-            pattern
-            for group in self._groups.values()
-            for pattern in group.patterns
-            if pattern.startswith((FRAMES_PREFIX, "*"))
-        }
-        buses = [
-            topic.replace("buses/", FRAMES_PREFIX, 1) for topic in self._cache.topics if topic.startswith("buses/")
-        ]
-        named = {pattern for pattern in patterns if "*" not in pattern}
-        streams = [f"{FRAMES_PREFIX}{bus}" for bus in buses]
+        patterns = {pattern for group in self._groups.values() for pattern in group.patterns}
+        named = {pattern for pattern in patterns if pattern.startswith(FRAMES_PREFIX) and "*" not in pattern}
+        buses = (topic.removeprefix("buses/") for topic in self._cache.topics if topic.startswith("buses/"))
+        streams = (f"{FRAMES_PREFIX}{bus}" for bus in buses)
         known = {stream for stream in streams if any(matches_topic(stream, pattern) for pattern in patterns)}
         return {STATE_STREAM} | named | known
 

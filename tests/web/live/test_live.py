@@ -291,6 +291,23 @@ def test_frames_are_subscribed_only_while_a_client_shows_them() -> None:
     run_feed(scenario)
 
 
+@pytest.mark.parametrize(
+    "pattern, buses", [("frames/*", ["line-1", "line-2"]), ("*", ["line-1", "line-2"]), ("frames/*-2", ["line-2"])]
+)
+def test_a_star_among_the_frames_stands_for_the_known_buses(pattern: str, buses: list[str]) -> None:
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        subscriber = FakeSubscriber()
+        feed.join(subscriber, (pattern,), 0.25)
+        plant.messages.put_nowait(snapshot(**{"buses__line-1": {"is_open": True}, "buses__line-2": {"is_open": True}}))
+        await asyncio.sleep(0.1)
+        assert sorted(plant.subscriptions) == [*(f"frames/{bus}" for bus in buses), "state"]
+        plant.frames.put_nowait(update({"frames/line-2": [{"n": 1}]}))
+        await asyncio.sleep(1.0)
+        assert any(one.get("frames/line-2") == [{"n": 1}] for one in subscriber.topics())
+
+    run_feed(scenario)
+
+
 def test_a_slow_client_is_closed_with_the_reason_and_delays_no_other() -> None:
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         slow, quick = FakeWebSocket(reads=False), FakeWebSocket()

@@ -12,7 +12,7 @@ import { clock } from "../trend/labels.js";
 
 const MAX_ROWS = 300;
 const INITIAL_ROWS = 100;
-const KIND_ICONS = { sent: "→", reply: "←", void: "✕", silence: "…" };
+const KIND_ICONS = { sent: "→", reply: "←", invalid: "✕", no_reply: "…" };
 /** Filters by kind of frame. */
 const KINDS = { all: () => true, sent: (frame) => frame.kind === "sent", received: (frame) => frame.kind !== "sent",
   errors: (frame) => frame.error !== null };
