@@ -60,6 +60,22 @@ def test_a_jog_is_renewed_while_the_button_is_held_and_ends_when_it_is_released(
     stage.wait(lambda: stage.view("pump-1")["state"] == "stopped", "it goes on")
 
 
+def test_the_next_jog_is_enabled_only_after_the_result_of_the_last(page: Any) -> None:
+    """A jog held before that was taken for the one that had ended: its button was disabled under the pointer."""
+    ends: list[Any] = []
+    page.route("**/jog/end", lambda route: ends.append(route))
+    page.hover(HOLD)
+    with page.expect_request("**/jog/renew"):
+        page.mouse.down()
+    with page.expect_request("**/jog/end"):
+        page.mouse.up()
+    page.locator(".jog button:not(.hold):disabled").wait_for()
+    ends[0].continue_()
+    page.locator(".jog .notice strong", has_text=i18n.text("page.jog_ended", "en")).wait_for()
+    page.click(".jog button:not(.hold)")
+    page.locator(f"{HOLD}:enabled").wait_for()
+
+
 def released_key(page: Any) -> None:
     page.keyboard.up("Space")
 

@@ -81,8 +81,9 @@ export function JogPanel({ view, disabled }) {
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const isEmpty = hertz.trim() === "";
   const wrong = isEmpty ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
-  const isReady = armed !== null && left_s > 0 && !disabled && !wrong;
   const isHeld = status.phase === "starting" || status.phase === "turning";
+  const isEnding = status.phase === "ending"; // its result would be taken for that of the next jog
+  const isReady = armed !== null && left_s > 0 && !disabled && !isEnding && !wrong;
 
   const directions = [...view.directions].reverse();
   const arm = async () => {
@@ -107,7 +108,7 @@ export function JogPanel({ view, disabled }) {
   return html`<section class="stack jog" aria-labelledby="jog-title"><h3 class="sr" id="jog-title">${t("page.jog")}</h3><p>
     ${t("page.jog_how")}</p>
     <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />
-    <div class="row"><${Button} disabled=${disabled || isHeld} busy=${busy} onClick=${arm}>
+    <div class="row"><${Button} disabled=${disabled || isHeld || isEnding} busy=${busy} onClick=${arm}>
       ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//></div>
     <div class="holds">${directions.map(button)}</div>
     <${ErrorNote} error=${error} /><${JogStatus} ...${status} /></section>`;
