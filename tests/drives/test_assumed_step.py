@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
+from drivebus.bus.statistics import DAMAGED
 from drivebus.drives import Drive
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.operations.calibration import calibration_steps
-from drivebus.errors import ConfigurationError, LimitError, TargetNotReached
+from drivebus.errors import ConfigurationError, LimitError, StartInhibited, TargetNotReached
 from drivebus.profiles.load import included_models
 from drivebus.profiles.model import DriveProfile
 from drivebus.profiles.schema import SetpointIn
@@ -157,6 +159,40 @@ def test_a_calibration_whose_word_the_drive_rejects_never_starts_the_motor() -> 
         assert (1, 8) not in writes and not station.motor.energised
 
     with_drive(scenario)
+
+
+WITHOUT_UNLOCK = '[setpoint]\nevidence = "assumed"\n[modbus]\nfunctions = [3, 6, 8]\n'
+"""Makes a V1000 whose step is assumed and whose writes the bench records. It needs no unlock before the word."""
+
+
+@pytest.mark.parametrize("preparation", ["", "[[commands.preparation]]\nword = 0\n"], ids=["no word", "stop word"])
+def test_a_calibration_leaves_a_running_drive_alone(tmp_path: Path, preparation: str) -> None:
+    """The words before a start and the frequency were written before the start was refused."""
+    profile = edited(tmp_path, WITHOUT_UNLOCK + preparation, "v1000")
+
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        station.run_towards(20.0)
+        await asyncio.sleep(2)
+        with pytest.raises(StartInhibited):
+            await drive.calibrate("setpoint_step")
+        assert writes == [] and station.motor.output_hz == pytest.approx(20.0)
+
+    with_drive(scenario, profile)
+
+
+def test_a_calibration_whose_start_gets_no_permit_writes_nothing(tmp_path: Path) -> None:
+    """A high error rate inhibits a start, not a setpoint."""
+    profile = edited(tmp_path, WITHOUT_UNLOCK, "v1000")
+
+    async def scenario(drive: Drive, station: Any, writes: list[Write]) -> None:
+        for _ in range(100):
+            drive.bus.core.stations[1].counters.error_window.add(drive.bus.now(), DAMAGED)
+        with pytest.raises(StartInhibited) as refused:
+            await drive.calibrate("setpoint_step")
+        assert refused.value.key == "drives.high_error_rate"
+        assert writes == [] and not station.motor.energised
+
+    with_drive(scenario, profile)
 
 
 def test_the_plan_of_the_calibration_shows_the_word_before_the_start() -> None:

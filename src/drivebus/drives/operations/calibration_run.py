@@ -15,8 +15,8 @@ from drivebus.drives.operations.start import confirm_start, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.permissives import CommandKind
-from drivebus.drives.state import Direction
+from drivebus.drives.permissives import CommandKind, state_inhibit
+from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import LimitError, TargetNotReached
 
 T = TypeVar("T")
@@ -40,9 +40,11 @@ def run_at_word(
     error = yield from op.read_verified_state()
     if error is not None:
         raise error
+    if op.dialect.reports_run_state and op.derived.state is not DriveState.STOPPED:
+        raise state_inhibit(op.derived, CommandKind.START)
     if not op.dialect.start_includes_setpoint:
         yield from prepare_start(op)
-        yield from _write_word(op, word)
+        yield from _write_word(op, word, direction)
     conditions = yield from get_bus_conditions()
     command = op.create_command(CommandKind.START, conditions)
     frames = op.dialect.start(direction, word)
@@ -61,9 +63,11 @@ def run_at_word(
     return measured
 
 
-def _write_word(op: OperationContext, word: int) -> DriveOperation[None]:
+def _write_word(op: OperationContext, word: int, direction: Direction | None) -> DriveOperation[None]:
     """Write the word that the start does not carry. Raises TargetNotReached where the drive may have another one."""
     conditions = yield from op.check_deadline()
+    start = op.create_command(CommandKind.START, conditions)
+    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no word is written
     command = op.create_command(CommandKind.SETPOINT, conditions)
     written = yield from write_setpoint(op, command, word, op.dialect.setpoint_frequency(word))
     if not written.succeeded:

@@ -50,7 +50,7 @@ STEPS = (
         question="calibrate.ask_step",
         question_params={"cap_hz": UNCALIBRATED_CAP_HZ, "seconds": CALIBRATION_RUN_S},
         observation_question="calibrate.ask_keypad_hz",
-        observations={"1": "0.01", "2": "0.1"},  # word 50, by the steps of the sunfar models: 0.5 Hz or 5 Hz
+        observations={"1": "0.01", "2": "0.1"},  # word 50 shows 0.5 Hz or 5 Hz
         options_observed=lambda step: {SETPOINT_STEP: step},
     ),
 )
