@@ -389,5 +389,6 @@ DEFAULT_POLL_PERIOD_S = 0.5
 
 
 def shortest_period_s(profile: DriveProfile, signals: Iterable[Signal]) -> float:
-    """Return the shortest poll period of these signals by the profile in force: a reload can change it."""
-    return min((profile.signals[signal.name].period_s for signal in signals), default=DEFAULT_POLL_PERIOD_S)
+    """Return the shortest poll period of these signals by the profile in force: a reload can change or lack them."""
+    in_force = (profile.signals.get(signal.name, signal) for signal in signals)
+    return min((signal.period_s for signal in in_force), default=DEFAULT_POLL_PERIOD_S)
