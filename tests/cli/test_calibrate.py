@@ -183,7 +183,7 @@ def test_the_keypad_shows_in_which_step_a_c320_counts(
         virtual_time.run(run())
         assert max(seen) == 20.0
     else:
-        with pytest.raises(LimitError, match="another model"):
+        with pytest.raises(LimitError, match="does not fit this drive"):
             virtual_time.run(run())
 
 

@@ -371,7 +371,7 @@ def test_a_frequency_is_capped_until_the_step_of_the_drive_is_known(model: str, 
         dialect.setpoint_word(cap_hz + step_hz)
     assert caught.value.key == "drives.step_cap" and caught.value.params["cap_hz"] == cap_hz
     assert dialect_for(model, setpoint_step=f"{step_hz:g}").setpoint_word(50.0) == round(50.0 / step_hz)
-    with pytest.raises(LimitError, match="another model"):
+    with pytest.raises(LimitError, match="does not fit this drive"):
         dialect_for(model, setpoint_step="0.1" if step_hz == 0.01 else "0.01").setpoint_word(0.1)
 
 
@@ -382,6 +382,17 @@ def test_the_item_of_a_c320_monitor_follows_its_option(index: str, item: int) ->
     assert request.item == item
     facts = dialect.decode_readings(request, c320_reply(sunfar.SunfarState.STOPPED, item, 60), 1.0)
     assert facts["last_fault_temperature"].value == 60
+
+
+def test_polls_follow_a_reloaded_profile_that_changes_or_lacks_a_signal() -> None:
+    """The output frequency is read for the state as well, where the new profile does not describe it."""
+    dialect, name = dialect_for("dzb100"), "output_frequency"
+    signals = dict(dialect.profile.signals)
+    dialect.profile = replace(dialect.profile, signals=signals | {name: replace(signals[name], period_s=7.0)})
+    assert dict(dialect.polls((name,)))[dzb100.Dzb100Query(1, 1)] == 7.0
+    del signals[name]
+    dialect.profile = replace(dialect.profile, signals=signals)
+    assert dzb100.Dzb100Query(1, 1) in dict(dialect.polls((name,)))
 
 
 # --- probes --------------------------------------------------------------------------------------------
