@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api import queries
 from drivebus.service.live import recent_views
 from drivebus.service.runtime import supervision
@@ -91,6 +92,25 @@ def test_a_view_older_than_a_command_that_may_have_changed_it_is_not_listed(
             plant, before = kit.service.plant, kit.service.plant.now()
             await kit.call(name, **params)
             assert {drive for drive in plant.drives if plant.last_command_at(drive) >= before} == drives
+
+    run(scenario())
+
+
+def test_acknowledging_alarms_voids_the_view_of_a_drive_whose_alarm_is_then_gone() -> None:
+    """Afterwards only the other alarm is found, and the list would go on counting the one that has gone."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            plant = kit.service.plant
+            for drive in ("fan-1", "pump-1"):
+                plant.raise_alarm(SystemAlarm.RUNNING_AT_START, drive)
+            plant.clear_alarm(SystemAlarm.RUNNING_AT_START, "fan-1")
+            ids = [alarm.id for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.RUNNING_AT_START]
+            before = plant.now()
+            await kit.call("alarms.acknowledge", alarms=ids)
+            assert [alarm.drive for alarm in plant.alarms.active() if alarm.id in ids] == ["pump-1"]
+            assert plant.last_command_at("fan-1") >= before
 
     run(scenario())
 

@@ -70,10 +70,11 @@ class Dispatcher:
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
         if operation.mutates:
+            changed = self._changed_drives(parsed)  # before it: an alarm may be gone afterwards
             try:
                 return await self._run_command(operation, parsed, actor, handler)
             finally:
-                self.plant.record_command(self._changed_drives(parsed))
+                self.plant.record_command(changed)
         try:
             return await handler(parsed, actor)
         except InvalidParameters as error:
