@@ -72,10 +72,9 @@ class BusRuntime:
 
     @property
     def title(self) -> Text:
-        """Name of the bus in a sentence: its title, else "bus" and its id."""
-        if any(self.config.title.by_language().values()):
-            return title_of(self.config)
-        return Text(**localized("plant.bus", {"id": self.config.id}))
+        """Name of the bus in a sentence: its title, else "bus" and its id, which is the title of a file without one."""
+        title, id = title_of(self.config), self.config.id
+        return title if title != Text(id, id) else Text(**localized("plant.bus", {"id": id}))
 
     def stop_bound_s(self) -> float | None:
         """Return the longest time to the last bit of a stop, for the slowest drive of the bus."""
