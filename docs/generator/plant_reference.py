@@ -6,22 +6,26 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from drivebus import i18n
 from drivebus.service import config
 from drivebus.service.config.gateways import plant_file_schema
+from drivebus.service.config.schema import Title
 from drivebus.service.interlocks.evaluation import UNIT_MEASURES
 from drivebus.service.interlocks.expression import STATE_WORDS
 from drivebus.values import Text
 from generator.terms import colon, localized, table, term
 
 _SCHEMA = plant_file_schema().model_json_schema()
+_TITLE = TypeAdapter(Title).json_schema()
 _KINDS = {
     "integer": Text("whole number", "整数"),
     "number": Text("number", "数值"),
     "string": Text("text", "文本"),
     "boolean": Text("true or false", "true 或 false"),
     "array": Text("list", "列表"),
-    "title": Text("text, or { en, zh }", "文本，或 { en, zh }"),
+    "title": Text("text, or { en = …, zh = … }", "文本，或 { en = …, zh = … }"),
     "object": Text("table", "表"),
     "setting": Text("text, number, true or false", "文本、数值、true 或 false"),
     "needed": Text("needed", "必需"),
@@ -54,11 +58,11 @@ def _below(found: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _properties(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the keys of a table, or of each table of a table of tables. A title's languages do not count."""
+    """Return the keys of a table, or of each table of a table of tables."""
     resolved = _resolved(found)
     each = _each(resolved)
     resolved = resolved if each is None else _resolved(each)
-    return {} if _is_title(resolved) else resolved.get("properties", {})
+    return resolved.get("properties", {})
 
 
 def _each(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -79,7 +83,8 @@ def _resolved(found: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _is_title(found: Mapping[str, Any]) -> bool:
-    return set(found.get("properties", ())) == {"en", "zh"}
+    """Return whether the schema is that of a text by language, for which a plain string is accepted too."""
+    return found.get("patternProperties", {}).keys() == _TITLE["patternProperties"].keys()
 
 
 def _tables(language: str) -> Iterator[str]:
