@@ -16,7 +16,7 @@ from drivebus.types import Json
 if TYPE_CHECKING:
     from drivebus.cli.remote.drive import RemoteDrive
 
-TEST_POLL_PERIOD_S = 0.5  # between two looks at the result of the test
+TEST_POLL_PERIOD_S = 0.5  # between two reads of the result of the test
 
 
 def _test(service: str, drive: str, frequency: float, silence: float | None, yes: bool) -> ExitCode:

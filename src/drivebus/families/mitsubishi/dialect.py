@@ -175,9 +175,6 @@ class MitsubishiDialect(Dialect):
         allowed = (self._command(command) for command in ALLOWED_COMMANDS)
         return frame in {self.codec.encode_request(request) for request in allowed}
 
-    def on_sent(self, request: Any) -> None:
-        return
-
 
 def _state_of(status: int, output: int) -> DerivedState:
     direction = {FORWARD_BIT: Direction.FORWARD, REVERSE_BIT: Direction.REVERSE}.get(

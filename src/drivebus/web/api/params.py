@@ -1,7 +1,7 @@
 """Parameters of an operation from a request: its path, and its parsed body or its query.
 
 Types and ranges are checked by the model of the operation. Here only what a query string leaves open is settled:
-numbers, booleans, and a name params twice.
+numbers, booleans, and a name given twice.
 """
 
 from __future__ import annotations

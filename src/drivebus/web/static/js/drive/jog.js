@@ -13,7 +13,7 @@ import { JogSession } from "./jog-session.js";
 
 const HOLD_KEYS = new Set([" ", "Enter"]);
 
-/** Whether a pointer is on the element; of a captured one no event tells it. */
+/** Whether a pointer is on the element. No event reports that a captured pointer leaves it. */
 function isOver(element, { clientX: x, clientY: y }) {
   const { left, right, top, bottom } = element.getBoundingClientRect();
   return x >= left && x <= right && y >= top && y <= bottom;
