@@ -26,7 +26,7 @@ from drivebus.serial_settings import SerialSettings
 
 REOPEN_INTERVAL_S = 0.4  # between attempts to open a lost port: polling resumes within 2 s of the device's return
 SPIN_THRESHOLD_S = 40e-6  # a shorter wait is spent in a loop: setting a timer and sleeping takes longer
-TIMED_BUS_CHARACTER_S = 100e-6  # from 115,200 baud on the wake-up of a timer is a good part of the gap: it is hidden
+HIDDEN_WAKE_UP_MAX_CHARACTER_S = 105e-6  # of 115,200 baud 8E2; there a timer wakes up for a good part of the gap
 FAST_BUS_CHARACTER_S = 30e-6  # faster than 350,000 baud: gaps are waited out in a loop, else the reader is paused
 MIN_READER_PAUSE_S = 0.001  # pausing the reader costs a system call, so it must save more than this
 
@@ -104,7 +104,7 @@ class Bus:
         self._loop = loop
         self._clock = self._clock or queue.now
         character_s = self.core.character_s
-        self._timer = queue.create_timer(self._on_timer, hides_wake_up=character_s < TIMED_BUS_CHARACTER_S)
+        self._timer = queue.create_timer(self._on_timer, hides_wake_up=character_s < HIDDEN_WAKE_UP_MAX_CHARACTER_S)
         fast = character_s < FAST_BUS_CHARACTER_S
         self._spins_gaps = queue.precise and self._pausable_port is not None and fast
         self._pauses_reader = self._pausable_port is not None and not fast
