@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from drivebus import i18n
 from drivebus.errors import LengthError, ProtocolError, TrailingError
-from drivebus.protocols.codec import DecodeResult, Incomplete
+from drivebus.protocols.codec import Codec, DecodeResult, Incomplete
 from drivebus.values import Text
 
 Direction = Literal["request", "response"]
@@ -66,6 +66,19 @@ def whole_message(result: DecodeResult, data: bytes) -> Any:
         raise LengthError("protocols.length", expected=result.need, found=len(data))
     check_size(result.size, data)
     return result.message
+
+
+def decode_frame(
+    codec: Codec, data: bytes, direction: Direction, request: bytes | None, fitting_request: Callable[[bytes], Any]
+) -> Any:
+    """Return the message of bytes that are exactly one frame. Raises ProtocolError for all others.
+
+    A response is that to the frame ``request``, without one that to the ``fitting_request`` of its bytes.
+    """
+    if direction == "request":
+        return whole_message(codec.decode_request(data), data)
+    sent = fitting_request(data) if request is None else whole_message(codec.decode_request(request), request)
+    return whole_message(codec.decode_reply(sent, data), data)
 
 
 def check_size(size: int, data: bytes) -> None:

@@ -21,16 +21,19 @@ async def owners(kit: ServiceKit) -> list[object]:
     return [drive["lease"] and drive["lease"]["owner"] for drive in (await kit.call("drives.list"))["drives"]]
 
 
-def test_lists_of_recent_views_build_none_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def record_builds(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the list to which each drive is added when its view is built for a list."""
     built: list[str] = []
+    build = recent_views.drive_view
+    monkeypatch.setattr(recent_views, "drive_view", lambda plant, drive: built.append(drive.id) or build(plant, drive))
+    return built
 
+
+def test_lists_of_recent_views_build_none_again(monkeypatch: pytest.MonkeyPatch) -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
-            build = recent_views.drive_view
-            monkeypatch.setattr(
-                recent_views, "drive_view", lambda plant, drive: built.append(drive.id) or build(plant, drive)
-            )
+            built = record_builds(monkeypatch)
             first, second = [(await kit.call("drives.list"))["drives"] for _ in range(2)]
             assert first and all(one is two for one, two in zip(first, second, strict=True)) and built == []
             assert (await kit.call("drives.get", drive=first[0]["id"])).keys() == first[0].keys()
@@ -57,15 +60,11 @@ def test_a_list_after_a_command_shows_the_command() -> None:
 
 def test_a_command_to_one_drive_builds_no_view_of_the_others_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Twelve stops a second once built all 300 views for every list, and used a whole core."""
-    built: list[str] = []
 
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
-            build = recent_views.drive_view
-            monkeypatch.setattr(
-                recent_views, "drive_view", lambda plant, drive: built.append(drive.id) or build(plant, drive)
-            )
+            built = record_builds(monkeypatch)
             await kit.call("drive.stop", drive="fan-1")
             await asyncio.sleep(0.01)
             for _ in range(2):

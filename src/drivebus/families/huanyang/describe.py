@@ -23,7 +23,7 @@ from drivebus.families.huanyang.codec import (
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols.codec import Effect, canonical_request
-from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, whole_message
+from drivebus.protocols.describe import Direction, FrameDescription, decode_frame, error_note, note
 
 COMMAND_NAMES = {RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse", STOP: "stop"}
 _CODEC = HuanyangCodec()
@@ -38,7 +38,7 @@ def describe(
     """
     guessed = direction or ("response" if request is not None or canonical_request(_CODEC, data) is None else "request")
     try:
-        message = _decode(data, guessed, request)
+        message: HuanyangRequest | HuanyangReply = decode_frame(_CODEC, data, guessed, request, _fitting_request)
     except ProtocolError as error:
         return FrameDescription(
             family="huanyang", encoding="rtu", direction=guessed, valid=False, problems=(error_note(error),)
@@ -55,22 +55,8 @@ def describe(
     )
 
 
-def _decode(data: bytes, direction: Direction, request: bytes | None) -> HuanyangRequest | HuanyangReply:
-    if direction == "request":
-        return _decode_request(data)
-    reply: HuanyangReply = whole_message(_CODEC.decode_reply(_request_of(data, request), data), data)
-    return reply
-
-
-def _decode_request(frame: bytes) -> HuanyangRequest:
-    request: HuanyangRequest = whole_message(_CODEC.decode_request(frame), frame)
-    return request
-
-
-def _request_of(data: bytes, request: bytes | None) -> HuanyangRequest:
-    """Return the request before a reply; without one, a request that this reply would fit."""
-    if request is not None:
-        return _decode_request(request)
+def _fitting_request(data: bytes) -> HuanyangRequest:
+    """Return a request that this reply would fit."""
     address, function = data[0] if data else 0, data[1] & 0x7F if len(data) > 1 else READ
     value = int.from_bytes(data[3:5], "big") if function == FREQUENCY else 0
     return HuanyangRequest(address, function, data[3] if len(data) > 3 else 0, value)

@@ -23,7 +23,7 @@ from drivebus.families.mitsubishi.codec import (
 )
 from drivebus.profiles import DriveProfile
 from drivebus.protocols.codec import Effect
-from drivebus.protocols.describe import Direction, FrameDescription, error_note, note, whole_message
+from drivebus.protocols.describe import Direction, FrameDescription, decode_frame, error_note, note
 
 COMMAND_NAMES = {STOP: "stop", RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse"}
 STATUS_REPLY_SIZE = 8
@@ -36,7 +36,7 @@ def describe(
     """Describe a frame; the direction follows from its first byte."""
     chosen = direction or ("request" if request is None and data[:1] == bytes((ENQ,)) else "response")
     try:
-        message = _decode(data, chosen, request)
+        message: MitsubishiRequest | MitsubishiReply = decode_frame(_CODEC, data, chosen, request, _fitting_request)
     except ProtocolError as error:
         return FrameDescription(
             family="mitsubishi", encoding="ascii", direction=chosen, valid=False, problems=(error_note(error),)
@@ -53,22 +53,8 @@ def describe(
     )
 
 
-def _decode(data: bytes, direction: Direction, request: bytes | None) -> MitsubishiRequest | MitsubishiReply:
-    if direction == "request":
-        return _decode_request(data)
-    reply: MitsubishiReply = whole_message(_CODEC.decode_reply(_request_of(data, request), data), data)
-    return reply
-
-
-def _decode_request(frame: bytes) -> MitsubishiRequest:
-    request: MitsubishiRequest = whole_message(_CODEC.decode_request(frame), frame)
-    return request
-
-
-def _request_of(data: bytes, request: bytes | None) -> MitsubishiRequest:
-    """Return the request before a reply; without one, a request to the same station that this reply would fit."""
-    if request is not None:
-        return _decode_request(request)
+def _fitting_request(data: bytes) -> MitsubishiRequest:
+    """Return a request to the same station that this reply would fit."""
     try:
         address = int(data[1:3], 16)
     except ValueError:
