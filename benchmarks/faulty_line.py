@@ -36,7 +36,7 @@ def answers_per_s(client: str, stations: int, seconds: float, seed: int, faults:
     """Return the right answers a second of one turn, and the number of late or wrong replies that it accepted."""
     name, *options = client.split()
     with CStations(baud=BAUD, delay_us=int(1e6 * DELAY_S), seed=seed, **faults) as line:
-        found = run_client(name, line, seconds, BAUD, PERIOD_S, DELAY_S, *options, addresses=stations)
+        found = run_client(name, line.paths, seconds, BAUD, PERIOD_S, DELAY_S, *options, addresses=stations)
     right = found["done"] - found["failed"] - found["wrong"]
     return right / found["wall_s"], found["wrong"]
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +66,25 @@ class CStations:
 
 
 def run_client(
-    name: str, stations: CStations, seconds: float, baud: int, *more: object, addresses: int = 31
+    name: str,
+    paths: Sequence[str],
+    seconds: float,
+    baud: int,
+    *more: object,
+    addresses: int = 31,
+    busy_thread: bool = False,
 ) -> Figures:
-    """Run one client against the first ``addresses`` stations and return its figures."""
+    """Run one client on the buses at ``paths``, with the first ``addresses`` stations of each, and return its figures.
 
+    ``busy_thread``: a second thread of the client computes all the time.
+    """
     if name == "libmodbus":
         command: list[str] = [str(build_c_source("clients/libmodbus_client.c", "libmodbus"))]
     else:
         command = [sys.executable, str(BENCHMARK_FOLDER / "clients" / f"{name}.py")]
-    arguments = [",".join(stations.paths), str(addresses), str(seconds), str(baud), *(str(part) for part in more)]
-    done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    arguments = [",".join(paths), str(addresses), str(seconds), str(baud), *(str(part) for part in more)]
+    environment = os.environ | ({"BUSY_THREAD": "1"} if busy_thread else {})
+    done = subprocess.run([*command, *arguments], env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0 or not done.stdout:
         raise RuntimeError(f"{name} failed: {done.stderr[-2000:]}")
     return dict(json.loads(done.stdout.strip().splitlines()[-1]))

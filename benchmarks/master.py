@@ -1,7 +1,10 @@
-"""CPU time of a transaction, and use of one bus and of many in one process, each beside its peers in one run."""
+"""CPU time of a transaction, and use of one bus and of many, each beside its peers in one run."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from statistics import median
 
 from benchmarks.harness import CStations, Figures, run_client
@@ -22,7 +25,7 @@ def transaction_cpu(seconds: float, rounds: int) -> Figures:
         for _ in range(rounds):
             for name in MASTER_PEERS:
                 baud = UNPACED_BAUD if name.startswith("drivebus") else 115_200
-                figures = run_client(name, stations, seconds, baud, UNPACED_PERIOD_S)
+                figures = run_client(name, stations.paths, seconds, baud, UNPACED_PERIOD_S)
                 taken[name].append(figures["cpu_s"] / figures["done"] * 1e6)
                 wrong += figures["wrong"]
     micros = {name: round(median(values), 1) for name, values in taken.items()}
@@ -34,29 +37,45 @@ def transaction_cpu(seconds: float, rounds: int) -> Figures:
     return {"cpu_us": micros, "wrong": wrong, "ratios": ratios}
 
 
-def one_bus(seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0)) -> Figures:
+def one_bus(
+    seconds: float, *, baud: int = 19_200, dead: int = 0, late: tuple[int, int] = (0, 0), busy_thread: bool = False
+) -> Figures:
     """Measure the share of one bus's legal capacity that each client uses, recorded at the stations."""
     found: Figures = {}
     for name in ("drivebus_lines", "minimalmodbus_client", "bare_asyncio", "pymodbus_async"):
         with CStations(baud=baud, delay_us=2000, dead=dead, late=late) as stations:
-            client = run_client(name, stations, seconds, baud)
+            client = run_client(name, stations.paths, seconds, baud, busy_thread=busy_thread)
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
         found[name] = {key: stations.figures[key] for key in keep} | {"wrong": client["wrong"]}
     return found
 
 
-def many_buses(seconds: float, count: int) -> Figures:
-    """Measure many buses in one process, beside a bare asyncio loop: use of the wire, share of a core, memory."""
+def many_buses(seconds: float, count: int, processes: int = 1) -> Figures:
+    """Measure many buses, beside a bare asyncio loop: use of the wire, share of a core, memory.
+
+    The buses are divided among ``processes``; the figures are their sums.
+    """
     found: Figures = {}
     for name in ("drivebus_lines", "bare_asyncio"):
-        with CStations(count, baud=MANY_BUSES_BAUD, delay_us=2000) as stations:
-            client = run_client(name, stations, seconds, MANY_BUSES_BAUD)
+        with (
+            CStations(count, baud=MANY_BUSES_BAUD, delay_us=2000) as stations,
+            ThreadPoolExecutor(processes) as threads,
+        ):
+            parts = [stations.paths[number::processes] for number in range(processes)]
+            clients = list(threads.map(partial(_run_many_buses, name, seconds), parts))
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
+        total = {
+            key: sum(client[key] for client in clients) for key in ("done", "cpu_s", "peak_kib", "wrong", "failed")
+        }
         found[name] = {key: stations.figures[key] for key in keep} | {
-            "cores": round(client["cpu_s"] / client["wall_s"], 3),
-            "cpu_us": round(client["cpu_s"] / client["done"] * 1e6, 1),
-            "peak_mib": round(client["peak_kib"] / 1024, 1),
-            "wrong": client["wrong"],
-            "failed": client["failed"],
+            "cores": round(sum(client["cpu_s"] / client["wall_s"] for client in clients), 3),
+            "cpu_us": round(total["cpu_s"] / total["done"] * 1e6, 1),
+            "peak_mib": round(total["peak_kib"] / 1024, 1),
+            "wrong": total["wrong"],
+            "failed": total["failed"],
         }
     return found
+
+
+def _run_many_buses(name: str, seconds: float, paths: Sequence[str]) -> Figures:
+    return run_client(name, paths, seconds, MANY_BUSES_BAUD)

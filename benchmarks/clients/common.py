@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import sys
+import threading
 import time
 from typing import Any
 
@@ -12,6 +14,15 @@ PATH, STATIONS, SECONDS, BAUD = sys.argv[1], int(sys.argv[2]), float(sys.argv[3]
 REPLY_DELAY_S = float(sys.argv[6]) if len(sys.argv) > 6 else None
 """Longest reply delay of the stations; None: each client's own."""
 REGISTERS = 4
+
+
+def _compute() -> None:
+    while True:
+        json.loads(json.dumps(list(range(100))))
+
+
+if os.environ.get("BUSY_THREAD"):
+    threading.Thread(target=_compute, daemon=True).start()
 
 
 def is_wrong_reply(station: int, register: int, values: Any) -> bool:

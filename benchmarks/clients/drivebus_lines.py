@@ -13,6 +13,7 @@ from drivebus.bus.messages import BusResult
 from drivebus.bus.prepared_request import Poll
 from drivebus.ports import open_port
 from drivebus.protocols.modbus import ModbusRtuCodec, ReadRegisters
+from drivebus.service.process.tuning import relax_gc
 
 DELAY_S = 0.002
 PERIOD_S = float(sys.argv[5]) if len(sys.argv) > 5 else 0.01
@@ -35,13 +36,14 @@ async def main() -> None:
             meter.wrong += is_wrong_reply(request.address, request.register, answer.reply.values)
 
     for bus in buses:
-        await bus.open()
         for address in range(1, STATIONS + 1):
             bus.add_station(station_config(address, codec, DELAY_S))
             polls = [
                 Poll(ReadRegisters(address, register, REGISTERS), PERIOD_S) for register in (address, address + 50)
             ]
             bus.start_polling(address, polls, sink)
+    relax_gc()  # as the service does
+    await asyncio.gather(*(bus.open() for bus in buses))
     await asyncio.sleep(1.0)
     meter = ClientMeter()
     await asyncio.sleep(SECONDS)

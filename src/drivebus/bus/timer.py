@@ -28,6 +28,11 @@ SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after t
 NEAR_TIMER_HORIZON_S = 0.01
 """Limit between gaps (near) and deadlines (far), which have a timer each: setting a kernel timer costs as much as a
 transaction, so a gap must not replace the setting for the deadline, which is seldom reached."""
+MAX_SWITCH_INTERVAL_S = 50e-6
+"""Longest time for which a busy thread of the program keeps the interpreter from the loop at each wake-up.
+
+Python's own is 5 ms. A transaction takes several wake-ups: a busy thread cost four buses half of their answers, and
+each command tens of milliseconds."""
 
 
 class TimerBackend(Protocol):
@@ -73,6 +78,7 @@ class TimerQueue:
         self.precise = False
         """Whether kernel timers are in use."""
         self.now: Callable[[], float] = loop.time
+        sys.setswitchinterval(min(sys.getswitchinterval(), MAX_SWITCH_INTERVAL_S))
         self._near, self._far = self._create_backends(loop)
 
     def _create_backends(self, loop: asyncio.AbstractEventLoop) -> tuple[TimerBackend, TimerBackend]:
