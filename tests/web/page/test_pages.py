@@ -151,6 +151,28 @@ def unread(route: Any) -> None:
     route.fulfill(response=answer, json=answer.json() | {"parameters": {"F9.4": silent}})
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_incident_names_cause_and_remedy_as_the_drive_does(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """The two words stood twice in the catalogue, so that one of the two pages could change alone."""
+    trip(stage, "fan-3")
+    advice = {name: {"en": f"{name} of the test", "zh": f"试验{name}"} for name in ("cause", "remedy")}
+
+    def explained(route: Any) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        found["view"]["fault"] |= advice
+        route.fulfill(response=answer, json=found)
+
+    page = visit("#/alarms", language=language)
+    page.route("**/api/v1/incidents/*", explained)
+    page.locator("a[href*='incidents/']").first.click()
+    for name, text in advice.items():
+        label = i18n.text(f"page.{name}", language) + i18n.text("page.colon", language)
+        expect(page.locator(".notice.bad").first).to_contain_text(label + text[language])
+
+
 def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/alarms")

@@ -10,17 +10,13 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, Dialog, ErrorNote, OutcomeNote, useRequest } from "../ui.js";
 import { controlBlocker } from "./control.js";
-import { faultText } from "./faults.js";
+import { adviceOf, faultText } from "./faults.js";
 
 /** Title of the present fault; of a drive that reports a fault without a code, the word alone. */
 function FaultTitle({ fault }) {
   if (!fault) return t("drives.state_fault");
   return html`${!localized(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultText(fault)}`;
 }
-
-/** What to do about the fault: `[name, text]` of its cause and its remedy, where the model's manual has them. */
-const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.remedy"), fault?.remedy]]
-  .filter(([, text]) => text).map(([name, text]) => [name, localized(text)]);
 
 function FaultDialog({ fault, note, incident, onClose }) {
   return html`<${Dialog} title=${html`<${FaultTitle} fault=${fault} />`} onClose=${onClose}><dl class="facts">

@@ -13,6 +13,10 @@ export function faultText({ label, text }) {
   return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
 }
 
+/** What to do about a fault: `[name, text]` of its cause and its remedy, where the model's manual has them. */
+export const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.remedy"), fault?.remedy]]
+  .filter(([, text]) => text).map(([name, text]) => [name, localized(text)]);
+
 function PastFaults({ id }) {
   const [found, error] = useLoaded(() => api.get("/history/events", { drive: id, limit: 1000 }), [id]);
   const faults = (found?.items ?? []).filter((one) => one.kind === "fault")

@@ -8,7 +8,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Field, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
-import { faultText } from "../drive/faults.js";
+import { adviceOf, faultText } from "../drive/faults.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { saveText } from "../parts/save.js";
 import { driveTitle } from "../parts/titles.js";
@@ -50,11 +50,9 @@ function IncidentDetails({ id }) {
 /** Alarm of the incident, and the drive's fault with cause and remedy. */
 function Trip({ found }) {
   const fault = found.view?.fault;
-  const texts = fault ? [["cause", fault.cause], ["remedy", fault.remedy]].filter(([, text]) => localized(text)) : [];
   return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
     ${fault && !localized(found.text).includes(localized(fault.text)) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
-    ${texts.map(([name, text]) => html`<p key=${name}>
-      <b>${t(`page.fault_${name}`)}</b>${t("page.colon")}${localized(text)}</p>`)}<//>`;
+    ${adviceOf(fault).map(([name, text]) => html`<p key=${name}><b>${name}</b>${t("page.colon")}${text}</p>`)}<//>`;
 }
 
 /** Notes of people, oldest first, and the field for another one. */
