@@ -15,10 +15,15 @@ from typing import Any
 import pytest
 
 from drivebus import errors, i18n
+from drivebus.drives.context import UnmetPrecondition
+from drivebus.drives.operations.preflight import keypad_steps
 from drivebus.drives.state import DriveState
 from drivebus.protocols.family import protocol_families
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.auth.rights import Right
+from drivebus.service.config.model import InterlockConfig
+from drivebus.service.interlocks.engine import InterlockEngine
+from drivebus.values import Text
 from drivebus.web.operations import WEB_OPERATIONS
 
 SOURCE = Path(i18n.__file__).parents[1]
@@ -64,10 +69,15 @@ def test_a_text_has_the_same_placeholders_in_every_language(catalogue: str) -> N
     assert not different
 
 
+BLANK_KEYS = {"language.between_sentences"}
+"""Rules of a language, which may be a blank or nothing."""
+
+
 @pytest.mark.parametrize("catalogue", NAMES)
 def test_no_text_is_empty_and_english_has_no_chinese(catalogue: str) -> None:
     english, chinese = read_catalogue(catalogue, "en"), read_catalogue(catalogue, "zh")
-    assert not [key for key, sentence in [*english.items(), *chinese.items()] if not sentence.strip()]
+    texts = [*english.items(), *chinese.items()]
+    assert not [key for key, sentence in texts if not sentence.strip() and key not in BLANK_KEYS]
     assert not [key for key, sentence in english.items() if has_chinese(sentence)]
 
 
@@ -234,6 +244,41 @@ def test_the_space_before_a_chinese_name_goes_and_its_own_spaces_stay() -> None:
     assert i18n.text("plant.waiver_needed", "zh", drive="锅炉 风机", why="无").startswith(
         "通信中断后锅炉 风机可能继续运行"
     )
+
+
+def test_a_third_language_joins_lists_in_its_own_way(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Reasons of an interlock and steps at the keypad were joined for English and Chinese by hand."""
+    rules = {"language.between_items": "・", "language.between_clauses": "／", "language.between_sentences": ""}
+    (tmp_path / "language.ja.json").write_text(json.dumps(rules), encoding="utf-8")
+    monkeypatch.setattr(i18n, "_FOLDERS", [*i18n._FOLDERS, str(tmp_path)])
+    monkeypatch.setattr("drivebus.values.LANGUAGES", (*i18n.LANGUAGES, "ja"))
+    i18n.catalogue.cache_clear()
+    try:
+        pump, fan = Text("pump", "泵", (("ja", "ポンプ"),)), Text("fan", "风机")
+        assert Text.join([pump, fan], "items") == Text("pump, fan", "泵、风机", (("ja", "ポンプ・fan"),))
+        assert Text.join([pump, fan], "clauses").in_language("ja") == "ポンプ／fan"
+        assert Text.join([pump, fan], "sentences") == Text("pump fan", "泵风机", (("ja", "ポンプfan"),))
+    finally:
+        i18n.catalogue.cache_clear()
+
+
+def test_a_list_keeps_the_languages_that_only_its_parts_have() -> None:
+    """A fault of a profile in German stays German where the drive reports two."""
+    hot, low = Text("hot", "过热", (("de", "heiß"),)), Text("low", "欠压")
+    assert Text.join([hot, low], "clauses").in_language("de") == "heiß; low"
+    assert Text.join([], "items") == Text("", "")
+
+
+def test_lists_of_a_sentence_have_the_separators_of_its_language() -> None:
+    engine = InterlockEngine([InterlockConfig(id="flow", drives=("fan",), require="a.x > b.x and c.state == running")])
+    engine.evaluate({}, 0.0)
+    why = engine.violations("fan")[0].message_params["why"]
+    steps = keypad_steps(
+        tuple(UnmetPrecondition(name, 1, (2,), Text("set it.", "设置。"), None) for name in ("F1", "F2"))
+    )
+    assert "a.x has no good value, b.x has no good value; c.state == running required" in why.en
+    assert "a.x 没有可信的值、b.x 没有可信的值；要求 c.state == running" in why.zh
+    assert (" F2" in steps.en, " F2" in steps.zh) == (True, False)
 
 
 def test_the_page_and_the_command_line_close_the_same_gaps() -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from drivebus.i18n import LANGUAGES
+from drivebus.i18n import LANGUAGES, ListParts, join
 
 Coding = Literal["binary", "signed", "bcd"]
 HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4}|[A-Fa-f][0-9A-Fa-f]{3})[hH]", re.ASCII)
@@ -50,6 +50,14 @@ class Text:
     def per_language(cls, make: Callable[[str], str]) -> Text:
         """Return the text that ``make`` returns for the code of each language of the catalogues."""
         return cls.from_mapping({language: make(language) for language in LANGUAGES})
+
+    @classmethod
+    def join(cls, texts: Sequence[Text], kind: ListParts) -> Text:
+        """Return a list of texts as one text, in the languages of the catalogues and of each of them."""
+        languages = dict.fromkeys((*LANGUAGES, *(language for text in texts for language, _ in text.others)))
+        return cls.from_mapping(
+            {language: join((text.in_language(language) for text in texts), kind, language) for language in languages}
+        )
 
     def by_language(self) -> dict[str, str]:
         """Return the texts by the code of their language."""

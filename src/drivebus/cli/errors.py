@@ -134,7 +134,7 @@ def usage_text(error: click.ClickException) -> str:
 def _with_suggestions(key: str, name: str, possibilities: list[str] | None) -> str:
     sentence = output.text(key, name=name)
     guess = [output.text("cli.did_you_mean", names=", ".join(possibilities))] if possibilities else []
-    return output.join_sentences([sentence, *guess])
+    return output.join([sentence, *guess], "sentences")
 
 
 def _parameter_name(error: click.BadParameter) -> str:

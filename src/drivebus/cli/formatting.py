@@ -125,7 +125,7 @@ def identity_text(identity: Identity) -> str:
     if identity.host_sets_frequency is not None:
         key = "status.frequency_by_host" if identity.host_sets_frequency else "status.frequency_by_other"
         parts.append(output.text(key))
-    return output.text("status.comma").join(parts)
+    return output.join(parts, "phrases")
 
 
 def warning_text(status: DriveStatus) -> str:
@@ -155,7 +155,7 @@ def state_text(status: DriveStatus) -> str:
     """Format ``running, forward``; an unknown state with the reason."""
     words = output.text(f"live.state.{status.state}")
     if status.direction is not None:
-        words += output.text("status.comma") + output.text(f"status.{status.direction}")
+        words = output.join([words, output.text(f"status.{status.direction}")], "phrases")
     return words + (output.text("status.because", why=reason) if (reason := reason_text(status)) else "")
 
 

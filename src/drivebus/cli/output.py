@@ -6,7 +6,7 @@ import json
 import re
 import sys
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -114,9 +114,9 @@ def to_json_value(value: Any) -> Any:
     return getattr(value, "value", None) if hasattr(value, "value") else str(value)
 
 
-def join_sentences(sentences: Sequence[str]) -> str:
-    """Join sentences; Chinese has no blank between them."""
-    return ("" if language() == "zh" else " ").join(sentences)
+def join(parts: Iterable[str], kind: i18n.ListParts) -> str:
+    """Return the parts of a list as one text in the user's language."""
+    return i18n.join(parts, kind, language())
 
 
 # --- width and wrapping -------------------------------------------------------------------------------------------

@@ -266,7 +266,7 @@ def _note(drive: DetectedDrive) -> str:
         else output.text("scan.step", models=", ".join(names), step=f"{hz:g}")
         for hz, names in models_by_step.items()
     ]
-    return output.text("scan.alike_steps", steps="; ".join(steps))
+    return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))
 
 
 def _scan_table(found: list[DetectedDrive]) -> str:

@@ -24,7 +24,7 @@ def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
 def result_text(drives: dict[str, list[str]], notes: Iterable[str] = ()) -> str:
     """Format the drives by the status of their stop, and further sentences."""
     parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
-    return output.join_sentences([*(parts or [output.text("bus_stop.no_drives")]), *notes])
+    return output.join([*(parts or [output.text("bus_stop.no_drives")]), *notes], "sentences")
 
 
 def exit_code(drives: dict[str, list[str]]) -> ExitCode:

@@ -10,11 +10,13 @@ import json
 import locale
 import os
 import re
+from collections.abc import Iterable
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 LANGUAGES = ("en", "zh")
-
+ListParts = Literal["items", "phrases", "clauses", "sentences"]
+"""Kind of the parts of a list: Chinese puts another mark between names than between phrases."""
 
 _FOLDERS = [os.path.dirname(__file__)]  # noqa: PTH120  importlib.resources alone costs a third of a bare click start
 
@@ -56,11 +58,18 @@ class _Placeholders(dict[str, Any]):
 
 def text(key: str, language: str = "en", /, **params: Any) -> str:
     """Return the text of ``key``: English if the language does not have it, the key itself if no catalogue has it."""
-    sentence = _sentence(key, language) or _sentence(key, "en")
+    sentence = _sentence(key, language)
+    if sentence is None:
+        sentence = _sentence(key, "en")
     if sentence is None:
         return f"{key} {params}" if params else key
     values = _Placeholders({name: _localized(value, language) for name, value in params.items()})
     return _close_gaps(sentence, values, _unspaced_letters(language)).format_map(values)
+
+
+def join(parts: Iterable[str], kind: ListParts, language: str) -> str:
+    """Return the parts of a list as one text, with the mark of the language between them."""
+    return text(f"language.between_{kind}", language).join(parts)
 
 
 _PLACEHOLDER = re.compile(r"( ?)(\{(\w+)[^{}]*\})( ?)")

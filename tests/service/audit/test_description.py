@@ -79,7 +79,7 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
                 alarm_title={"en": "No reply", "zh": "无应答"},
             ),
             "Shelve alarms Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 4 more · No reply: 60 min, reason: cable",
-            "搁置多条报警：引风机，m-0，m-1，m-2，m-3，m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
+            "搁置多条报警：引风机、m-0、m-1、m-2、m-3、m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
         ),
         (record("login", "ann"), "Log in", "登录"),
         (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
@@ -92,7 +92,7 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
         (
             record("start_inhibits.release", drives=["fan-3", *(f"m-{n}" for n in range(29))]),
             "Release the start inhibits of 30 drives (Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 24 more)",
-            "解除 30 台变频器（引风机，m-0，m-1，m-2，m-3，m-4，另有 24 台）的启动禁止",
+            "解除 30 台变频器（引风机、m-0、m-1、m-2、m-3、m-4，另有 24 台）的启动禁止",
         ),
         (
             record("waivers.grant", drives=["fan-3"], reason="bench"),

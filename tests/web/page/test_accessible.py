@@ -109,7 +109,9 @@ def test_a_phone_shows_that_its_closed_filters_hide_drives(stage: Stage, visit: 
     page.click(".morepicks")
     page.locator(".tile").nth(1).wait_for(state="detached")
     words = [i18n.text("page.filter_search", language, text="extract"), {"en": "Air", "zh": "送引风"}[language]]
-    reply_text = i18n.text("page.filtered", language, n=1, total=5, by=i18n.text("page.comma", language).join(words))
+    reply_text = i18n.text(
+        "page.filtered", language, n=1, total=5, by=i18n.text("language.between_items", language).join(words)
+    )
     assert page.locator(".filtered [role=status]").inner_text() == reply_text
     page.click(".filtered button")
     page.locator(".tile").nth(4).wait_for()

@@ -103,7 +103,7 @@ def _alternative_text(reading: Interpretation) -> str:
         output.text("decode.equals", name=field_label(one), value=field_text(one, each))
         for one, each in reading.fields.items()
     ]
-    return output.text("decode.reading", text=_sentence(reading.note), fields=output.text("decode.and").join(fields))
+    return output.text("decode.reading", text=_sentence(reading.note), fields=output.join(fields, "phrases"))
 
 
 def field_label(name: str) -> str:
@@ -127,7 +127,7 @@ def field_text(name: str, value: Any) -> str:
             output.text("decode.pair", name=field_label(one), value=field_text(one, each))
             for one, each in value.items()
         ]
-        return output.text("decode.and").join(pairs)
+        return output.join(pairs, "phrases")
     if isinstance(value, list | tuple):
         return ", ".join(field_text(name, each) for each in value)
     return str(output.to_json_value(value)) if not isinstance(value, str | int | float) else str(value)

@@ -57,7 +57,7 @@ def _print_report(report: LoopbackReport) -> None:
         sentences.append(output.text("loopback.repeated", count=report.repetitions))
     if error is not None:
         sentences.append(output.text("loopback.error", why=error))
-    output.print_text(output.wrap_for(output.join_sentences(sentences), sys.stdout))
+    output.print_text(output.wrap_for(output.join(sentences, "sentences"), sys.stdout))
 
 
 def _plan(dry: DryRun, count: int) -> ExitCode:

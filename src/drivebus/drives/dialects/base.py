@@ -12,7 +12,6 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
-from drivebus import i18n
 from drivebus.bus.messages import RetryPolicy, StationConfig
 from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale, share_word
 from drivebus.drives.dialects.setpoint_speed import check_pole_pairs
@@ -365,14 +364,13 @@ def reported_fault(profile: DriveProfile, derived: DerivedState) -> Fault | None
 
 def _fault_from_code(profile: DriveProfile, code: int) -> Fault:
     if code == UNNAMED_FAULT_CODE:
-        words = {language: i18n.text("drives.unnamed_fault", language) for language in i18n.LANGUAGES}
-        return Fault(code, "", Text(words["en"], words["zh"]))
+        return Fault(code, "", bilingual_text("drives.unnamed_fault"))
     entry = profile.fault(code)
     return Fault(entry.code, entry.label, entry.text, entry.cause, entry.remedy)
 
 
 def _join_texts(texts: list[Text]) -> Text | None:
-    return None if not texts else Text("; ".join(text.en for text in texts), "；".join(text.zh for text in texts))
+    return Text.join(texts, "clauses") if texts else None
 
 
 def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal]]:

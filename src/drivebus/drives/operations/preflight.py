@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivebus import i18n
 from drivebus.drives.context import Preflight, UnmetPrecondition
 from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, UpdateStore, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError, StartInhibited
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, Parameter, Precondition
 from drivebus.values import Quality, Text
 
@@ -70,7 +70,7 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
             model=op.dialect.profile.model,
             station=op.dialect.address,
             parameters=", ".join(precondition.notation for precondition in found.unmet),
-            steps=_keypad_steps(found.unmet),
+            steps=keypad_steps(found.unmet),
         )
     return found
 
@@ -176,13 +176,11 @@ def _unmet(dialect: Dialect, condition: Precondition, reply: Any) -> UnmetPrecon
     return UnmetPrecondition(condition.notation, raw, condition.accepted, condition.keypad, why)
 
 
-def _keypad_steps(unmet: tuple[UnmetPrecondition, ...]) -> Text:
-    """Return the value of each unmet parameter and the keypad step that corrects it, in both languages."""
-    sentences = {language: [_precondition_sentence(one, language) for one in unmet] for language in i18n.LANGUAGES}
-    return Text(en=" ".join(sentences["en"]), zh="".join(sentences["zh"]))
+def keypad_steps(unmet: tuple[UnmetPrecondition, ...]) -> Text:
+    """Return the value of each unmet parameter and the keypad step that corrects it."""
+    return Text.join([_precondition_sentence(one) for one in unmet], "sentences")
 
 
-def _precondition_sentence(unmet: UnmetPrecondition, language: str) -> str:
+def _precondition_sentence(unmet: UnmetPrecondition) -> Text:
     key = "drives.precondition_unmet" if unmet.rejection is None else "drives.precondition_refused"
-    params = {"notation": unmet.notation, "found": unmet.found, "keypad": unmet.keypad, "why": unmet.rejection}
-    return i18n.text(key, language, **params)
+    return bilingual_text(key, notation=unmet.notation, found=unmet.found, keypad=unmet.keypad, why=unmet.rejection)

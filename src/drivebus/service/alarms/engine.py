@@ -112,7 +112,7 @@ def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, 
         "unit": found.get("unit", ""),
         "threshold": formatted_number(found.get("threshold")),
         "signal": signal_name(str(found.get("signal"))),
-        "signals": Text(", ".join(one.en for one in signals), "、".join(one.zh for one in signals)),
+        "signals": Text.join(signals, "items"),
         "fault": _fault_text(fault),
         "unusable_reply": Text.from_mapping(found["unusable_reply"]["text"]) if "unusable_reply" in found else "",
     }

@@ -136,7 +136,7 @@ def _translate(found: Mapping[str, Any], path: str) -> Json:
 def params_error(operation: str, faults: list[Json]) -> InvalidParameters:
     """Return the error whose sentence names every fault."""
     problems = Text.per_language(
-        lambda language: i18n.text("params.separator", language).join(_fault_sentence(one, language) for one in faults)
+        lambda language: i18n.join((_fault_sentence(one, language) for one in faults), "clauses", language)
     )
     return InvalidParameters("plant.params", operation=operation, problems=problems, faults=faults)
 

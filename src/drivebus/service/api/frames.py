@@ -61,8 +61,7 @@ def _describe(found: FrameDescription, language: str) -> str:
     """Return the fields, then the problems of a frame."""
     fields = [_field_text(name, value, language) for name, value in found.fields.items()]
     notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
-    comma, semicolon = (i18n.text(f"decode.{sign}", language) for sign in ("comma", "semicolon"))
-    return semicolon.join([comma.join(fields), *notes])
+    return i18n.join([i18n.join(fields, "phrases", language), *notes], "clauses", language)
 
 
 def _field_text(name: str, value: Any, language: str) -> str:

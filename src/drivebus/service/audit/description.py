@@ -65,7 +65,7 @@ def _key(prefix: str, what: str) -> str:
 
 def _action(item: Json, titles: Titles) -> Text:
     params = item["params"] if isinstance(item.get("params"), dict) else {}
-    details = _joined([*_details(params)])
+    details = Text.join([*_details(params)], "phrases")
     done = _done_to(item["what"], _subject(item, params, titles))
     more = bilingual_text("audit.details", details=details) if details.en else Text("", "")
     return Text(done.en + more.en, done.zh + more.zh)
@@ -108,7 +108,7 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
 def _named_drives(drives: Any, titles: Titles) -> Text:
     """Return the titles of the first ``MAX_DRIVES`` of these drives, with the number of the others."""
     ids = [str(one) for one in drives] if isinstance(drives, list) else []
-    shown = _joined([_title("drive", id, titles) for id in ids[:MAX_DRIVES]])
+    shown = Text.join([_title("drive", id, titles) for id in ids[:MAX_DRIVES]], "items")
     return shown if len(ids) <= MAX_DRIVES else bilingual_text("audit.more", shown=shown, n=len(ids) - MAX_DRIVES)
 
 
@@ -161,7 +161,7 @@ def _outcome(item: Json) -> Text | None:
     if not outcome:
         return None
     named = {"drive": item.get("target"), **(params if isinstance(params, dict) else {})}
-    return _joined([_outcome_part(part, named) for part in str(outcome).split(", ")])
+    return Text.join([_outcome_part(part, named) for part in str(outcome).split(", ")], "phrases")
 
 
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
@@ -173,8 +173,3 @@ def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
         return Text(code, code)
     found = bilingual_text(code, **params)
     return bilingual_text("page.outcome_error", code=code) if _PLACEHOLDER.search(found.en) else found
-
-
-def _joined(parts: list[Text]) -> Text:
-    separator = bilingual_text("audit.list_separator")
-    return Text(separator.en.join(one.en for one in parts), separator.zh.join(one.zh for one in parts))

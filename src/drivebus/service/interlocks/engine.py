@@ -46,9 +46,8 @@ class Violation:
     @property
     def message_params(self) -> dict[str, Any]:
         """Parameters of the sentence ``interlocks.violated``; ``interlock`` and ``require`` are for programs."""
-        why = Text("; ".join(text.en for text in self.reasons), "；".join(text.zh for text in self.reasons))
-        names = title_of(self.config)
-        return {"interlock": self.config.id, "require": self.config.require, "title": names, "why": why}
+        why, title = Text.join(self.reasons, "clauses"), title_of(self.config)
+        return {"interlock": self.config.id, "require": self.config.require, "title": title, "why": why}
 
 
 @dataclass(slots=True)
@@ -151,8 +150,7 @@ def unmet_reasons(expression: Expression, lookup: ValueLookup) -> list[Text]:
 def _comparison_text(comparison: Comparison, lookup: ValueLookup) -> Text:
     found = [side for side in (comparison.left, comparison.right) if isinstance(side, SignalReference)]
     values = [_operand_text(side, lookup) for side in found]
-    both_values = Text(", ".join(text.en for text in values), "、".join(text.zh for text in values))
-    return bilingual_text("interlocks.reason", require=str(comparison), found=both_values)
+    return bilingual_text("interlocks.reason", require=str(comparison), found=Text.join(values, "items"))
 
 
 def _operand_text(side: Operand, lookup: ValueLookup) -> Text:

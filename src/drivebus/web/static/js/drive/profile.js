@@ -17,12 +17,12 @@ function Facts({ profile }) {
   const { serial, limits } = profile;
   const can = CAPABILITIES.filter((name) => profile.capabilities.includes(name));
   const not = CAPABILITIES.filter((name) => !profile.capabilities.includes(name));
-  const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("page.comma")) || "–";
+  const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || "–";
   return html`<dl class="facts"><dt>${t("page.model")}</dt><dd>${localized(profile.title)} (<code>${profile.model}
     </code>)</dd>
     <dt>${t("page.maker")}</dt><dd>${localized(profile.maker)}</dd>
     <dt>${t("page.grade")}</dt><dd>${t(`page.grade_${profile.grade}`)}${t("page.colon")}${t(`page.grade_${profile.grade}_means`)}</dd>
-    <dt>${t("page.encodings")}</dt><dd>${profile.encodings.join(t("page.comma"))}</dd>
+    <dt>${t("page.encodings")}</dt><dd>${profile.encodings.join(t("language.between_items"))}</dd>
     <dt>${t("page.serial_default")}</dt><dd>${serial.baud} ${serial.format}</dd>
     <dt>${t("page.limits_model")}</dt><dd>${limits.minimum_hz} … ${limits.maximum_hz} Hz</dd>
     <dt>${t("page.can")}</dt><dd>${listed(can)}</dd><dt>${t("page.can_not")}</dt><dd>${listed(not)}</dd></dl>`;
@@ -35,7 +35,7 @@ function Identity({ id }) {
   const read = () => run(async () => setFound(await api.post(drivePath(id, "/identity/read"))));
   const facts = found && [
     ["page.identity_rating", [found.voltage_class_v && `${found.voltage_class_v} V`,
-      found.power_kw !== null && `${found.power_kw} kW`].filter(Boolean).join(t("page.comma"))],
+      found.power_kw !== null && `${found.power_kw} kW`].filter(Boolean).join(t("language.between_items"))],
     ...Object.entries(found.digits).map(([part, digits]) => [`page.identity_${part}`, html`<code>${digits}</code>`]),
     ["page.identity_host_controls", found.host_controls === null ? "–" : t(found.host_controls ? "page.yes" : "page.no")],
     ["page.identity_host_frequency",

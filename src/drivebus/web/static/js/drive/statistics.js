@@ -16,6 +16,6 @@ export function StatisticsTab({ id }) {
     <dt>${t("page.maximum_current")}</dt><dd>${quantity(found.maximum_current_a, "A")}</dd>
     <dt>${t("page.maximum_temperature")}</dt><dd>${quantity(found.maximum_temperature_c, "°C")}</dd>
     <dt>${t("page.fault_counts")}</dt><dd>
-      ${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("page.comma")) : t("page.no_faults")}</dd>
+      ${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("language.between_items")) : t("page.no_faults")}</dd>
     <dt>${t("page.since")}</dt><dd>${moment(found.since_ms)}</dd></dl>`;
 }

@@ -118,7 +118,7 @@ function Filtered({ chosen, shown }) {
   if (by.length === 0) return null;
   const known = { n: new Set(shown.flatMap(([, ids]) => ids)).size, total: idsOf("drives").value.length };
   return html`<div class="filtered"><span role="status">${t("page.filtered", { ...known,
-      by: by.join(t("page.comma")) })}</span>
+      by: by.join(t("language.between_items")) })}</span>
     <${Button} icon="close" onClick=${clear}>${t("page.show_all")}<//></div>`;
 }
 

@@ -43,7 +43,7 @@ function OwnAccount() {
     <section class="panel stack"><h2>${user}</h2><dl class="facts">
       ${role && html`<dt>${t("page.role")}</dt><dd>${t(`page.role_${role}`)}</dd>`}
       <dt>${t("page.rights")}</dt>
-        <dd>${rights.map((right) => t(`page.right_${right}`)).join(t("page.comma"))}</dd></dl></section>
+        <dd>${rights.map((right) => t(`page.right_${right}`)).join(t("language.between_items"))}</dd></dl></section>
     <${Password} /><${OwnSessions} /></div>`;
 }
 
@@ -55,7 +55,7 @@ function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
     ["plant", plant.id && titleOf(plant)], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
-    ["gateways", plant.gateways?.map(gatewayState).join(t("page.comma"))],
+    ["gateways", plant.gateways?.map(gatewayState).join(t("language.between_items"))],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
     ${facts.filter(([, value]) => value).map(([name, value]) => html`<dt

@@ -34,7 +34,7 @@ export function groupSubject(alarms) {
   const names = [...new Set(alarms.map((alarm) => (alarm.drive ? driveTitle(alarm.drive) : alarm.subject)))]
     .sort(collator.compare);
   const rest = names.length - NAMES_SHOWN;
-  const first = names.slice(0, NAMES_SHOWN).join(t("page.comma"));
+  const first = names.slice(0, NAMES_SHOWN).join(t("language.between_items"));
   const shown = rest > 0 ? t("page.names_more", { names: first, n: rest }) : first;
   const title = busTitle(alarms[0].drive);
   return title ? title + t("page.colon") + shown : shown;

@@ -10,7 +10,7 @@ const PROSE = /\b[a-z]{4,}\b/;
 function cited(source) {
   if (language.value === "en") return source;
   return source.replace(PAGES, (_, pages, colon) => t("page.evidence_pages", {
-    pages: pages.replaceAll(/, | and /g, t("page.comma")) }) + (colon ? t("page.colon") : ""));
+    pages: pages.replaceAll(/, | and /g, t("language.between_items")) }) + (colon ? t("page.colon") : ""));
 }
 
 export function evidenceText({ kind, source }) {

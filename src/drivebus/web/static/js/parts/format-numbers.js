@@ -20,7 +20,7 @@ export function milliseconds(seconds) {
 /** `{NoReply: 3, ChecksumError: 1}` as "no reply 3, checksum 1"; the class's own name where the catalogue has none. */
 export function classes(counts, what) {
   const found = Object.entries(counts ?? {}).filter(([, count]) => count > 0).sort(([, one], [, other]) => other - one);
-  return found.map(([name, count]) => `${wordOf(name, what)} ${count}`).join(t("page.comma"));
+  return found.map(([name, count]) => `${wordOf(name, what)} ${count}`).join(t("language.between_items"));
 }
 
 function wordOf(name, what) {

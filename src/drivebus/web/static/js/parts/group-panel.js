@@ -23,7 +23,7 @@ function commonLimits(views) {
   };
 }
 
-const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(nameOf).join(t("page.comma"))}>${!isNamed && html`<b>
+const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(nameOf).join(t("language.between_items"))}>${!isNamed && html`<b>
   ${listed(ids)}</b>${t("page.colon")}`}${text}</li>`;
 
 /** Outcome of each drive of a group; equal ones are one. */

@@ -31,8 +31,8 @@ export function ModelList() {
         [t("page.model"), (one) => html`<a href=${href("models", one.model)}>${localized(one.title)}</a>
           <br /><code>${one.model}</code>`, "wide"],
         [t("page.grade"), (one) => t(`page.grade_${one.grade}`)],
-        [t("page.encodings"), (one) => one.encodings.join(t("page.comma"))],
+        [t("page.encodings"), (one) => one.encodings.join(t("language.between_items"))],
         [t("page.serial_default"), (one) => `${one.serial.baud} ${one.serial.format}`],
-        [t("page.can_not"), (one) => lacks(one).map((name) => t(`page.can_${name}`)).join(t("page.comma")) || "–"],
+        [t("page.can_not"), (one) => lacks(one).map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || "–"],
       ]} /></section>`;
 }

@@ -21,7 +21,7 @@ const MAX_NAMES = 8;
 
 /** Names of drives as a list; of many the first ones and the number of the others. */
 export function listed(ids) {
-  const names = ids.slice(0, MAX_NAMES).map(nameOf).join(t("page.comma"));
+  const names = ids.slice(0, MAX_NAMES).map(nameOf).join(t("language.between_items"));
   return ids.length > MAX_NAMES ? t("page.names_more", { names, n: ids.length - MAX_NAMES }) : names;
 }
 
@@ -42,7 +42,7 @@ function mergedText(alike) {
   const found = OWN.find((name) => params?.[name] !== undefined && localized(text).includes(String(params[name])));
   if (!found) return { text: localized(text), isNamed: false };
   const isNamed = found === "drive";
-  const own = isNamed ? listed(alike.map(({ id }) => id)) : alike.map((one) => one.params[found]).join(t("page.comma"));
+  const own = isNamed ? listed(alike.map(({ id }) => id)) : alike.map((one) => one.params[found]).join(t("language.between_items"));
   return { text: replaced(localized(text), String(params[found]), own), isNamed };
 }
 

@@ -18,7 +18,7 @@ export function Tokens() {
     [t("page.name"), (token) => html`<strong>${token.name}</strong>`, "name"],
     [t("page.user"), (token) => token.user],
     [t("page.rights"),
-      (token) => token.rights.map((right) => t(`page.right_${right}`)).join(t("page.comma"))],
+      (token) => token.rights.map((right) => t(`page.right_${right}`)).join(t("language.between_items"))],
     [t("page.expires"), (token) => moment(token.expires_ms)],
     [t("page.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`, "act"],
   ];

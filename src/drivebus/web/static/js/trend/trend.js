@@ -78,8 +78,8 @@ function WithoutAxis({ view, lines }) {
   const axes = axisUnits(lines, hidden, view.recent);
   const others = shownUnits(lines, hidden, view.recent).filter((unit) => !axes.includes(unit));
   if (others.length === 0) return null;
-  return html`<p class="help">${t("page.axes_two", { axes: axes.join(t("page.comma")),
-    others: others.join(t("page.comma")) })}</p>`;
+  return html`<p class="help">${t("page.axes_two", { axes: axes.join(t("language.between_items")),
+    others: others.join(t("language.between_items")) })}</p>`;
 }
 
 /** Chart of a trend and its redrawing: imperative, beside the component's life. */
