@@ -69,7 +69,7 @@ def test_a_text_has_the_same_placeholders_in_every_language(catalogue: str) -> N
     assert not different
 
 
-BLANK_KEYS = {"language.between_sentences"}
+BLANK_KEYS = {"language.between_sentences", "language.unspaced_letters"}
 """Rules of a language, which may be a blank or nothing."""
 
 
@@ -287,4 +287,13 @@ def test_the_page_and_the_command_line_close_the_same_gaps() -> None:
     assert 'found["language.unspaced_letters"]' in script and not re.search(r"u4e00|u3000", script, re.IGNORECASE)
     letters = re.compile(i18n.text("language.unspaced_letters", "zh"))
     assert all(letters.fullmatch(letter) for letter in "风，（") and not any(map(letters.match, "a8 "))
-    assert not any(map(re.compile(i18n.text("language.unspaced_letters", "en")).match, "风a8"))
+
+
+def test_only_a_language_with_unspaced_letters_is_searched_for_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rule ran on each English sentence too, with letters that never match."""
+    searched: list[str] = []
+    monkeypatch.setattr(i18n, "_close_gaps", lambda sentence, *_: searched.append(sentence) or sentence)
+    english = i18n.text("alarms.text.fault", "en", drive="风机", fault="过压")
+    assert (english, searched) == ("风机 reports a fault: 过压", [])
+    i18n.text("alarms.text.fault", "zh", drive="风机", fault="过压")
+    assert searched == [i18n.catalogue("zh")["alarms.text.fault"]]

@@ -64,7 +64,8 @@ def text(key: str, language: str = "en", /, **params: Any) -> str:
     if sentence is None:
         return f"{key} {params}" if params else key
     values = _Placeholders({name: _localized(value, language) for name, value in params.items()})
-    return _close_gaps(sentence, values, _unspaced_letters(language)).format_map(values)
+    unspaced = _sentence("language.unspaced_letters", language)
+    return (_close_gaps(sentence, values, re.compile(unspaced)) if unspaced else sentence).format_map(values)
 
 
 def join(parts: Iterable[str], kind: ListParts, language: str) -> str:
@@ -75,13 +76,11 @@ def join(parts: Iterable[str], kind: ListParts, language: str) -> str:
 _PLACEHOLDER = re.compile(r"( ?)(\{(\w+)[^{}]*\})( ?)")
 
 
-def _unspaced_letters(language: str) -> re.Pattern[str]:
-    """Return the letters between two of which no space stands: the catalogue names them, for the page too."""
-    return re.compile(_sentence("language.unspaced_letters", language) or "(?!)")
-
-
 def _close_gaps(sentence: str, values: dict[str, Any], unspaced: re.Pattern[str]) -> str:
-    """Return a sentence without the spaces that would stand between two such letters once its values are in place."""
+    """Return a sentence without the spaces that would stand between two unspaced letters once its values are in place.
+
+    The catalogue of a language names these letters, for the page too; English has none.
+    """
 
     def close(found: re.Match[str]) -> str:
         before, place, name, after = found.groups()

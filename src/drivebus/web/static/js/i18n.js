@@ -10,7 +10,7 @@ const storedLanguage = loadPreference("language");
 /** "en" or "zh". */
 export const language = signal(storedLanguage in LANGUAGES ? storedLanguage : browserLanguage);
 const sentences = signal({});
-let unspaced = /(?!)/; // letters of the language between two of which no space stands
+let unspaced = null; // letters of the language between two of which no space stands; null for English
 
 async function fetchCatalogue(name) {
   const answer = await fetch(`/i18n/${name}.json`);
@@ -21,7 +21,7 @@ async function fetchCatalogue(name) {
 /** Load the catalogue of a language and change every text on the page at once. */
 export async function loadLanguage(name) {
   const found = await fetchCatalogue(name);
-  unspaced = new RegExp(found["language.unspaced_letters"]);
+  unspaced = found["language.unspaced_letters"] ? new RegExp(found["language.unspaced_letters"]) : null;
   sentences.value = found;
   language.value = name;
   document.documentElement.lang = name === "zh" ? "zh-CN" : "en";
@@ -47,12 +47,14 @@ export function t(key, params = {}) {
 }
 
 /** The space between two letters: Chinese has one beside Latin letters and digits only. */
-const gap = (space, left = "", right = "") => (unspaced.test(left) && unspaced.test(right) ? "" : space);
+const gap = (space, left = "", right = "") => (isUnspaced(left, right) ? "" : space);
+
+const isUnspaced = (left, right) => unspaced !== null && unspaced.test(left) && unspaced.test(right);
 
 /** Two pieces of a sentence as one, without a space between two letters that have none between them. */
 function joined(left, right) {
-  const isUnspaced = unspaced.test(left.trimEnd().at(-1) ?? "") && unspaced.test(right.trimStart()[0] ?? "");
-  return isUnspaced ? left.trimEnd() + right.trimStart() : left + right;
+  const hasNoSpace = isUnspaced(left.trimEnd().at(-1) ?? "", right.trimStart()[0] ?? "");
+  return hasNoSpace ? left.trimEnd() + right.trimStart() : left + right;
 }
 
 /** `sentence` with `value` in place of its first `old`. */
