@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api import queries
+from drivebus.service.config.load import load
 from drivebus.service.live import recent_views
 from drivebus.service.runtime import supervision
 from drivebus.service.runtime.fairness import EncodedOnce, encode_json_cooperatively
@@ -91,6 +93,29 @@ def test_a_view_older_than_a_command_that_may_have_changed_it_is_not_listed(
             plant, before = kit.service.plant, kit.service.plant.now()
             await kit.call(name, **params)
             assert {drive for drive in plant.drives if plant.last_command_at(drive) >= before} == drives
+
+    run(scenario())
+
+
+def test_the_time_of_a_command_goes_with_its_drive(tmp_path: Path) -> None:
+    """A plant whose drives are renamed again and again kept an entry for each name, also by a stop under way."""
+    file = tmp_path / "plant.toml"
+    pump = '[drive.pump]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+    fan = '[drive.fan]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
+    head = 'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\n[bus.a]\nlink = "sim://c320@1-2"\n'
+    file.write_text(head + pump + fan)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            plant = kit.service.plant
+            for drive in ("pump", "fan"):
+                await kit.call("drive.stop", drive=drive)
+            assert plant._last_commands_at.keys() == {"pump", "fan"}
+            file.write_text(head + pump)
+            await kit.call("configuration.reload")
+            assert plant._last_commands_at.keys() == {"pump"}
+            plant.record_command({"fan"})
+            assert plant._last_commands_at.keys() == {"pump"}, "a command that ended after the reload"
 
     run(scenario())
 

@@ -179,6 +179,7 @@ class Plant:
         self.leases.remove_drive(drive)
         self.control_requests.remove_drive(drive)
         self.views.pop(drive, None)
+        self._last_commands_at.pop(drive, None)
         self.hub.remove(f"drives/{drive}")
         for listener in self._listeners:
             listener.on_drive_removed(drive)
@@ -230,9 +231,12 @@ class Plant:
         ]
 
     def record_command(self, drives: Collection[str]) -> None:
-        """Record that a command, stop or setting was done or failed; empty ``drives``: it may have changed any."""
+        """Record that a command, stop or setting was done or failed; empty ``drives``: it may have changed any.
+
+        A drive that a reload has removed meanwhile is left out.
+        """
         now = self.now()
-        self._last_commands_at.update(dict.fromkeys(drives, now))
+        self._last_commands_at.update({drive: now for drive in drives if drive in self.drives})
         if not drives:
             self._last_command_at = now
 
