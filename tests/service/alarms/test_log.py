@@ -15,7 +15,7 @@ from drivebus.service.alarms import log as logs
 from drivebus.service.alarms.log import AlarmLog
 from fixtures.alarms import FAN, OVERCURRENT, view
 
-ALL_TIME = (0, 10**14)
+ALL_TIME = {"from_ms": 0, "to_ms": 10**14}
 
 
 def trips(log: AlarmLog, count: int, known: list[Alarm] | None = None) -> AlarmEngine:
@@ -93,16 +93,16 @@ def test_the_history_is_read_in_pages_by_time_range_and_drive(tmp_path: Path) ->
     log.load()
     found, cursor = [], None
     while True:
-        page = log.history(*ALL_TIME, "fan-1", cursor, 5)
+        page = log.history(**ALL_TIME, drive="fan-1", cursor=cursor, limit=5)
         found += [item["id"] for item in page["items"]]
         if (cursor := page["next"]) is None:
             break
     assert found == [f"a{n}" for n in range(12, 0, -1)]
-    assert [item["raised_ms"] for item in log.history(3000, 5000)["items"]] == [4000, 3000]
-    assert log.history(*ALL_TIME, "fan-2")["items"] == []
+    assert [item["raised_ms"] for item in log.history(from_ms=3000, to_ms=5000)["items"]] == [4000, 3000]
+    assert log.history(**ALL_TIME, drive="fan-2")["items"] == []
     for wrong in ("x", "LTE=", "é", "MDE="):
         with pytest.raises(InvalidParameters):
-            log.history(*ALL_TIME, cursor=wrong)
+            log.history(**ALL_TIME, cursor=wrong)
 
 
 def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
@@ -116,7 +116,7 @@ def test_the_oldest_alarms_are_dropped_and_the_file_is_rewritten(
     assert len(path.read_bytes().splitlines()) <= 40
     log = AlarmLog(path)
     log.load()
-    assert len(log.history(*ALL_TIME, limit=1000)["items"]) <= 10
+    assert len(log.history(**ALL_TIME, limit=1000)["items"]) <= 10
 
 
 def test_alarms_go_on_while_the_disk_is_full_and_are_written_later(

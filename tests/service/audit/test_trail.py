@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import AuditUnavailable, InvalidParameters
+from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import os_reason
 from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
@@ -21,8 +22,9 @@ from drivebus.service.storage import append_log, batch_writer
 from drivebus.service.storage.storage import Storage
 from drivebus.values import Text
 from fixtures.audit import LI, counting_clock, new_trail, problem_kinds, sample_entry, verify_report, written_trail
+from fixtures.running_service import real_service
 
-ALL_TIME = (0, 10**14)
+ALL_TIME = {"from_ms": 0, "to_ms": 10**14}
 
 
 def lines(path: Path) -> list[dict[str, Any]]:
@@ -46,7 +48,7 @@ def test_a_record_has_actor_operation_time_frames_and_outcome(tmp_path: Path) ->
         await trail.record(
             AuditEntry.by(LI, "drive.run", target="fan-1", frames=[frame], outcome="confirmed", of=requested)
         )
-        (item, before), rest = (await trail.query(*ALL_TIME, limit=2))["items"], None
+        (item, before), rest = (await trail.query(**ALL_TIME, limit=2))["items"], None
         assert (item["n"], item["who"], item["what"]) == (
             3,
             {"name": "li", "session": "s-1", "address": "127.0.0.1"},
@@ -162,7 +164,7 @@ def test_pages_reach_the_first_record_without_repetition(tmp_path: Path) -> None
     async def go(drive: str | None) -> list[int]:
         found, cursor = [], None
         while True:
-            page = await trail.query(*ALL_TIME, drive, cursor, 7)
+            page = await trail.query(**ALL_TIME, drive=drive, cursor=cursor, limit=7)
             found += [item["n"] for item in page["items"]]
             if (cursor := page["next"]) is None:
                 return found
@@ -171,7 +173,7 @@ def test_pages_reach_the_first_record_without_repetition(tmp_path: Path) -> None
     assert asyncio.run(go("fan-1")) == [n for n in range(40, 1, -1) if n % 3 == 1]
     for wrong in ("x", "LTE=", "MDE=", "é"):
         with pytest.raises(InvalidParameters):
-            asyncio.run(trail.query(*ALL_TIME, cursor=wrong))
+            asyncio.run(trail.query(**ALL_TIME, cursor=wrong))
 
 
 def test_a_query_by_drive_returns_commands_that_affected_it(tmp_path: Path) -> None:
@@ -182,7 +184,7 @@ def test_a_query_by_drive_returns_commands_that_affected_it(tmp_path: Path) -> N
         await trail.open()
         await trail.record(AuditEntry.by(LI, "group.start", target="fans", params={"drives": ["fan-1", "fan-2"]}))
         await trail.record(AuditEntry.by(LI, "user.add", target="fan-2", params={"drives": "fan-1"}))
-        found = [(await trail.query(*ALL_TIME, drive))["items"] for drive in ("fan-1", "fan-2", "fan-3")]
+        found = [(await trail.query(**ALL_TIME, drive=drive))["items"] for drive in ("fan-1", "fan-2", "fan-3")]
         what = [[item["what"] for item in items] for items in found]
         assert what == [["group.start"], ["user.add", "group.start"], []]
         await trail.close()
@@ -196,8 +198,35 @@ def test_pages_respect_the_time_range_and_omit_changed_lines(tmp_path: Path) -> 
     trail.paths.current.write_bytes(
         trail.paths.current.read_bytes().replace(b'"frequency_hz":5.0', b'"frequency_hz":6.0')
     )
-    items = asyncio.run(trail.query(times[3], times[7]))["items"]
+    items = asyncio.run(trail.query(from_ms=times[3], to_ms=times[7]))["items"]
     assert [item["n"] for item in items] == [7, 6, 4]
+
+
+@pytest.mark.parametrize("operation", ["audit.list", "alarms.history"])
+def test_a_list_takes_range_drive_cursor_and_page_size_each_from_its_own_parameter(
+    operation: str, tmp_path: Path
+) -> None:
+    """Five values went through by position, two pairs of them of the same type."""
+
+    async def scenario() -> None:
+        async with real_service(tmp_path) as kit:
+            for _ in range(3):
+                for drive in ("fan-1", "fan-2"):
+                    kit.service.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, drive)
+                    kit.service.plant.clear_alarm(SystemAlarm.RUNNING_AT_START, drive)
+                    ids = [alarm.id for alarm in kit.service.plant.alarms.active()]
+                    await kit.call("alarms.acknowledge", alarms=ids)
+                await asyncio.sleep(0.01)
+            whole = (await kit.call(operation, drive="fan-1"))["items"]
+            time = "raised_ms" if operation == "alarms.history" else "time_ms"
+            newest, oldest = whole[0][time], whole[-1][time]
+            assert len(whole) >= 3 and oldest < newest
+            older = await kit.call(operation, drive="fan-1", from_ms=oldest, to_ms=newest, limit=1)
+            assert older["items"] == [item for item in whole if item[time] < newest][:1]
+            rest = await kit.call(operation, drive="fan-1", cursor=older["next"])
+            assert rest["items"] == whole[whole.index(older["items"][0]) + 1 :]
+
+    asyncio.run(scenario())
 
 
 def test_a_failed_disk_rejects_awaited_records_and_queues_the_others(

@@ -47,7 +47,7 @@ def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
 
     places, titles = _places(plant), _titles(plant)
     with _readable_trail(places.folder):
-        found = query_records(places, 0, MAX_TIME_MS, drive, None, limit)
+        found = query_records(places, from_ms=0, to_ms=MAX_TIME_MS, drive=drive, cursor=None, limit=limit)
     items = [described(item, titles) for item in found["items"]]
     output.print_json(found | {"items": items})
     head = [output.text(f"audit.command.head.{name}") for name in ("n", "time", "who", "what", "outcome")]

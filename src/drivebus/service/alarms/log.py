@@ -89,7 +89,7 @@ class AlarmLog:
         self._writer.retry()
 
     def history(
-        self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
+        self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
         """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first. Raises InvalidParameters
         for an unknown cursor.

@@ -43,7 +43,7 @@ class AlarmService:
 
     @handles(ALARMS_HISTORY)
     async def list_history(self, params: TimeRangeParams, actor: Actor) -> Json:
-        return self._log.history(params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
+        return self._log.history(**params.model_dump())
 
     @handles(ALARM_ACKNOWLEDGE)
     async def acknowledge(self, params: AlarmParams, actor: Actor) -> Json:

@@ -171,8 +171,7 @@ class Queries:
 
     @handles(AUDIT_LIST)
     async def list_audit_records(self, params: TimeRangeParams, actor: Actor) -> Json:
-        span = (params.from_ms, params.to_ms, params.drive, params.cursor, params.limit)
-        found, titles = await self.plant.audit.query(*span), titles_of(self.plant.config)
+        found, titles = await self.plant.audit.query(**params.model_dump()), titles_of(self.plant.config)
         items = [described(item, titles) async for item in iter_cooperatively(found["items"])]
         return found | {"items": items}
 

@@ -12,7 +12,7 @@ from drivebus.types import Json
 
 
 def query_records(
-    paths: AuditPaths, from_ms: int, to_ms: int, drive: str | None, cursor: str | None, limit: int
+    paths: AuditPaths, *, from_ms: int, to_ms: int, drive: str | None, cursor: str | None, limit: int
 ) -> Json:
     """Return a page of the records in ``from_ms <= time < to_ms``, about ``drive`` if given, newest first.
 

@@ -101,11 +101,13 @@ class AuditTrail:
         self._writer.write_nowait(entry_json(entry, self._now_ms()))
 
     async def query(
-        self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
+        self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
         """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError."""
         # On a thread other than the writer's, so that reading never delays a record.
-        return await asyncio.to_thread(query_records, self.paths, from_ms, to_ms, drive, cursor, limit)
+        return await asyncio.to_thread(
+            query_records, self.paths, from_ms=from_ms, to_ms=to_ms, drive=drive, cursor=cursor, limit=limit
+        )
 
     async def verify(self) -> Json:
         """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
