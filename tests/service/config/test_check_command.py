@@ -60,6 +60,7 @@ def test_an_adapter_that_holds_bytes_back_is_named_with_its_cost_and_its_remedy(
     assert (found["bus"], found["device"], found["latency_ms"]) == ("a", "ttyUSB7", 16)
     assert 1 / found["polls_per_s"] - 1 / found["polls_per_s_at_low_latency"] == pytest.approx(0.015)
     shown = " ".join(check(plant).output.split())
+    assert "bus a: the adapter ttyUSB7" in shown
     assert f"At most {found['polls_per_s']:.1f} polls a second instead of" in shown
     assert "devices/ttyUSB8" not in shown
     assert "/sys/bus/usb-serial/devices/ttyUSB7/latency_timer" in shown and 'ATTR{latency_timer}="1"' in shown

@@ -15,7 +15,7 @@ from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
 
 
@@ -343,6 +343,12 @@ def test_a_bus_shows_what_a_slow_adapter_costs_it(monkeypatch: pytest.MonkeyPatc
             await asyncio.sleep(2)
             shown = (await kit.call("buses.get", bus="a"))["slow_adapter"]
             assert all("ttyUSB7" in shown[one] and "12.3" in shown[one] for one in ("en", "zh"))
+            assert (shown["en"][:5], shown["zh"][:6]) == ("bus a", "总线 a：适"), "the plant gives it no title"
+            bus = kit.service.plant.buses["a"]
+            bus.config = replace(bus.config, title=Text("Fan line", "风机线路"))
+            await asyncio.sleep(2)
+            shown = (await kit.call("buses.get", bus="a"))["slow_adapter"]
+            assert (shown["en"][:13], shown["zh"][:5]) == ("Fan line: the", "风机线路：")
 
     run(scenario())
 

@@ -33,6 +33,7 @@ def _parse_requirement(text: str) -> LoadRequirement:
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """Return 1 if a requirement is missed. Raises ConfigurationError for an invalid file."""
+    from drivebus.profiles.diagnostics import bilingual_text
     from drivebus.service.config.adapter_latency import adapter_latencies
     from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.certificates import certificate_states
@@ -48,7 +49,7 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     output.print_json(_document(config, buses, missed, code) | more)
     _print_loads(config, buses)
     for adapter in slow_adapters:
-        output.print_note("ports.latency_cost", **adapter.text_params())
+        output.print_note("ports.latency_cost", **adapter.text_params(bilingual_text("plant.bus", id=adapter.bus)))
     _print_certificates(states)
     if lacks_asyncpg:
         output.print_note("history.no_asyncpg")

@@ -15,6 +15,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.service.config.bus_load import dialect_of, polls_of, serial_settings_in
 from drivebus.service.config.model import PlantConfig
 from drivebus.types import Json
+from drivebus.values import Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,10 +29,10 @@ class AdapterLatency:
     polls_per_s: float
     polls_per_s_at_low_latency: float
 
-    def text_params(self) -> Json:
-        """Return the parameters of the sentence ``ports.latency_cost``."""
+    def text_params(self, bus: Text) -> Json:
+        """Return the parameters of the sentence ``ports.latency_cost``, which begins with the name of the bus."""
         return {
-            "bus": self.bus,
+            "bus": bus,
             "device": self.device,
             "ms": self.latency_ms,
             "polls": f"{self.polls_per_s:.1f}",

@@ -125,7 +125,7 @@ def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
         else localized(bus_runtime.problem.key, bus_runtime.problem.params),
         "slow_adapter": None
         if (slow_adapter := bus_runtime.adapter_latency()) is None
-        else localized("ports.latency_cost", slow_adapter.text_params()),
+        else localized("ports.latency_cost", slow_adapter.text_params(bus_runtime.title)),
         "load_percent": round(found.load_percent, 1),
         "occupied_percent": round(found.occupied_percent, 1),
         "transactions_per_s": round(found.transactions_per_s, 1),
