@@ -183,6 +183,19 @@ def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(page: 
     assert page.evaluate(script) == [[1, 3, 4], [2]]
 
 
+def test_alarms_of_one_kind_with_another_title_are_not_in_its_group(page: Any) -> None:
+    """Drives that send bytes were counted under "No reply", and handed-over control under "Control lost"."""
+    script = """async () => {
+      const { groupAlarms } = await import('/static/js/parts/alarm-groups.js');
+      const alarm = (id, title) => ({ id, title: { en: title }, kind: 'no_response', setting: 's', priority: 'low',
+        subject: '', drive: '', value: null });
+      const [some, none] = ['No usable reply', 'No reply'];
+      const groups = groupAlarms([alarm(1, none), alarm(2, some), alarm(3, none), alarm(4, none)]);
+      return groups.map((group) => group.map(({ id }) => id));
+    }"""
+    assert page.evaluate(script) == [[1, 3, 4], [2]]
+
+
 def test_the_drives_of_a_group_of_alarms_are_named_in_their_order_and_counted_beyond_six(page: Any) -> None:
     script = """async () => {
       await (await import('/static/js/i18n.js')).loadLanguage('en');

@@ -138,7 +138,11 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
 def system_alarm(
     id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, subject: str, params: Mapping[str, Any]
 ) -> Alarm:
-    """Return an alarm that the service itself raises."""
+    """Return an alarm that the service itself raises.
+
+    ``sentence`` among ``params`` is the end of the keys of its title and text, else its kind.
+    """
+    sentence = params.get("sentence", kind)
     numbers = {key: formatted_number(value) for key, value in params.items()}
     named = {"drive": name, "subject": subject, "bus": subject, "reason": ""} | numbers
     return Alarm(
@@ -147,8 +151,8 @@ def system_alarm(
         drive=drive,
         priority=SYSTEM_ALARM_PRIORITIES[kind],
         kind=str(kind),
-        title=bilingual_text(f"alarms.title.{kind}", **named),
-        text=bilingual_text(f"alarms.text.{kind}", **named),
+        title=bilingual_text(f"alarms.title.{sentence}", **named),
+        text=bilingual_text(f"alarms.text.{sentence}", **named),
         remedy=bilingual_text(f"alarms.remedy.{kind}"),
         raised_ms=now_ms,
         subject=subject,

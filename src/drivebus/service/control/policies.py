@@ -55,12 +55,12 @@ class StopPolicies:
         """Handle control that was handed over and never used: the drive goes on as after a release, with an alarm."""
         self.plant.publish_event("lease", runtime.id, "plant.control_not_taken", actor=owner, owner=owner)
         if may_be_running(runtime):
-            self._alarm_control_lost(runtime)
+            self._alarm_control_lost(runtime, sentence="control_not_taken", owner=owner)
 
-    def _alarm_control_lost(self, runtime: DriveRuntime) -> None:
+    def _alarm_control_lost(self, runtime: DriveRuntime, **params: str) -> None:
         """Raise the alarm; a drive of which no read shows the motor turning only may be running."""
         key = "alarms.motion.running" if runtime.status().state.turning else "alarms.motion.possible"
-        self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=Text(**localized(key)))
+        self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=Text(**localized(key)), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Apply ``on_restart`` to a drive that is found running, and note a standstill."""

@@ -25,7 +25,7 @@ function busTitle(id) {
 
 /** What equal alarms have in common. The value of a fault is its code, that of a threshold only a number. Shelved
  * alarms are equal where they were shelved together: their group has one author, reason and end. */
-const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.setting, alarm.priority, alarm.subject,
+const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.setting, alarm.priority, alarm.subject,
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
   alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
 
