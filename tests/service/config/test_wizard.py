@@ -210,6 +210,29 @@ def test_at_a_terminal_the_user_is_asked_for_the_name_plate(
     assert [drive.model for drive in config.load(path).drives] == models
 
 
+def test_a_single_candidate_that_answers_only_partly_is_no_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The terminal asked which of one model is on the name plate, and that the bus can't tell it apart."""
+    partly = DetectedDrive(
+        models=("vc660",), setpoint_steps_hz={}, family="modbus", encoding="rtu", address=2, fits_partly=True,
+        settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
+
+    async def found(*_: Any) -> list[DetectedDrive]:
+        return [partly]
+
+    monkeypatch.setattr(verb, "search", found)
+    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    path = tmp_path / "plant.toml"
+    result = init("sim://vc660@2", "--scan", "-o", path, "--lang", "en", input="vc660\n")
+    assert result.exit_code == 0 and "which model" not in result.output
+    assert "address 2 does not answer as a vc660 should" in " ".join(result.output.split())
+    text = path.read_text(encoding="utf-8")
+    assert '# model = "?"' in text and "Address 2 does not answer as a vc660 should" in text
+    assert config.load(path).drives == (), "the model that it does not answer as is no guess"
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_rules_and_examples_name_only_drives_whose_model_is_known(language: str) -> None:
     drives = (DriveAnswer(1, "", candidates=("gd10", "vc660")), DriveAnswer(2, "vc660"))

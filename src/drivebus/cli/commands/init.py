@@ -139,10 +139,12 @@ def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> Dr
         model = stated[0] if stated else drive.models[0]
         others = tuple(other for other in drive.models if other != model)
         return DriveAnswer(drive.address, model, encoding=drive.encoding, others=others, is_doubtful=drive.fits_partly)
-    chosen = _ask_model(drive) if _on_terminal() else None
+    has_choice = len(drive.models) > 1
+    chosen = _ask_model(drive) if has_choice and _on_terminal() else None
     if chosen is not None:
         return DriveAnswer(drive.address, chosen, encoding=drive.encoding)
-    output.print_note("plant_init.undecided", link=port, address=drive.address, models=", ".join(drive.models))
+    note = "plant_init.undecided" if has_choice else "plant_init.unlike"
+    output.print_note(note, link=port, address=drive.address, models=", ".join(drive.models))
     return DriveAnswer(drive.address, "", encoding=drive.encoding, candidates=drive.models)
 
 

@@ -201,7 +201,8 @@ def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterat
 def _undecided_lines(bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
     """Yield the table of a drive commented out: the model in it is no model until the user writes one."""
     models = ", ".join(drive.candidates)
-    yield from comment_lines("undecided", language, address=str(drive.address), models=models)
+    reason = "undecided" if len(drive.candidates) > 1 else "unlike"
+    yield from comment_lines(reason, language, address=str(drive.address), models=models)
     yield from (f"# [drive.{bus}-{drive.address}]", f'# bus = "{bus}"', f"# address = {drive.address}", '# model = "?"')
     if drive.encoding is not None:
         yield f"# encoding = {toml_string(drive.encoding)}"
