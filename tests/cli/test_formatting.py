@@ -13,7 +13,7 @@ from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
-from drivebus.cli.scanning import note_assumed_models, print_scan
+from drivebus.cli.scanning import assumed_models_texts, print_scan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
@@ -145,20 +145,18 @@ def test_a_scan_notes_a_device_that_no_model_fits(
     assert (models[0] if models else "noknownmodel") in shown
 
 
-def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be(capsys: pytest.CaptureFixture[str]) -> None:
-    def detected(models: tuple[str, ...], *, fits_partly: bool = False) -> DetectedDrive:
+def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be() -> None:
+    def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:
         return DetectedDrive(
-            models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=3, fits_partly=fits_partly,
-            settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+            models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=address,
+            fits_partly=fits_partly, settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
         )  # fmt: skip
 
-    note_assumed_models(
-        [detected(("gd10",)), detected(("shihlin_se2", "svd_p")), detected(("vc660",), fits_partly=True)]
-    )
-    shown = capsys.readouterr().err
-    assert "gd10" not in shown
-    assert "shihlin_se2 is assumed. The bus can't tell it from svd_p" in shown
-    assert "vc660 is assumed, but it does not answer as it should" in shown
+    alike = [detected(address, "shihlin_se2", "svd_p") for address in (2, 9)]
+    assert assumed_models_texts([detected(1, "gd10"), *alike, detected(3, "vc660", fits_partly=True)]) == [
+        "Address 2, 9: shihlin_se2 is assumed. The bus can't tell it from svd_p: see the name plate.",
+        "Address 3: vc660 is assumed, but it does not answer as it should: see the name plate.",
+    ]
 
 
 def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest.CaptureFixture[str]) -> None:

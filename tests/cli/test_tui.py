@@ -16,6 +16,7 @@ from drivebus import i18n, ports, profiles
 from drivebus.bus import Bus
 from drivebus.capture.dbcap import BytesRecord, Capture, CaptureHeader
 from drivebus.cli import output
+from drivebus.cli.commands import monitor
 from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
@@ -410,6 +411,33 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
     rows = [json.loads(text) for text in result.stdout.splitlines() if '"drives"' in text][-1]["drives"]
     assert [row["state"] for row in rows] == ["stopped", "stopped"]
     assert "Address 9 (vc660) uses another protocol" in result.stderr
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_monitor_lists_look_alikes_before_it_goes_on_with_the_first(
+    monkeypatch: pytest.MonkeyPatch, as_json: bool
+) -> None:
+    """One line on standard error named the first model, and the full-screen view hid it."""
+    settings = SerialSettings.parse(9600, "8E1")
+
+    async def found(*_: object) -> list[scan.DetectedDrive]:
+        steps = {"c320": 0.01, "e350": 0.1}
+        return [
+            scan.DetectedDrive(
+                models=tuple(steps), setpoint_steps_hz=steps, family="sunfar", encoding="ascii", address=1,
+                settings=settings, exchange=(b"", b""),
+            )
+        ]  # fmt: skip
+
+    monkeypatch.setattr(monitor, "search", found)
+    words = ["monitor", "sim://c320@1", "--duration", "0.5", "--lang", "en", *(["--json"] if as_json else [])]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 0, result.output
+    table = " ".join(result.stderr.split())
+    assert "c320 / e350" in table and "c320 count 0.01 Hz; e350 count 0.1 Hz: see the name plate" in table
+    assumed = "Address 1: c320 is assumed. The bus can't tell it from e350: see the name plate."
+    for sentence in (assumed, output.text("monitor.assumed")):
+        assert (json.dumps({"event": sentence}) if as_json else sentence) in result.stdout
 
 
 def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:

@@ -212,9 +212,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     return "\n".join(shown if beside else [first_cells(head).rstrip(), *shown])
 
 
-def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Format a table no wider than the terminal."""
-    return table(head, rows, terminal_width(sys.stdout))
+def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], stream: Any = None) -> str:
+    """Format a table no wider than the terminal of ``stream``, else of standard output."""
+    return table(head, rows, terminal_width(stream or sys.stdout))
 
 
 # --- progress -----------------------------------------------------------------------------------------------------

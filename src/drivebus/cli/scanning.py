@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
@@ -157,14 +158,25 @@ def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive],
     return [alike[address] for address in sorted(alike)]
 
 
-def note_assumed_models(drives: list[DetectedDrive]) -> None:
-    """Print a note on each drive whose model the bus can't tell; the first one that fits is taken."""
+def assumed_models_texts(drives: list[DetectedDrive]) -> list[str]:
+    """Return a sentence on the drives of each list of models that the bus can't tell; the first model is taken."""
+    addresses: dict[tuple[tuple[str, ...], bool], list[str]] = {}
     for drive in drives:
-        if drive.fits_partly:
-            output.print_note("scan.assumed_partly", address=drive.address, models="/".join(drive.models))
-        elif drive.doubtful:
-            first, *others = drive.models
-            output.print_note("scan.assumed", address=drive.address, model=first, others=", ".join(others))
+        if drive.doubtful:
+            addresses.setdefault((drive.models, drive.fits_partly), []).append(str(drive.address))
+    return [_assumed_text(output.join(alike, "items"), *key) for key, alike in addresses.items()]
+
+
+def _assumed_text(address: str, models: tuple[str, ...], fits_partly: bool) -> str:
+    if fits_partly:
+        return output.text("scan.assumed_partly", address=address, models="/".join(models))
+    return output.text("scan.assumed", address=address, model=models[0], others=", ".join(models[1:]))
+
+
+def note_look_alikes(drives: list[DetectedDrive]) -> None:
+    """Print the table of a scan on standard error for the drives whose model the bus can't tell."""
+    if doubtful := [drive for drive in drives if drive.doubtful]:
+        click.echo(_scan_table(doubtful, sys.stderr), err=True)
 
 
 # --- output -------------------------------------------------------------------------------------------------------
@@ -269,7 +281,7 @@ def _note(drive: DetectedDrive) -> str:
     return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))
 
 
-def _scan_table(found: list[DetectedDrive]) -> str:
+def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
     if not found:
         return output.text("scan.nothing")
     head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
@@ -283,7 +295,7 @@ def _scan_table(found: list[DetectedDrive]) -> str:
         ]
         for drive in found
     ]
-    return output.fitted_table(head, rows)
+    return output.fitted_table(head, rows, stream)
 
 
 def duration_params(passes: list[ScanPass]) -> dict[str, str]:

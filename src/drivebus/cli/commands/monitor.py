@@ -10,7 +10,14 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.drive_command import RemoteCommand, reject_local_options
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.scanning import ScanRequest, note_assumed_models, print_scan_plan, search, select_alike
+from drivebus.cli.scanning import (
+    ScanRequest,
+    assumed_models_texts,
+    note_look_alikes,
+    print_scan_plan,
+    search,
+    select_alike,
+)
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -102,6 +109,7 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
 
     stations: Stations
     baud, format = chosen.baud, chosen.format
+    notes: list[str] = []
     if chosen.model is not None and chosen.addresses is not None:
         profile = profiles.load(chosen.model)
         stations = [(profile, chosen.encoding, address) for address in chosen.addresses]
@@ -112,13 +120,15 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
             return ExitCode.FAILED
         alike = select_alike(found, _report_left_out)
         if chosen.model is None:
-            note_assumed_models(alike)
+            note_look_alikes(alike)
+            assumed = assumed_models_texts(alike)
+            notes = [*assumed, output.text("monitor.assumed")] if assumed else []
         stations = [(profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address) for drive in alike]
         baud, format = found[0].settings.baud, found[0].settings.format
     port = open_port(chosen.source, stations[0][0], baud, format)
     title = output.text("monitor.title", port=chosen.source, serial=port.settings, count=len(stations))
     with record_port(port, chosen.record) as recorded:
-        return chosen.run_view(BusRowSource(recorded, stations, title))
+        return chosen.run_view(BusRowSource(recorded, stations, title, notes))
 
 
 def _report_left_out(drive: DetectedDrive) -> None:

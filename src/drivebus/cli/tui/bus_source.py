@@ -18,14 +18,21 @@ if TYPE_CHECKING:
 class BusRowSource:
     """Row source of a port whose drives (profile, encoding, address) are known."""
 
-    def __init__(self, port: Port, stations: Sequence[tuple[DriveProfile, str | None, int]], title: str) -> None:
+    def __init__(
+        self,
+        port: Port,
+        stations: Sequence[tuple[DriveProfile, str | None, int]],
+        title: str,
+        notes: Sequence[str] = (),
+    ) -> None:
+        """``notes``: messages on the drives, such as models that are assumed."""
         self.title = title
         self._port = port
         self._stations = stations
         self._bus: Bus | None = None
         self._drives: list[PolledDrive] = []
         self._was_open = True
-        self._messages = [output.text("monitor.comm_loss")]
+        self._messages = [output.text("monitor.comm_loss"), *notes]
 
     async def start(self) -> None:
         """Open the port and start the polls. Raises PortUnavailable."""
