@@ -417,7 +417,7 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
 def test_monitor_lists_look_alikes_before_it_goes_on_with_the_first(
     monkeypatch: pytest.MonkeyPatch, as_json: bool
 ) -> None:
-    """One line on standard error named the first model, and the full-screen view hid it."""
+    """A single line on standard error named the first model; the full-screen view hid that line."""
     settings = SerialSettings.parse(9600, "8E1")
 
     async def found(*_: object) -> list[scan.DetectedDrive]:
