@@ -384,6 +384,38 @@ def test_a_write_after_which_the_drive_may_not_be_reached_waits_for_a_confirmati
         assert len(desk.writes()) == 1
 
 
+@pytest.mark.parametrize(
+    ("model", "name", "bus", "other"),
+    [
+        ("vc660", "F00.01", 4.0, 3.0),
+        ("df800", "F1.01", 5.0, 1.0),
+        ("df800", "F1.02", 2.0, 0.0),
+        ("dzb100", "00", 2.0, 0.0),
+        ("dzb100", "01", 3.0, 0.0),
+        ("skf8000", "P0-02", 2.0, 0.0),
+        ("skf8000", "P0-03", 9.0, 0.0),
+        ("c320", "F0.1", 2.0, 0.0),
+    ],
+)
+def test_a_write_that_takes_control_from_the_bus_waits_for_a_confirmation(
+    model: str, name: str, bus: float, other: float
+) -> None:
+    dialect = dialect_for(model)
+    needed = confirmation_needed(dialect, check_write(dialect, name, other))
+    assert needed is not None and needed.key == "drives.confirm_source"
+    assert f"Way back: write {name} = {bus:g}" in needed.text() and f"写 {name} = {bus:g}" in needed.text("zh")
+    assert confirmation_needed(dialect, check_write(dialect, name, bus)) is None
+    assert confirmation_needed(dialect, check_write(dialect, name, f"{int(other):04X}H")) is not None
+
+
+def test_without_the_confirmation_the_source_of_commands_is_not_written() -> None:
+    desk = Desk("df800", FakeModbus(registers={102: 2}))
+    with pytest.raises(ConfirmationRequired):
+        desk.write({"F1.02": 0.0}, save=True)
+    assert not desk.bus.requests
+    assert desk.write({"F1.02": 0.0}, save=True, force=True).succeeded
+
+
 def test_the_present_address_needs_no_confirmation() -> None:
     assert confirmation_needed(dialect_for("df800"), check_write(dialect_for("df800"), "F7.02", 1.0)) is None
 
@@ -415,7 +447,7 @@ def test_values_that_a_manual_names_as_examples_are_no_limit(
     model: str, name: str, value: float, is_described: bool
 ) -> None:
     desk = Desk(model, FakeC320() if model == "c320" else FakeModbus(registers={1: 4, 101: 5, 102: 2}))
-    outcome = desk.write({name: value}, save=model == "df800")
+    outcome = desk.write({name: value}, save=model == "df800", force=True)
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert ("drives.parameter_undescribed" in dict(outcome.notes)) is not is_described
 

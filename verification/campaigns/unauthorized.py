@@ -65,7 +65,7 @@ BODIES: tuple[Any, ...] = (
     {"frequency_hz": 50.0, "arm_token": "x"},
     {"drive": "fan-1"},
     {"how": "stop"},
-    {"values": {"F0.1": 1.0}, "save": True},
+    {"values": {"F0.1": 1.0}, "save": True, "force": True},
     {"maximum_hz": 999.0},
     {"reason": "because"},
     {"text": "[plant]"},

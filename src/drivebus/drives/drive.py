@@ -288,8 +288,9 @@ class Drive:
         """Write parameters to RAM, or with ``save`` to EEPROM; each is read back and named in the outcome's notes.
 
         A value is a number in the parameter's unit, or a text with the raw word in hexadecimal (``0010H``, ``0x10``).
-        ``force``: send also what raises ConfirmationRequired otherwise: a new address, baud rate or format, or an input
-        terminal that may start the motor. A later stop supersedes every write that has not been sent yet.
+        ``force``: send also what raises ConfirmationRequired otherwise: a new address, baud rate or format, an input
+        terminal that may start the motor, or a source of commands other than the bus. A later stop supersedes every
+        write that has not been sent yet.
         """
         operation = parameters.write_values(self._runner.new_command(), values, save, force)
         return raise_for_status(await self._runner.run_command(operation))

@@ -92,10 +92,16 @@ def display_value(parameter: Parameter, value: float | str, number: float) -> fl
 
 
 def confirmation_needed(dialect: Dialect, wanted: ParameterWrite) -> ConfirmationRequired | None:
-    """Return why the user must confirm a write: it may move the motor, or the drive may not be reached after it."""
+    """Return why the user must confirm a write.
+
+    It may move the motor, the drive may not be reached after it, or it no longer obeys the bus.
+    """
     params = {"notation": wanted.parameter.notation, "value": wanted.value}
     if not may_become_unreachable(dialect, wanted):
-        return ConfirmationRequired("drives.confirm_inputs", **params) if may_move(dialect, wanted) else None
+        if may_move(dialect, wanted):
+            return ConfirmationRequired("drives.confirm_inputs", **params)
+        needed = _values_for_the_bus(dialect, wanted)
+        return ConfirmationRequired("drives.confirm_source", **params, needed=needed) if needed is not None else None
     if _role(dialect.profile, wanted.parameter) == "address":
         return ConfirmationRequired("drives.confirm_address", **params, address=wanted.raw, present=dialect.address)
     return ConfirmationRequired("drives.confirm_serial", **params)
@@ -105,6 +111,16 @@ def may_become_unreachable(dialect: Dialect, wanted: ParameterWrite) -> bool:
     """Return whether the drive may reply at another address or with other serial settings after a write."""
     role = _role(dialect.profile, wanted.parameter)
     return role in SERIAL_ROLES or (role == "address" and wanted.raw != dialect.address)
+
+
+def _values_for_the_bus(dialect: Dialect, wanted: ParameterWrite) -> str | None:
+    """Return the values with which the drive obeys the bus, None unless a precondition is written to another one."""
+    parameter = wanted.parameter
+    for precondition in dialect.profile.preconditions:
+        if precondition.notation == parameter.notation and wanted.raw not in precondition.accepted:
+            numbers = [number_of(dialect, parameter, raw) for raw in precondition.accepted]
+            return " / ".join(str(display_value(parameter, one, one)) for one in numbers if one is not None)
+    return None
 
 
 def may_move(dialect: Dialect, wanted: ParameterWrite) -> bool:

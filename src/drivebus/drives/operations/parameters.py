@@ -86,7 +86,7 @@ def write_values(
 ) -> DriveOperation[Outcome]:
     """Write parameters one after the other, up to the first that does not succeed.
 
-    ``force``: the user has confirmed a write that may move the motor or make the drive unreachable.
+    ``force``: the user has confirmed a write that may move the motor, make the drive unreachable or end its control.
     Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
     ConfirmationRequired, EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every
     parameter.
