@@ -34,6 +34,7 @@ TURNING_IN_FAULT = [
     ("powerflex_40", 0x0682, REVERSE),
     ("powerflex_400", 0x068A, FORWARD),
     ("hpvfe", 0x068A, FORWARD),
+    ("optidrive_e3", 0x0303, None),
     ("optidrive_eco", 0x0003, None),
     ("optidrive_p2", 0x0003, None),
     ("cfw500", 0x8500, FORWARD),

@@ -242,6 +242,30 @@ def test_an_unmet_precondition_is_named_before_the_maximum_frequency_is_read() -
     story(tell)
 
 
+def test_an_sl3_that_counts_frequencies_as_a_speed_is_not_started() -> None:
+    """With 00-08 other than 0 the word of the frequency has one decimal: ten times the speed."""
+
+    async def tell() -> None:
+        async with simulated_drive("shihlin_sl3") as (drive, station):
+            station.keypad_set(10008, 3600)
+            with pytest.raises(PreflightError, match="00-08"):
+                await drive.run(5.0)
+            assert station.setpoint_word == station.command == 0
+
+    story(tell)
+
+
+def test_a_goodrive_20_shows_its_ramp_times() -> None:
+    async def tell() -> None:
+        async with simulated_drive("gd20") as (drive, _):
+            await drive.preflight()
+            assert drive.acceleration_s == 2.0
+            shown = await drive.read(["P00.11", "P00.12"])
+            assert [one.value for one in shown.values()] == [2.0, 2.0]
+
+    story(tell)
+
+
 @pytest.mark.parametrize("raw", [0, 4, 0xFFFF])
 def test_a_status_value_that_no_manual_lists_is_no_state(raw: int) -> None:
     dialect: Any = create_dialect(profiles.load("skf8000"), 3)

@@ -418,3 +418,19 @@ def test_no_reading_or_fault_of_an_included_model_stands_without_its_source(name
     named |= {signal.name: signal.evidence for signal in profile.signals.values()}
     for what, evidence in named.items():
         assert evidence is not None and evidence.kind != "user", what
+
+
+@pytest.mark.parametrize("model", profiles.models())
+def test_a_measured_value_is_not_read_as_a_fault_number(model: str) -> None:
+    """Regression: 2110 is the fault of a Vacon 10 and the DC link voltage of a Vacon 20, shown as fault 540."""
+    profile = profiles.load(model)
+    measured = {signal.locator[1]: name for name, signal in profile.signals.items() if signal.unit}
+    faults = profile.status.fault_registers if profile.status else ()
+    assert not {measured[register] for register in faults if register in measured}
+
+
+@pytest.mark.parametrize("model", [name for name in profiles.models() if "P00.11" in profiles.load(name).parameters])
+def test_a_goodrive_whose_manual_gives_the_ramp_times_reads_them_before_a_run(model: str) -> None:
+    profile = profiles.load(model)
+    sister_only = {"gd100", "galt_g200"}  # their manuals were not read: a rejected read would say nothing
+    assert profile.ramp_notations == (None if model in sister_only else ("P00.11", "P00.12"))
