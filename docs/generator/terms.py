@@ -11,7 +11,7 @@ from drivebus.profiles.model import Evidence
 from drivebus.values import Text
 
 PHRASES: dict[str, str] = json.loads((Path(__file__).parent / "phrases.zh.json").read_text(encoding="utf-8"))
-"""English sentences of vectors and evidence → Chinese."""
+"""English sentences of vectors → Chinese."""
 BITS = {
     "start": Text("start", "启动"),
     "stop": Text("stop as the drive is set to", "按停机方式停机"),
@@ -169,15 +169,15 @@ def localized(text: Text, language: str) -> str:
 def evidence(found: Evidence, language: str) -> str:
     """Return the kind of evidence and its source."""
     kind = localized(EVIDENCE_KINDS[found.kind], language)
-    if not found.source:
+    source = localized(found.source, language)
+    if not source:
         return kind
-    mark = "" if found.source.startswith("§") else (":" if language == "en" else "：")
-    blank = "" if mark == "：" else " "
-    return f"{kind}{mark}{blank}{phrase(found.source, language)}"
+    mark = " " if source.startswith("§") else colon(language)
+    return f"{kind}{mark}{source}"
 
 
 def phrase(sentence: str, language: str) -> str:
-    """Return a sentence of a vector or of evidence; a source without a Chinese phrase is cited as it is."""
+    """Return a sentence of a vector; one without a Chinese phrase is cited as it is."""
     wordless = re.search("[a-z]{2,}", sentence) is None
     return sentence if language == "en" or wordless else PHRASES.get(sentence, sentence)
 

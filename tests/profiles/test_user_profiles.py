@@ -15,7 +15,7 @@ from drivebus.profiles.model import Evidence
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
-from drivebus.values import Quality
+from drivebus.values import Quality, Text
 
 SIZES = 'format = 1\nextends = "vc660"\nmodel = "spindle"\n[group_sizes]\nF00 = 30\nF01 = 20\n'
 MONITOR = """
@@ -107,7 +107,7 @@ evidence = "user: maintenance log"
 def test_cause_and_remedy_of_ones_own_are_in_the_status_and_in_a_decoded_frame(own: Path) -> None:
     path = own / "fan.toml"
     path.write_text(FAULT, encoding="utf-8")
-    assert profiles.load(path).faults[1].evidence == Evidence("user", "maintenance log")
+    assert profiles.load(path).faults[1].evidence == Evidence("user", Text("maintenance log", "maintenance log"))
     frame = bytes.fromhex("2A 30 30 30 32 30 30 30 31 30 30 30 30 30 32 34 33 0D")
     fields = describe_frame(path, frame, direction="response").fields
     assert (fields["fault_cause"].en, fields["fault_remedy"].zh) == ("The filter is clogged.", "更换滤网。")

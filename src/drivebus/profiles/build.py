@@ -9,6 +9,7 @@ from typing import Any, cast
 from drivebus.profiles import model as m
 from drivebus.profiles.check import resolve_locator
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.profiles.evidence import parse_evidence
 from drivebus.profiles.schema import (
     BitIn,
     CommandsIn,
@@ -92,12 +93,6 @@ def _has_assumed_step(parsed: ProfileIn) -> bool:
     """Whether nothing proves the step of the setpoint, and no option of the file or of its family asks for it."""
     asked = {m.SETPOINT_STEP} & parsed.options.keys() or protocol_family(parsed.family).scale_option
     return parsed.setpoint.is_assumed and not asked
-
-
-def parse_evidence(line: str) -> m.Evidence:
-    """Split ``manual §4.2`` into kind and source."""
-    kind, _, source = line.partition(" ")
-    return m.Evidence(cast("Any", kind.rstrip(",:")), source)
 
 
 def _build_scale(parsed: ScaleIn) -> Scale:

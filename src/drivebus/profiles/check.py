@@ -23,6 +23,7 @@ from drivebus.profiles.schema import (
     ProfileIn,
     SignalIn,
     ValueIn,
+    is_assumed,
 )
 from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.protocols.family import Locator, protocol_family
@@ -178,11 +179,11 @@ def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
     if signal not in {"status", *profile.signals}:
         yield issue("needs", ("status", "standstill"), status.standstill, what=f"[signals.{signal}]")
     source = status.standstill_evidence
-    if is_alone and (source is None or source.startswith("assumed")):
+    if is_alone and (source is None or is_assumed(source)):
         yield issue("standstill_evidence", ("status", "standstill"), status.standstill)
     if source is not None and not is_alone:
         path = ("status", "standstill_evidence")
-        yield issue("no_effect_without", path, source, other='standstill = "status_alone"')
+        yield issue("no_effect_without", path, next(iter(source.values())), other='standstill = "status_alone"')
 
 
 def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:

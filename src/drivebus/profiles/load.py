@@ -37,6 +37,8 @@ from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, 
 from drivebus.protocols.family import protocol_families
 
 DATA_DIRECTORY = Path(__file__).parent / "data"
+EVIDENCE_KEYS = ("evidence", "standstill_evidence")
+"""Keys whose table of languages is one source: half of it may not stem from an extended file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,11 +244,14 @@ def _inherit_scale(table: Any) -> Any:
 
 
 def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge tables key by key; other values, lists too, are replaced."""
+    """Merge tables key by key; other values, lists and evidence too, are replaced."""
     merged = dict(base)
     for key, value in top.items():
         below = merged.get(key)
-        merged[key] = _merge(below, value) if isinstance(value, Mapping) and isinstance(below, Mapping) else value
+        if isinstance(value, Mapping) and isinstance(below, Mapping) and key not in EVIDENCE_KEYS:
+            merged[key] = _merge(below, value)
+        else:
+            merged[key] = value
     return merged
 
 

@@ -21,7 +21,7 @@ class Evidence:
     """Origin of a fact."""
 
     kind: Literal["manual", "computed", "sister", "program", "assumed", "user", "measured"]
-    source: str
+    source: Text = Text("", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Signal:
     minimum: float | None = None
     maximum: float | None = None
     """Plausible range: a reading outside it is uncertain."""
-    evidence: Evidence = Evidence("assumed", "")
+    evidence: Evidence = Evidence("assumed")
     uncertain: str | None = None
     """i18n key of the reason why every reading is at best uncertain, as when the scale is not published."""
 
@@ -74,7 +74,7 @@ class Parameter:
     caveat: str | None = None
     factory: float | None = None
     """The factory setting as a value, not as a raw word."""
-    evidence: Evidence = Evidence("assumed", "")
+    evidence: Evidence = Evidence("assumed")
     readable: bool = True
     """False for a write-only register (VC660 2002H ..., DF800 2000H)."""
     listed: bool = True

@@ -6,7 +6,8 @@ preconditions by notation, faults by code, caveats by id), so that ``extends`` i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
@@ -119,9 +120,7 @@ LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-
 Sentence = Annotated[str, StringConstraints(min_length=1)]
 MAX_GAP_S = 0.25  # far below the 1 s after which a bus counts as never silent: a longer gap would never be found
 MAX_WAIT_S = 1.0  # ten times the slowest of the included models, at 0.1 s
-EvidenceLine = Annotated[
-    str, StringConstraints(pattern=r"^(manual|computed|sister|program|assumed|user|measured)([,:]? \S.*)?$")
-]
+EVIDENCE_PATTERN = r"^(manual|computed|sister|program|assumed|user|measured)([,:]? \S.*)?$"
 """Kind of evidence, then its location."""
 
 
@@ -140,6 +139,31 @@ def table_of_text(text: Any) -> Any:
 
 LocalizedText = Annotated[dict[LanguageCode, Sentence], BeforeValidator(table_of_text)]
 """Text by language. A plain string, or a table of one language, serves for all."""
+
+
+def evidence_kind(line: str) -> str:
+    """Return the kind with which a line of evidence begins, or "" where it begins with none."""
+    match = re.match(EVIDENCE_PATTERN, line)
+    return match[1] if match else ""
+
+
+def is_assumed(evidence: Mapping[str, str]) -> bool:
+    """Whether evidence names no source."""
+    return all(evidence_kind(line) == "assumed" for line in evidence.values())
+
+
+def _table_of_evidence(evidence: Any) -> Any:
+    """Return evidence as a table of languages. Raises PydanticKnownError unless all its lines begin with one kind."""
+    table = table_of_text(evidence)
+    if isinstance(table, dict) and all(isinstance(line, str) for line in table.values()):
+        kinds = {evidence_kind(line) for line in table.values()}
+        if len(kinds) > 1 or "" in kinds:
+            raise PydanticKnownError("string_pattern_mismatch", {"pattern": EVIDENCE_PATTERN})
+    return table
+
+
+EvidenceLines = Annotated[dict[LanguageCode, Sentence], BeforeValidator(_table_of_evidence)]
+"""Evidence by language, as ``LocalizedText``: each line begins with the same kind."""
 
 
 class ScaleIn(StrictTable):
@@ -176,13 +200,13 @@ class SetpointIn(StrictTable):
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
     words: Literal[1, 2] = 1
     """Registers of the setpoint; two are written in one frame."""
-    evidence: EvidenceLine = "assumed"
+    evidence: EvidenceLines = {"en": "assumed"}
     """An assumed ``factor`` gives the profile the option ``setpoint_step``: a cap holds until it is determined."""
 
     @property
     def is_assumed(self) -> bool:
         """Whether no source gives the scale."""
-        return self.evidence.startswith("assumed")
+        return is_assumed(self.evidence)
 
 
 class ValueIn(ScaleIn):
@@ -196,7 +220,7 @@ class ValueIn(ScaleIn):
     maximum: float | None = None
     scale_published: bool = True
     """False for a raw word without a published step; its readings are uncertain."""
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class SignalIn(ValueIn):
@@ -227,12 +251,12 @@ class FaultIn(StrictTable):
     text: LocalizedText
     cause: LocalizedText | None = None
     remedy: LocalizedText | None = None
-    evidence: EvidenceLine = "user"
+    evidence: EvidenceLines = {"en": "user"}
 
 
 class CaveatIn(StrictTable):
     text: LocalizedText
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class OptionIn(StrictTable):
@@ -315,7 +339,7 @@ class CommandsIn(StrictTable):
     values: dict[CommandValueName, Words] = {}
     """Whole words of a drive whose command word is a number; then there are no ``bits``."""
     variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class StatusIn(StrictTable):
@@ -338,11 +362,11 @@ class StatusIn(StrictTable):
     standstill: Literal["status", "output_frequency", "output_speed", "status_alone"] = "status"
     """What shows that the drive stands: the word, or the signal of this name as well, where the word drops its run bit
     while the drive still ramps down. The signal output_frequency may contradict it, except with status_alone."""
-    standstill_evidence: EvidenceLine | None = None
+    standstill_evidence: EvidenceLines | None = None
     """Source that the signal output_frequency is not 0 at rest, for ``standstill = "status_alone"``."""
     hides_faults: bool = False
     """The source names no register of a fault: a tripped drive is shown in the state that it reports."""
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class ModbusIn(StrictTable):
@@ -360,7 +384,7 @@ class ModbusIn(StrictTable):
     """Registers of a read that the drive answers by exception 03, as it does no other read: its sync probe."""
     sync_block: Annotated[list[Word], Field(min_length=2, max_length=2)] | None = None
     """One of ``blocks``, which function 04 reads too: the sync probe where no two registers can be read at once."""
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class SerialIn(StrictTable):
@@ -368,7 +392,7 @@ class SerialIn(StrictTable):
     format: str
     bauds: Annotated[list[Baud], Field(min_length=1)]
     formats: Annotated[list[str], Field(min_length=1)]
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class TimingIn(StrictTable):
@@ -382,13 +406,13 @@ class TimingIn(StrictTable):
     turnaround_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.1
     max_reply_lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
     tolerate_leading_noise: bool = False
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class LimitsIn(StrictTable):
     minimum_hz: Annotated[float, Field(ge=0)]
     maximum_hz: Annotated[float, Field(gt=0, le=4000)]
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class IdentityIn(StrictTable):
@@ -403,7 +427,7 @@ class IdentityIn(StrictTable):
         Annotated[list[Name], Field(min_length=1)],
     ] = {}
     """Code to the models that report it."""
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class WriteIn(StrictTable):
@@ -413,14 +437,14 @@ class WriteIn(StrictTable):
     """Bit that makes a write go to EEPROM as well, where the plain address writes RAM."""
     ram_address_mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
     """Bits that are 0 in the address that writes RAM only, where the plain address saves: F00AH and 000AH."""
-    evidence: EvidenceLine
+    evidence: EvidenceLines
 
 
 class CommLossIn(StrictTable):
     time: Sentence | None = None
     action: Sentence | None = None
     trips_values: list[Word] = []
-    evidence: EvidenceLine = "assumed"
+    evidence: EvidenceLines = {"en": "assumed"}
 
 
 class NotationIn(StrictTable):

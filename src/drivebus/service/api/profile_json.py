@@ -45,7 +45,7 @@ def profile_json(profile: DriveProfile) -> Json:
 
 
 def _evidence(evidence: Evidence) -> Json:
-    return {"kind": evidence.kind, "source": evidence.source}
+    return {"kind": evidence.kind, "source": evidence.source.en, "text": text_json(evidence.source)}
 
 
 def _signal(signal: Signal) -> Json:

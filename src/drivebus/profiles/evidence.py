@@ -1,0 +1,39 @@
+"""Evidence of a fact: its kind and source, with the page numbers of an English source in the other languages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, cast
+
+from drivebus import i18n
+from drivebus.profiles import model as m
+from drivebus.values import Text
+
+_PAGE = r"(?:[A-Z]-|App)?\d+(?:[.-]\d+)*(?!\w)"
+_LIST = rf"{_PAGE}(?:(?:, | and | to ){_PAGE})*"
+_PAGES = re.compile(rf"(?P<manual>\bmanual )?\b(?:page (?P<page>{_PAGE})|pages (?P<pages>{_LIST}))(?P<colon>: )?")
+
+
+def parse_evidence(lines: Mapping[str, str]) -> m.Evidence:
+    """Split lines such as ``manual §4.2`` by language into kind and source."""
+    parts = {language: line.partition(" ") for language, line in lines.items()}
+    kind = next(iter(parts.values()))[0].rstrip(",:")
+    sources = {language: source for language, (_, _, source) in parts.items()}
+    if "en" in sources:
+        sources = {language: translate_pages(sources["en"], language) for language in i18n.LANGUAGES} | sources
+    return m.Evidence(cast("Any", kind), Text.from_mapping(sources))
+
+
+def translate_pages(source: str, language: str) -> str:
+    """Return an English source with its page numbers, such as "manual pages 3 and 4", in another language."""
+    return source if language == "en" else _PAGES.sub(lambda found: _pages(found, language), source)
+
+
+def _pages(found: re.Match[str], language: str) -> str:
+    listed = (found["page"] or found["pages"]).replace(" to ", i18n.text("profiles.pages_to", language))
+    numbers = i18n.join(re.split(", | and ", listed), "items", language)
+    key = "profiles.manual_pages" if found["manual"] else "profiles.pages"
+    return i18n.text(key, language, pages=numbers) + (
+        i18n.text("profiles.pages_colon", language) if found["colon"] else ""
+    )

@@ -1,0 +1,71 @@
+"""Evidence of a profile: one line for all languages, or a table of languages; page numbers need no translation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivebus import profiles
+from drivebus.errors import ProfileError
+from drivebus.profiles.model import Evidence
+from drivebus.values import Text
+
+OWN = 'format = 1\nextends = "c320"\n[faults.1]\ntext = "overload"\nevidence = '
+
+
+def evidence_of(folder: Path, written: str) -> Evidence | None:
+    path = folder / "fan.toml"
+    path.write_text(OWN + written, encoding="utf-8")
+    return profiles.load(path).faults[1].evidence
+
+
+@pytest.mark.parametrize(
+    ("written", "source"),
+    [
+        ('"manual V1000 pages 269, 272 and D-12"', Text("V1000 pages 269, 272 and D-12", "V1000 第 269、272、D-12 页")),
+        ('"manual page 95: 3000H"', Text("page 95: 3000H", "第 95 页：3000H")),
+        ('"manual GD20 manual pages 25 to 31"', Text("GD20 manual pages 25 to 31", "GD20 手册第 25～31 页")),
+        ('"manual 维修记录"', Text("维修记录", "维修记录")),
+        ('"manual"', Text("", "")),
+        ('{ en = "manual page 3: by hand", zh = "manual 第 3 页：手动" }', Text("page 3: by hand", "第 3 页：手动")),
+        (
+            '{ en = "manual page 3", de = "manual Seite 3" }',
+            Text("page 3", "第 3 页", (("de", "Seite 3"),)),
+        ),
+        ('{ zh = "manual page 3" }', Text("page 3", "page 3")),
+    ],
+)
+def test_a_source_is_a_line_or_a_table_of_languages_and_its_pages_need_no_translation(
+    tmp_path: Path, written: str, source: Text
+) -> None:
+    assert evidence_of(tmp_path, written) == Evidence("manual", source)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        '"by hand"',
+        '{ en = "by hand" }',
+        '{ en = "manual page 3", zh = "手册第 3 页" }',
+        '{ en = "manual", zh = "user" }',
+    ],
+)
+def test_a_source_of_two_kinds_or_of_none_is_rejected(tmp_path: Path, written: str) -> None:
+    with pytest.raises(ProfileError) as caught:
+        evidence_of(tmp_path, written)
+    assert caught.value.params["key"] == "faults.1.evidence" and caught.value.params["line"] == 5
+
+
+def test_an_empty_table_is_no_source(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError):
+        evidence_of(tmp_path, "{}")
+
+
+def test_evidence_replaces_that_of_the_extended_file_as_a_whole(tmp_path: Path) -> None:
+    """A Chinese line of the base would stand beside the English line of another source."""
+    base = tmp_path / "base.toml"
+    base.write_text(OWN + '{ en = "manual page 3: by hand", zh = "manual 第 3 页：手动" }', encoding="utf-8")
+    top = tmp_path / "top.toml"
+    top.write_text(f'format = 1\nextends = "{base}"\nfaults.1.evidence = {{ en = "user: log" }}', encoding="utf-8")
+    assert profiles.load(top).faults[1].evidence == Evidence("user", Text("log", "log"))
