@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from drivebus import profiles
+from drivebus import families, profiles
 from drivebus.errors import ProfileError
+from drivebus.profiles.evidence import parse_evidence
+from drivebus.profiles.load import DATA_DIRECTORY
 from drivebus.profiles.model import Evidence
 from drivebus.values import Text
 
+NAME = re.compile(r"\S*[A-Z0-9_./§]\S*")
+"""Title, file, repository, address, number: the same in every language."""
+NAMES_IN_SMALL_LETTERS = {
+    "bbctrl-firmware",
+    "mbmap-library",
+    "ms",
+    "python-modbus-vfd-l",
+    "rpm",
+    "smd",
+    "theisth",
+    "wb-mqtt-serial",
+}
+SHIPPED = sorted([*DATA_DIRECTORY.rglob("*.toml"), *Path(families.__path__[0]).rglob("*.toml")])
+DIGITS = re.compile(r"\d+")
 OWN = 'format = 1\nextends = "c320"\n[faults.1]\ntext = "overload"\nevidence = '
 
 
@@ -69,3 +89,32 @@ def test_evidence_replaces_that_of_the_extended_file_as_a_whole(tmp_path: Path) 
     top = tmp_path / "top.toml"
     top.write_text(f'format = 1\nextends = "{base}"\nfaults.1.evidence = {{ en = "user: log" }}', encoding="utf-8")
     assert profiles.load(top).faults[1].evidence == Evidence("user", Text("log", "log"))
+
+
+def sources(table: dict[str, Any]) -> Iterator[Text]:
+    """Yield the source of every evidence inside a file, as it is shown."""
+    for key, value in table.items():
+        if key.endswith("evidence"):
+            yield parse_evidence(value if isinstance(value, dict) else {"en": value}).source
+        elif isinstance(value, dict):
+            yield from sources(value)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_source_has_no_english_words_in_chinese(path: Path) -> None:
+    for source in sources(tomllib.loads(path.read_text(encoding="utf-8"))):
+        words = set(re.findall("[a-z][a-z'-]+", NAME.sub(" ", source.zh))) - NAMES_IN_SMALL_LETTERS
+        assert not words, source
+        assert not re.search("[一-鿿]", source.en), source
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_the_numbers_of_a_shipped_source_are_the_same_in_both_languages(path: Path) -> None:
+    """A page or register that is changed in one language alone is wrong in the other."""
+    for source in sources(tomllib.loads(path.read_text(encoding="utf-8"))):
+        assert sorted(DIGITS.findall(source.en)) == sorted(DIGITS.findall(source.zh)), source
+
+
+def test_the_sources_of_all_shipped_files_are_compared() -> None:
+    found = [source for path in SHIPPED for source in sources(tomllib.loads(path.read_text(encoding="utf-8")))]
+    assert len(found) > 1000 and sum(source.en != source.zh for source in found) > 800
