@@ -15,6 +15,7 @@ from drivebus.errors import ProfileError
 from drivebus.profiles.evidence import parse_evidence
 from drivebus.profiles.load import DATA_DIRECTORY
 from drivebus.profiles.model import Evidence
+from drivebus.service.api.profile_json import profile_json
 from drivebus.values import Text
 
 NAME = re.compile(r"\S*[A-Z0-9_./§]\S*")
@@ -89,6 +90,13 @@ def test_evidence_replaces_that_of_the_extended_file_as_a_whole(tmp_path: Path) 
     top = tmp_path / "top.toml"
     top.write_text(f'format = 1\nextends = "{base}"\nfaults.1.evidence = {{ en = "user: log" }}', encoding="utf-8")
     assert profiles.load(top).faults[1].evidence == Evidence("user", Text("log", "log"))
+
+
+def test_the_api_gives_a_source_in_each_language_beside_the_english_one() -> None:
+    """A program may go on to read ``source``; the page shows ``text``."""
+    evidence = profile_json(profiles.load("cfw500"))["signals"][0]["evidence"]
+    english, chinese = "MarcuSpade/cfw500_modbus: P0003 in 0.1 A", "MarcuSpade/cfw500_modbus：P0003，单位 0.1 A"
+    assert evidence == {"kind": "program", "source": english, "text": {"en": english, "zh": chinese}}
 
 
 def sources(table: dict[str, Any]) -> Iterator[Text]:
