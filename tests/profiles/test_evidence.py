@@ -47,6 +47,8 @@ def evidence_of(folder: Path, written: str) -> Evidence | None:
         ('"manual V1000 pages 269, 272 and D-12"', Text("V1000 pages 269, 272 and D-12", "V1000 第 269、272、D-12 页")),
         ('"manual page 95: 3000H"', Text("page 95: 3000H", "第 95 页：3000H")),
         ('"manual GD20 manual pages 25 to 31"', Text("GD20 manual pages 25 to 31", "GD20 手册第 25～31 页")),
+        ('"manual pages 13 and 14, 2000H"', Text("pages 13 and 14, 2000H", "第 13、14 页, 2000H")),
+        ('"manual page 16, 3 Hz"', Text("page 16, 3 Hz", "第 16 页, 3 Hz")),
         ('"manual 维修记录"', Text("维修记录", "维修记录")),
         ('"manual"', Text("", "")),
         ('{ en = "manual page 3: by hand", zh = "manual 第 3 页：手动" }', Text("page 3: by hand", "第 3 页：手动")),
