@@ -17,6 +17,19 @@ digits, so that no name is taken for a number.
 """
 
 
+DECIMAL_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+
+
+def parse_decimal(text: str) -> float:
+    """Return a number that a user typed. Raises ValueError for another notation, which ``float`` may read as a number.
+
+    ``float("1_0")`` is ten, where a point or a second digit may have been meant.
+    """
+    if DECIMAL_NUMBER.fullmatch(text) is None:
+        raise ValueError(text)
+    return float(text)
+
+
 def parse_hex_word(text: str) -> int | None:
     """Return the 16-bit word of a hexadecimal notation; None for another notation or above FFFFH."""
     match = HEX_WORD.fullmatch(text)

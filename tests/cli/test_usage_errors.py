@@ -40,6 +40,13 @@ NUMBERS = [
     ("simulate --model c320 --address 1 --ramp 0", "--ramp：收到 0，应为：0.1 到 3600 的数"),
     ("simulate --model c320 --address 1 --seed 1.5", "--seed：收到 1.5，应为：0 到 4294967295 的整数"),
     ("user token plant.toml ann --days 0", "--days：收到 0，应为：1 到 366 的整数"),
+    ("run sim://c320@1 --model c320 --address 1 --frequency 1_0", "--frequency：收到 1_0，应为"),
+    ("run sim://c320@1 --model c320 --address 1 --frequency ２５", "--frequency：收到２５，应为"),
+    ("status sim://c320@1 --model c320 --address 1_0", "--address：收到 1_0，应为"),
+    ("status sim://c320@1 --model c320 --address 1 --baud 9_600", "--baud：收到 9_600，应为"),
+    ("monitor sim://c320@1 --period 1_0", "--period：收到 1_0，应为：0.1 到 86400 的数"),
+    ("simulate --model c320 --address 1 --line-quality loss=0_1", "loss=0_1"),
+    ("status tcp://127.0.0.1:1?timeout=1_0 --model c320 --address 1", "1_0"),
     ("audit list plant.toml --limit viele", "--limit：收到 viele，应为：1 到 100000 的整数"),
 ]
 

@@ -328,7 +328,36 @@ def test_digits_behind_a_zero_are_rejected_with_both_meanings_where_they_are_amb
     assert not desk.bus.requests
 
 
-@pytest.mark.parametrize("value", ["1772H", "FFFFH", "1e", "00AAH"])
+@pytest.mark.parametrize(
+    ("model", "name", "value", "nearest"),
+    [
+        ("c320", "F1.10", "2.5", "0002"),
+        ("c320", "F6.12", 3.6, 4),
+        ("c320", "F0.2", "10.004", 10.0),
+        ("dzb100", "10", "15.04", 15.0),
+    ],
+)
+def test_a_value_between_two_steps_of_its_parameter_is_rejected_and_not_rounded(
+    model: str, name: str, value: float | str, nearest: float | str
+) -> None:
+    """Rounded, 2.5 as the code of a function would choose another function."""
+    with pytest.raises(LimitError) as caught:
+        check_write(dialect_for(model), name, value)
+    assert (caught.value.key, caught.value.params["nearest"]) == ("drives.parameter_step", nearest)
+
+
+def test_a_step_of_a_tenth_takes_what_its_sum_gives() -> None:
+    assert check_write(dialect_for("dzb100"), "10", 0.1 + 0.2).raw == 3
+
+
+@pytest.mark.parametrize("text", ["1_0", "２", "٢", "nan", "inf", "1e", "", "0x1_0"])
+def test_a_text_that_only_python_reads_as_a_number_is_no_value(text: str) -> None:
+    """``float("1_0")`` is ten, where 1.0 may have been meant."""
+    with pytest.raises(ValueError, match=f"^{text}$"):
+        parse_value(text)
+
+
+@pytest.mark.parametrize("value", ["1772H", "FFFFH", "1e", "00AAH", "1_0", "２"])
 def test_a_word_outside_the_range_or_coding_of_its_parameter_is_rejected(value: str) -> None:
     with pytest.raises(LimitError):
         check_write(dialect_for("c320"), {"1772H": "F6.12", "FFFFH": "F6.12"}.get(value, "F1.10"), value)

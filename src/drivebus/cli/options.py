@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from click.shell_completion import CompletionItem
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, Option
+from drivebus.values import parse_decimal
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -43,7 +45,7 @@ def source_argument() -> click.Argument:
 
 def serial_options() -> list[click.Parameter]:
     """Return ``--baud`` and ``--format``."""
-    bauds = click.IntRange(50, 4_000_000)
+    bauds = NumberType(50, 4_000_000)
     return [
         Option(["--baud"], type=CheckedType(bauds, "cli.expect.baud"), metavar="BAUD", example="--baud 19200"),
         Option(["--format"], type=FORMAT, metavar="FORMAT", example="--format 8E1"),
@@ -61,7 +63,7 @@ def encoding_option() -> click.Option:
 
 def drive_options() -> list[click.Parameter]:
     """Return PORT and the options that name one drive on it."""
-    address = CheckedType(click.IntRange(0, 247), "cli.expect.address")
+    address = CheckedType(NumberType(0, 247), "cli.expect.address")
     return [
         port_argument(),
         model_option(),
@@ -113,6 +115,9 @@ def dry_run_option() -> click.Option:
     return Option(["--dry-run"], is_flag=True)
 
 
+WHOLE_NUMBER = re.compile(r"[+-]?[0-9]+", re.ASCII)
+
+
 class CheckedType(_Type):
     """A type of click with the error in the user's language; ``key`` is the text of the expected value."""
 
@@ -139,12 +144,22 @@ class NumberType(_Type):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
-            found = self.number_type(value)
+            found = self._number(value)
         except (ValueError, OverflowError):
             found = None
         if found is None or not self.low <= found <= self.high:
             self.fail(output.text("cli.found_expected", found=value, expected=self._expected()), param, ctx)
         return found
+
+    def _number(self, value: Any) -> float:
+        """Return the number of a text in ASCII digits: ``1_0`` is none. Raises ValueError."""
+        if not isinstance(value, str):
+            return self.number_type(value)
+        if self.number_type is float:
+            return parse_decimal(value)
+        if WHOLE_NUMBER.fullmatch(value) is None:
+            raise ValueError(value)
+        return int(value)
 
     def _expected(self) -> str:
         if self.number_type is int:
@@ -194,7 +209,7 @@ def _parse_address(text: str) -> int:
 
 
 def _parse_frequency(text: str) -> float:
-    value = float(text)
+    value = parse_decimal(text)
     if not 0.0 <= value <= 4000.0:
         raise ValueError(text)
     return value

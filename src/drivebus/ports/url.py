@@ -17,6 +17,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
+from drivebus.values import parse_decimal
 
 DEFAULT_SETTINGS = SerialSettings(9600)  # factory baud rate of all four models, or the first that they offer
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
@@ -221,6 +222,6 @@ def _option_text(value: Any) -> str:
 
 def _float(text: str) -> float | None:
     try:
-        return float(text)
+        return parse_decimal(text)
     except ValueError:
         return None

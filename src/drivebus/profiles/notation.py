@@ -12,7 +12,7 @@ from drivebus.errors import LimitError, ProfileError
 from drivebus.profiles.diagnostics import bilingual_text, nearest_names
 from drivebus.profiles.model import DriveProfile, NotationRule, Parameter, Signal
 from drivebus.protocols.family import Locator, NotationStyle, protocol_family
-from drivebus.values import parse_hex_word
+from drivebus.values import parse_decimal, parse_hex_word
 
 _LEADING_ZERO = re.compile(r"0[0-9]+", re.ASCII)
 _GROUP_AND_ITEM = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
@@ -39,7 +39,7 @@ def parse_value(text: str) -> float | str:
     """
     if parse_hex_word(text) is not None or _LEADING_ZERO.fullmatch(text):
         return text
-    return float(text)
+    return parse_decimal(text)
 
 
 def parse_number(parameter: Parameter, text: str) -> float:
@@ -48,7 +48,7 @@ def parse_number(parameter: Parameter, text: str) -> float:
     ``0010`` means the digits of the keypad where the parameter is coded so; elsewhere it may be ten or the word 0010H.
     """
     try:
-        number = float(text)
+        number = parse_decimal(text)
     except ValueError as error:
         raise LimitError("drives.parameter_word", notation=parameter.notation, value=text) from error
     if _LEADING_ZERO.fullmatch(text) and parameter.scale.coding != "bcd" and int(text, 16) != int(text):

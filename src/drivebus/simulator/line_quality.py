@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivebus.errors import ConfigurationError
+from drivebus.values import parse_decimal
 
 NAMED_QUALITIES = {
     "clean": "",
@@ -92,7 +93,7 @@ def _parse_pairs(text: str) -> dict[str, Any]:
 
 def _parse_number(item: str, text: str, highest: float) -> float:
     try:
-        value = float(text)
+        value = parse_decimal(text)
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= highest:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import click
-
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.extras import require_extra
-from drivebus.cli.options import PERIOD, CheckedType
+from drivebus.cli.options import PERIOD, CheckedType, NumberType
 
 
 def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> ExitCode:
@@ -30,7 +28,7 @@ command = CliCommand(
         Option(["--terminal"], is_flag=True),
         Option(
             ["--port"],
-            type=CheckedType(click.IntRange(1, 65535), "cli.expect.port"),
+            type=CheckedType(NumberType(1, 65535), "cli.expect.port"),
             default=8080,
             metavar="N",
             example="--port 8090",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import click
-
 from drivebus.cli import options
 from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target
@@ -67,7 +65,7 @@ command = drive_command(
         Option(["--force"], is_flag=True, key="help.option.write_force"),
         Option(
             ["--eeprom-writes-per-day"],
-            type=options.CheckedType(click.IntRange(min=0), "cli.expect.whole_number"),
+            type=options.CheckedType(options.NumberType(0, 1_000_000), "cli.expect.whole_number"),
             metavar="N",
             example="--eeprom-writes-per-day 50",
         ),

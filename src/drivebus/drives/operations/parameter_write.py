@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isclose
 
 from drivebus.drives.dialects.base import Dialect
 from drivebus.errors import CapabilityError, ConfirmationRequired, LimitError
@@ -58,6 +59,14 @@ def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWri
         raw = None
     if raw is None or number is None:
         raise LimitError("drives.parameter_word", notation=parameter.notation, value=shown)
+    nearest = number_of(dialect, parameter, raw)
+    if (
+        word is None
+        and nearest is not None
+        and not isclose(nearest, number, abs_tol=10.0 ** -(parameter.scale.decimals + 3))
+    ):
+        nearest_shown = display_value(parameter, nearest, nearest)
+        raise LimitError("drives.parameter_step", notation=parameter.notation, value=shown, nearest=nearest_shown)
     if parameter.choices_complete and not _is_described(parameter, raw):
         known = ", ".join(str(choice) for choice in parameter.choices)
         raise LimitError("drives.parameter_choice", notation=parameter.notation, value=shown, choices=known)
