@@ -72,7 +72,7 @@ def watch(*statuses: DriveStatus | BusError, language: str = "en") -> ExitCode:
     output.parse_global_options(["--lang", language])
     bus: Any = FakeBus()
     drive: Any = FakeDrive(*statuses)
-    return asyncio.run(_watch(bus, drive, ShutdownSignal(), RunWatch(10.0, Direction.FORWARD)))
+    return asyncio.run(_watch(bus, drive, ShutdownSignal(), RunWatch(10.0, Direction.FORWARD, bus.now())))
 
 
 def test_a_trip_is_printed_with_its_code_and_text(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ from drivebus.errors import DrivebusError, NoReply, PortLost
 from drivebus.values import Quality, Reading
 
 FORWARD, REVERSE = Direction.FORWARD, Direction.REVERSE
+STARTED_AT = 99.4
 
 
 def status(
@@ -27,7 +28,7 @@ def remarks(watch: RunWatch, *shown: DriveStatus, period_s: float = 0.5) -> list
 
 
 def test_a_change_of_direction_is_remarked_on_once_and_again_after_it_was_gone() -> None:
-    watch = RunWatch(10.0, FORWARD)
+    watch = RunWatch(10.0, FORWARD, STARTED_AT)
     assert remarks(watch, status(10.0), *[status(10.0, REVERSE)] * 3) == ["run.wrong_direction"]
     assert remarks(watch, status(10.0), status(10.0, REVERSE)) == ["run.wrong_direction"]
     assert remarks(watch, status(10.0, None)) == []
@@ -35,20 +36,20 @@ def test_a_change_of_direction_is_remarked_on_once_and_again_after_it_was_gone()
 
 @pytest.mark.parametrize(("hz", "key"), [(0.0, "run.zero_speed"), (5.0, "run.other_speed"), (20.0, "run.other_speed")])
 def test_a_speed_that_stays_far_from_the_commanded_one_is_remarked_on_once(hz: float, key: str) -> None:
-    assert remarks(RunWatch(10.0, FORWARD), *[status(hz)] * 11) == [key]
-    assert remarks(RunWatch(10.0, FORWARD), *[status(hz)] * 10) == []
-    assert remarks(RunWatch(10.0, FORWARD), *[status(hz)] * 40) == [key]
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(hz)] * 11) == [key]
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(hz)] * 10) == []
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(hz)] * 40) == [key]
 
 
 def test_a_drive_that_accelerates_slowly_or_reaches_its_speed_is_not_remarked_on() -> None:
     slow = [status(0.014 * turn, state=DriveState.ACCELERATING) for turn in range(600)]
-    assert remarks(RunWatch(50.0, FORWARD), *slow) == []
-    assert remarks(RunWatch(10.0, FORWARD), *[status(9.4)] * 40) == []
+    assert remarks(RunWatch(50.0, FORWARD, STARTED_AT), *slow) == []
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(9.4)] * 40) == []
 
 
 def test_a_speed_that_is_not_certain_or_a_drive_that_does_not_run_is_not_remarked_on() -> None:
-    assert remarks(RunWatch(10.0, FORWARD), *[status(1.0, quality=Quality.UNCERTAIN)] * 40) == []
-    assert remarks(RunWatch(10.0, FORWARD), *[status(0.0, None, DriveState.STOPPED)] * 40) == []
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(1.0, quality=Quality.UNCERTAIN)] * 40) == []
+    assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(0.0, None, DriveState.STOPPED)] * 40) == []
 
 
 LOST = PortLost("ports.lost", port="/dev/ttyUSB0", reason="unplugged")
@@ -63,7 +64,7 @@ def outage(watch: RunWatch, *errors: DrivebusError, period_s: float = 0.5) -> li
 
 
 def test_a_lost_port_is_remarked_on_at_once_and_every_ten_seconds() -> None:
-    assert outage(RunWatch(10.0, FORWARD), *[LOST] * 50) == [
+    assert outage(RunWatch(10.0, FORWARD, STARTED_AT), *[LOST] * 50) == [
         (0.0, "run.port_lost"),
         (10.0, "run.port_lost"),
         (20.0, "run.port_lost"),
@@ -72,7 +73,7 @@ def test_a_lost_port_is_remarked_on_at_once_and_every_ten_seconds() -> None:
 
 def test_a_new_reason_is_remarked_on_at_once_and_reasons_that_alternate_are_not() -> None:
     errors = [SILENT, OFFLINE, SILENT, OFFLINE, SILENT, OFFLINE, LOST, LOST]
-    assert outage(RunWatch(10.0, FORWARD), *errors) == [
+    assert outage(RunWatch(10.0, FORWARD, STARTED_AT), *errors) == [
         (0.0, "run.no_reply"),
         (0.5, "run.no_reply"),
         (3.0, "run.port_lost"),
@@ -80,7 +81,7 @@ def test_a_new_reason_is_remarked_on_at_once_and_reasons_that_alternate_are_not(
 
 
 def test_the_remarks_about_an_unknown_state_count_from_the_last_known_one_and_end_with_a_sentence() -> None:
-    watch = RunWatch(10.0, FORWARD)
+    watch = RunWatch(10.0, FORWARD, STARTED_AT)
     assert watch.update(status(10.0), 100.0) == []
     remark = watch.on_failure(SILENT, 101.5)
     assert remark is not None and remark.params["seconds"] == 1.5
@@ -91,8 +92,14 @@ def test_the_remarks_about_an_unknown_state_count_from_the_last_known_one_and_en
     assert outage(watch, SILENT) == [(0.0, "run.no_reply")]
 
 
+def test_an_outage_from_the_first_status_on_counts_from_the_start() -> None:
+    """A duration of 0.0 s would say that a reply has just come."""
+    remark = RunWatch(10.0, FORWARD, STARTED_AT).on_failure(SILENT, 100.0)
+    assert remark is not None and remark.params["seconds"] == 0.6
+
+
 def test_a_status_without_a_state_is_an_outage_except_of_a_drive_that_reports_none() -> None:
     """The service of a remote drive gives a status although its port is lost."""
     for reason, expected in (("drives.port_lost", ["run.no_reply"]), ("drives.no_run_status", [])):
         shown = DriveStatus(state=DriveState.UNKNOWN, reason=reason)
-        assert remarks(RunWatch(10.0, FORWARD), *[shown] * 10) == expected
+        assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[shown] * 10) == expected

@@ -31,8 +31,8 @@ class Remark:
 class Outage:
     """Time in which the state of the drive is not known: remarked on at first, for each new reason and every 10 s."""
 
-    def __init__(self) -> None:
-        self._known_at: float | None = None  # time of the last known state; at first of the first status
+    def __init__(self, known_at: float) -> None:
+        self._known_at = known_at  # time of the last known state; at first of the start's outcome
         self._remarked_at: float | None = None  # None while the state is known
         self._reasons: set[str] = set()
 
@@ -45,7 +45,6 @@ class Outage:
 
     def add(self, key: str, reason: str, why: Text, now: float) -> Remark | None:
         """Note a status that failed for a reason; return the remark that is due."""
-        self._known_at = now if self._known_at is None else self._known_at
         is_known = reason in self._reasons
         self._reasons.add(reason)
         if is_known and self._remarked_at is not None and now - self._remarked_at < OUTAGE_REPEAT_S:
@@ -54,18 +53,18 @@ class Outage:
         return Remark(key, {"why": why, "seconds": self._duration_s(now)})
 
     def _duration_s(self, now: float) -> float:
-        return round(now - (now if self._known_at is None else self._known_at), 1)
+        return round(now - self._known_at, 1)
 
 
 class RunWatch:
     """Watch of a running drive; each difference is remarked on once, and again only after it was gone."""
 
-    def __init__(self, frequency_hz: float, direction: Direction) -> None:
+    def __init__(self, frequency_hz: float, direction: Direction, started_at: float) -> None:
         self._frequency_hz, self._direction = frequency_hz, direction
         self._direction_remarked = self._speed_remarked = False
         self._nearest_hz: float | None = None  # least difference of the speed so far
         self._progress_at = 0.0
-        self._outage = Outage()
+        self._outage = Outage(started_at)
 
     def update(self, status: DriveStatus, now: float) -> list[Remark]:
         """Return what is new to remark on. ``now``: monotonic seconds."""

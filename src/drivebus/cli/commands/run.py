@@ -70,7 +70,7 @@ async def _attached(
     from drivebus.cli.run_watch import RunWatch
     from drivebus.drives.state import Direction
 
-    return await _watch(bus, drive, shutdown, RunWatch(frequency_hz, direction or Direction.FORWARD))
+    return await _watch(bus, drive, shutdown, RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now()))
 
 
 def _direction(reverse: bool) -> Direction | None:
