@@ -25,11 +25,11 @@ export function ArmStart({
   const confirm = useRef(null);
   const note = useId();
   const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
-  const over = armed && left_s <= 0;
+  const isVoid = disabled || (armed !== null && left_s <= 0);
 
   // Focus the text, not the button: a second press of the same key must not start the motor.
   useEffect(() => { if (armed) confirm.current?.focus(); }, [armed]);
-  useEffect(() => { if (disabled || over) setArmed(null); }, [disabled, over]);
+  useEffect(() => { if (armed && isVoid) setArmed(null); }, [armed, isVoid]);
 
   const begin = async () => {
     // Counted from the request: the server counts from its answer, which is later.
@@ -46,7 +46,8 @@ export function ArmStart({
   const cancel = () => { setArmed(null); clear(); };
   const key = (event) => { if (event.key === "Escape") cancel(); };
 
-  if (!armed) {
+  // The effect comes after the screen was drawn: a void start offers no second button until then either.
+  if (!armed || isVoid) {
     return html`<div class="stack"><div class="row"><${Button} kind=${kind} disabled=${disabled} busy=${busy}
       onClick=${begin} data-step="first" aria-describedby=${why ? note : undefined}>${first}<//>
       ${why && html`<span class="hint" id=${note}>${why}</span>`}</div><${ErrorNote} error=${error} /></div>`;
