@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.permissives import unmet_bus_permissives
 from drivebus.simulator.motor import Trip
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting
@@ -180,6 +182,82 @@ def test_the_start_of_a_group_with_a_blocked_drive_is_disabled_with_its_reason(
     stage.call("waiver.grant", drive="fan-3", reason="watched bench")
     expecting()(start).to_be_enabled()
     expecting()(start).to_have_accessible_description("")
+
+
+WATCH_SECOND_STEP = """() => {
+  window.armed = 0;
+  const count = () => { window.armed += document.querySelectorAll("[data-step=second]:enabled").length; };
+  new MutationObserver(count).observe(document.body, { subtree: true, childList: true, attributes: true });
+}"""
+
+
+def test_a_start_that_is_blocked_while_its_first_step_is_answered_has_no_second_step(stage: Stage, visit: Any) -> None:
+    """The second button came enabled, and could be pressed until the screen was drawn again."""
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1")
+    take(page)
+    page.fill(".control .frequency input[inputmode=decimal]", "20")
+    held: list[tuple[Any, Any]] = []
+    page.route("**/arm", lambda route: held.append((route, route.fetch())))
+    page.click("[data-step=first]")
+    while not held:
+        page.wait_for_timeout(20)
+    stage.call("plant.stop")
+    page.locator("#start-blockers").wait_for()
+    page.evaluate(WATCH_SECOND_STEP)
+    ((route, answer),) = held
+    assert answer.status == 200
+    with page.expect_response("**/arm"):
+        route.fulfill(response=answer)
+    page.locator("[data-step=first]:not([aria-busy])").wait_for()
+    page.wait_for_timeout(300)
+    assert page.evaluate("window.armed") == 0
+    assert page.locator("[data-step=second], [data-step=first]:enabled").count() == 0
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_no_frequency_is_offered_to_a_drive_under_a_start_inhibit(stage: Stage, visit: Any, language: str) -> None:
+    """The button was enabled, and the service refused the frequency."""
+    page = visit("#/drive/fan-1", language=language)
+    take(page)
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url))
+    entry, button = page.locator(".control .frequency input[inputmode=decimal]").first, page.locator("[data-do=set]")
+    entry.fill("20")
+    expecting()(button).to_be_enabled()
+    stage.call("plant.stop")
+    expecting()(button).to_be_disabled()
+    reason = i18n.text("drives.start_inhibited", language, station=1)
+    expecting()(button).to_have_accessible_description(re.compile(re.escape(reason)))
+    assert page.locator("#start-blockers", has_text=reason).is_visible()
+    entry.press("Enter")
+    page.click("[data-do=release]")
+    expecting()(button).to_be_enabled()
+    assert not [url for url in sent if url.endswith("set-frequency")]
+
+
+def test_a_group_gets_a_frequency_as_long_as_one_of_its_drives_takes_it(stage: Stage, visit: Any) -> None:
+    page = visit("#/fleet?group=water")
+    page.click(".grouppanel summary")
+    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=2)}')")
+    page.fill(".grouppanel input[inputmode=decimal]", "20")
+    button = page.locator(f".grouppanel .button:has-text('{i18n.text('page.set_frequency', 'en')}')")
+    expecting()(button).to_be_enabled()
+    stage.call("plant.stop")
+    expecting()(button).to_be_disabled()
+    pump = stage.service.plant.drives["pump-1"]
+
+    async def release() -> None:
+        pump.bus.release_start([pump.config.address])
+
+    stage.do(release)
+    expecting()(button).to_be_enabled()
+
+
+def test_the_page_knows_what_refuses_a_frequency_too(scripts: Any) -> None:
+    keys = scripts.evaluate("import('/static/js/parts/frequency.js').then((m) => m.SETPOINT_BLOCKERS)")
+    everything = BusConditions(now=0.0, start_inhibited=True, foreign_master=True, duplicate=True)
+    assert keys == [error.key for error in unmet_bus_permissives(1, everything)]
 
 
 COUNT_TONES = """() => {

@@ -8,7 +8,7 @@ import { idle, may } from "../session.js";
 import { hasControl } from "../control-leases.js";
 import { stop } from "../stops.js";
 import { moment, number, numberOf } from "../format.js";
-import { Frequency, frequencyError } from "../parts/frequency.js";
+import { Frequency, frequencyError, refusesFrequency } from "../parts/frequency.js";
 import { ArmStart, START_OPTIONS } from "../parts/arm-start.js";
 import { mergeSentences } from "../parts/selection.js";
 import { ControlLease } from "./control-lease.js";
@@ -33,6 +33,7 @@ function Motion({ view, disabled }) {
   const [started, setStarted] = useState(null);
   const [isOver, setOver] = useState(false);
   const isWrong = frequencyError(hertz, view) !== null;
+  const cannotSet = disabled || refusesFrequency(view);
   const turning = MOVING_STATES.has(view.state);
   const reversible = view.capabilities.includes("reverse");
   const chosen = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
@@ -46,11 +47,11 @@ function Motion({ view, disabled }) {
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
   const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
-    limits=${view} disabled=${disabled} onEnter=${() => !busy && set()} />
+    limits=${view} disabled=${disabled} onEnter=${() => !busy && !cannotSet && set()} />
     <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${chosen} onChange=${setSelectedDirection}
         options=${directions} disabled=${disabled} />`}
-      <${Button} kind=${turning ? "main" : "plain"} disabled=${disabled || isWrong} busy=${busy} onClick=${set}
-        data-do="set">${t("page.set_frequency")}<//></div>
+      <${Button} kind=${turning ? "main" : "plain"} disabled=${cannotSet || isWrong} busy=${busy} onClick=${set}
+        aria-describedby=${view.start_blockers.length > 0 ? BLOCKERS_ID : undefined} data-do="set">${t("page.set_frequency")}<//></div>
     <${ArmStart} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${(found) => { setStarted(found); setOver(false); }}
       kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.start_blockers.length > 0}
       first=${t("page.run")} second=${t("page.run_now")}>
@@ -75,10 +76,12 @@ function SingleAction({ path, text, note, disabled, name }) {
     <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
 }
 
+const BLOCKERS_ID = "start-blockers";
+
 function StartBlockers({ view }) {
   if (view.start_blockers.length === 0) return null;
-  return html`<${Notice} kind="warning" title=${t("page.blocked")}><ul>${mergeSentences(view.start_blockers.map(
-    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//>`;
+  return html`<div id=${BLOCKERS_ID}><${Notice} kind="warning" title=${t("page.blocked")}><ul>${mergeSentences(view.start_blockers.map(
+    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//></div>`;
 }
 
 /** Who stopped the drive, and how, until it is started again. Its place is reserved: a start moves no button that is held. */

@@ -9,7 +9,7 @@ import { secondsLeft, withdrawRequests } from "../control-requests.js";
 import { isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
-import { Frequency, frequencyError } from "./frequency.js";
+import { Frequency, frequencyError, refusesFrequency } from "./frequency.js";
 import { ArmStart } from "./arm-start.js";
 import { AskForControlButton, ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "./selection.js";
 
@@ -73,6 +73,9 @@ function Controls({ id, views }) {
   const others = views.filter((view) => !hasControl(view)).length;
   const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
   const blocked = views.filter((view) => view.start_blockers.length > 0);
+  const leader = views.find((view) => view.id === group(id).value.leader);
+  // Without its leader's frequency no drive of a group gets one.
+  const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
   const frequency_hz = numberOf(hertz);
   const send = (rest, body) => api.post(path(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
   const set = () => run(() => send("/set-frequency", { frequency_hz }));
@@ -83,9 +86,9 @@ function Controls({ id, views }) {
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
     <${Blocked} views=${blocked} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
-      limits=${limits} onEnter=${() => !off && !busy && set()}
+      limits=${limits} onEnter=${() => !cannotSet && !busy && set()}
         disabled=${!isLive.value} />
-      <${Button} disabled=${off} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
+      <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${ArmStart} disabled=${off || blocked.length > 0}
       why=${blocked.length > 0 && t("page.group_start_blocked", { n: blocked.length, of: views.length })}
       first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")}
