@@ -20,6 +20,7 @@ ALLOWED_NOISE = (
     "403 (Forbidden)",
     "503 (Service Unavailable)",
     "500 (Internal Server Error)",  # a server that ends aborts a request after its timeout
+    "504 (Gateway Timeout)",  # a stop that is not confirmed in its time
     "WebSocket connection",
 )
 """Messages of the browser itself about a lost server, session or answer, which the tests provoke."""

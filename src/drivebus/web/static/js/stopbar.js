@@ -9,9 +9,10 @@ import { route } from "./router.js";
 import { may } from "./session.js";
 import { usePublishedHeight } from "./published-height.js";
 import { drive, group, idsOf } from "./store.js";
-import { nameOf, stop, stops } from "./stops.js";
+import { dismissStop, nameOf, shownStops, stop } from "./stops.js";
 import { ReleaseButton } from "./parts/selection.js";
 import { StopAnyway } from "./parts/stop-anyway.js";
+import { Button } from "./ui.js";
 
 const menuOpen = signal(false);
 
@@ -54,17 +55,24 @@ function stopText(entry) {
   if (entry.phase === "sending") return t(isLive.value ? "page.stop_sending" : "page.stop_waiting", { what });
   if (entry.phase === "trying") return t("page.stop_trying", { what });
   const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";
-  return t(key, { what, why: entry.text() });
+  return t(key, { what, why: entry.text(entry.unconfirmed) });
 }
 
-function StopStatus() {
-  const [entry] = stops.value;
-  if (!entry) return html`<p class="stop-status" role="status">${t("page.stop_note")}</p>`;
-  const open = entry.phase === "sending" || entry.phase === "trying" || entry.acknowledged;
-  const kind = open ? "waiting" : entry.good ? "good" : "bad";
-  return html`<p class=${`stop-status ${kind}`} role="alert">${kind === "bad" && html`<${Icon} name="fault" />`}
-    ${kind === "good" && html`<${Icon} name="check" />`}<span><time>${clock(entry.time_ms)}</time> ${stopText(entry)}
-      </span></p>${entry.withheld?.map((id) => html`<${StopAnyway} key=${id} id=${id} how=${entry.how} />`)}`;
+function StopResult({ entry }) {
+  const isUnderWay = entry.phase === "sending" || entry.phase === "trying";
+  const kind = isUnderWay || entry.acknowledged ? "waiting" : entry.good ? "good" : "bad";
+  return html`<div class=${`stop-status ${kind}`}>${kind === "bad" && html`<${Icon} name="fault" />`}
+    ${kind === "good" && html`<${Icon} name="check" />`}<div class="result"><span role="alert"><time>${clock(entry.time_ms)}</time>
+      ${" "}${stopText(entry)}</span>
+      ${entry.withheld?.map((id) => html`<${StopAnyway} key=${id} id=${id} how=${entry.how} />`)}</div>
+    ${!isUnderWay && html`<${Button} kind="quiet" icon="close" onClick=${() => dismissStop(entry.id)} data-do="dismiss-stop"
+      aria-label=${t("page.stop_dismiss")} title=${t("page.stop_dismiss")} />`}</div>`;
+}
+
+function StopResults() {
+  const shown = shownStops();
+  if (shown.length === 0) return html`<p class="stop-status" role="status">${t("page.stop_note")}</p>`;
+  return html`<div class="stop-results">${shown.map((entry) => html`<${StopResult} key=${entry.id} entry=${entry} />`)}</div>`;
 }
 
 export function StopBar() {
@@ -81,5 +89,5 @@ export function StopBar() {
       ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titleOf(view) : id}<//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
       <${StopButton} kind="all">${t("page.stop_scope_all_held")}<//>
-    </div>${may("operate") && html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`}<${StopStatus} /></footer>`;
+    </div>${may("operate") && html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`}<${StopResults} /></footer>`;
 }

@@ -1,10 +1,10 @@
 // Stops: by REST alone, so that they work without a live connection. No lease, no second step, no dialog. The outcome
 // of each is shown.
-import { batch, signal } from "./lib.js";
+import { batch, effect, signal } from "./lib.js";
 import { api } from "./api.js";
 import { loadSession } from "./session.js";
 import { localized, t, titleOf } from "./i18n.js";
-import { drive, group, nowMs } from "./store.js";
+import { drive, group, idsOf, nowMs, serviceNow } from "./store.js";
 import { listed } from "./parts/selection.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
@@ -12,10 +12,15 @@ const STOP_TIMEOUT_MS = 120_000;
 /** Retry window of a stop while the server cannot be reached: a stop of minutes ago is no longer expected. */
 const RETRY_WINDOW_MS = 30_000;
 const RETRY_PAUSE_MS = 700;
-const MAX_ENTRIES = 5;
+/** A read this long after the answer is not one that the stop itself had: the service's clock is known to a message's delay. */
+const CONFIRM_AFTER_MS = 1000;
+/** States in which the output of a drive is off. */
+export const OFF_STATES = ["stopped", "emergency_stopped", "fault", "not_ready"];
 
-/** Newest first: {id, what, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(), time_ms,
- * withheld}. `withheld`: the drives to which nothing was sent because they did not answer as their model. */
+/** Newest first: {id, what, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(unconfirmed),
+ * time_ms, unconfirmed, acknowledgedDrives, withheld, answered_ms}. `unconfirmed`: the drives whose stop is not confirmed;
+ * `withheld`: those to which nothing was sent because they did not answer as their model. An older stop stays in the list
+ * until it is confirmed, dismissed, or sent again. */
 export const stops = signal([]);
 let count = 0;
 
@@ -31,6 +36,21 @@ export function nameOf({ kind, id }) {
   return found ? titleOf(found) : id;
 }
 
+/** Does a new stop replace the result of an older one? It stops at least the same drives. */
+function covers(newer, older) {
+  if (newer.kind === "all" || (newer.kind === older.kind && newer.id === older.id)) return true;
+  return newer.kind === "group" && older.kind === "drive" && (group(newer.id).peek()?.drives.includes(older.id) ?? false);
+}
+
+const isSettled = (entry) => entry.phase === "done" && entry.good && !entry.acknowledged;
+
+/** Stops whose result is to be read: the newest, and each older one that is not confirmed. */
+export const shownStops = () => stops.value.filter((entry, n) => n === 0 || !isSettled(entry));
+
+export function dismissStop(id) {
+  stops.value = stops.peek().filter((one, n) => one.id !== id && (n === 0 || !isSettled(one)));
+}
+
 function change(id, fields) {
   stops.value = stops.peek().map((one) => (one.id === id ? { ...one, ...fields } : one));
 }
@@ -40,21 +60,45 @@ function change(id, fields) {
 export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
   const mine = ++count;
   const entry = { id: mine, what: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: Date.now() };
-  stops.value = [entry, ...stops.peek()].slice(0, MAX_ENTRIES);
+  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !covers(entry.what, one.what))];
   const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
-  const result = await sendUntilAnswered(mine, PATHS[kind](id), body);
-  batch(() => change(mine, result));
+  const result = await sendUntilAnswered(mine, entry.what, body);
+  batch(() => change(mine, { ...result, answered_ms: serviceNow() }));
 }
+
+/** Has a read after the answer shown the output off, and is the stop no longer repeated? Reads of a station that does not
+ * answer as its model show nothing. */
+function isConfirmedSince(id, { answered_ms, withheld }) {
+  const view = drive(id).value;
+  return view?.presence === "online" && !view.stop_pending && OFF_STATES.includes(view.state)
+    && view.state_time_ms > answered_ms + CONFIRM_AFTER_MS && !withheld?.includes(id);
+}
+
+function confirmedLater({ acknowledgedDrives = [] }) {
+  const done = { unconfirmed: [], good: true, time_ms: Date.now() };
+  if (acknowledgedDrives.length > 0) return { ...done, ...acknowledgedBy(acknowledgedDrives) };
+  return { ...done, text: () => t("page.stop_confirmed_later") };
+}
+
+// A drive that is confirmed is no longer named; a start of it afterwards does not make its stop unconfirmed again.
+effect(() => {
+  for (const entry of stops.value.filter((one) => one.phase === "done" && one.unconfirmed?.length > 0)) {
+    const left = entry.unconfirmed.filter((id) => !isConfirmedSince(id, entry));
+    if (left.length === 0) change(entry.id, confirmedLater(entry));
+    else if (left.length < entry.unconfirmed.length) change(entry.id, { unconfirmed: left });
+  }
+});
 
 /** No answer, no service process, or the CSRF token of an earlier server process: the stop is repeated. */
 const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
-async function sendUntilAnswered(mine, path, body) {
+async function sendUntilAnswered(mine, what, body) {
+  const path = PATHS[what.kind](what.id);
   const until = nowMs() + RETRY_WINDOW_MS;
   let renewed = false;
   for (;;) {
     try {
-      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }));
+      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }), what);
     } catch (error) {
       // Another tab logged in meanwhile: the request was denied before it had any effect.
       if (error.code === "auth.csrf" && !renewed) {
@@ -62,7 +106,7 @@ async function sendUntilAnswered(mine, path, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!isTransient(error) || nowMs() > until) return failed(error, stops.peek().find((one) => one.id === mine)?.what);
+      if (!isTransient(error) || nowMs() > until) return failed(error, what);
       change(mine, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
       // Another server process may need another CSRF token.
@@ -73,8 +117,10 @@ async function sendUntilAnswered(mine, path, body) {
 
 /** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
 function failed(error, what) {
-  const withheld = what?.kind === "drive" && isWithheld(error) ? [what.id] : [];
-  return { phase: error.outcome ? "done" : "failed", good: false, withheld, text: () => error.sentence ?? String(error) };
+  const named = what.kind === "drive" ? [what.id] : [];
+  const withheld = isWithheld(error) ? named : [];
+  const text = () => error.sentence ?? String(error);
+  return { phase: error.outcome ? "done" : "failed", good: false, unconfirmed: named, withheld, text };
 }
 
 const WITHHELD_KEYS = new Set(["drives.stop_withheld", "drives.stop_withheld_silent"]);
@@ -84,30 +130,41 @@ const isWithheld = (found) => WITHHELD_KEYS.has(found.outcome?.key ?? found.key)
 
 const classOf = (found) => (["confirmed", "acknowledged"].includes(found.status) ? found.status : "unconfirmed");
 
+const countAndNames = (ids) => ({ n: ids.length, names: listed(ids) });
+
+const acknowledgedBy = (ids) => ({ acknowledged: true, text: () => t("page.stop_acknowledged", countAndNames(ids)) });
+
+/** Drives of a bus whose stop failed as a whole; the bus itself where the page knows none. */
+function drivesOfBus(id) {
+  const drives = idsOf("drives").peek().filter((one) => drive(one).peek()?.bus === id);
+  return drives.length > 0 ? drives : [id];
+}
+
 /** Result of a stop from any of the three shapes of an answer: one outcome, outcomes by drive, buses. `good`: no drive
  * is left unconfirmed; `acknowledged`: a drive accepted the stop and cannot report standstill. */
-export function evaluateStop(answer) {
+export function evaluateStop(answer, what) {
   if (answer.outcome) {
     const found = classOf(answer.outcome);
     const text = () => localized(answer.outcome.text);
-    return { phase: "done", good: found !== "unconfirmed", acknowledged: found === "acknowledged", text };
+    const unconfirmed = found === "unconfirmed" && what?.kind === "drive" ? [what.id] : [];
+    return { phase: "done", good: found !== "unconfirmed", acknowledged: found === "acknowledged", unconfirmed, text };
   }
   const drives = { confirmed: new Set(), acknowledged: new Set(), unconfirmed: new Set() };
   for (const [id, one] of Object.entries(answer.outcomes ?? {})) drives[classOf(one)].add(id);
   for (const [id, bus] of Object.entries(answer.buses ?? {})) {
     for (const one of bus.unconfirmed ?? []) drives.unconfirmed.add(one);
-    if (!bus.confirmed && !bus.unconfirmed?.length && !bus.acknowledged?.length) drives.unconfirmed.add(id);
+    if (!bus.confirmed && !bus.unconfirmed?.length && !bus.acknowledged?.length) {
+      for (const one of drivesOfBus(id)) drives.unconfirmed.add(one);
+    }
   }
-  const { acknowledged, unconfirmed } = drives;
-  const named = (ids) => ({ n: ids.size, names: listed([...ids]) });
-  if (unconfirmed.size > 0) {
+  const unconfirmed = [...drives.unconfirmed];
+  const acknowledgedDrives = [...drives.acknowledged].filter((id) => !drives.unconfirmed.has(id));
+  if (unconfirmed.length > 0) {
     const withheld = Object.entries(answer.outcomes ?? {}).filter(([, one]) => isWithheld(one)).map(([id]) => id);
-    const text = () => t("page.stop_unconfirmed", named(unconfirmed));
-    return { phase: "done", good: false, acknowledged: false, withheld, text };
+    const text = (left = unconfirmed) => t("page.stop_unconfirmed", countAndNames(left));
+    return { phase: "done", good: false, acknowledged: false, unconfirmed, acknowledgedDrives, withheld, text };
   }
-  if (acknowledged.size > 0) {
-    return { phase: "done", good: true, acknowledged: true, text: () => t("page.stop_acknowledged", named(acknowledged)) };
-  }
+  if (acknowledgedDrives.length > 0) return { phase: "done", good: true, ...acknowledgedBy(acknowledgedDrives) };
   const key = drives.confirmed.size > 0 ? "page.stop_all_confirmed" : "page.stop_no_drives";
   return { phase: "done", good: drives.confirmed.size > 0, acknowledged: false, text: () => t(key) };
 }

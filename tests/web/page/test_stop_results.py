@@ -1,0 +1,142 @@
+"""Results of stops in the stop bar: an unconfirmed one stays until reads confirm it, or a person dismisses it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.drives.state import DriveState
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, unplugged
+
+CONFIRMED_MS = 2500
+"""Time in which every drive of the plant is read again after the answer to a stop."""
+
+
+def word(key: str, language: str = "en", **params: Any) -> str:
+    return i18n.text(key, language, **params)
+
+
+def answer_stop(page: Any, path: str, answer: Any, status: int = 200) -> None:
+    """Answer the stops of a path in place of the service."""
+    page.route(f"**/api/v1/{path}", lambda route: route.fulfill(status=status, json=answer))
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_unconfirmed_stop_stays_red_until_the_drive_is_read_at_standstill(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """The red text stayed until the next stop, also after the drive had stopped."""
+    page = visit("#/drive/fan-1", language=language)
+    expect, name = expecting(), {"en": "Supply fan", "zh": "送风机"}[language]
+    with unplugged(stage, "fans"):
+        page.click("[data-stop=drive]")
+        expect(page.locator(".stop-status.bad")).to_contain_text(name)
+        page.wait_for_timeout(CONFIRMED_MS)
+        expect(page.locator(".stop-status.bad")).to_contain_text(name)
+    done = word("page.stop_done", language, what=name, why=word("page.stop_confirmed_later", language))
+    expect(page.locator(".stop-status.good")).to_contain_text(done)
+    expect(page.locator(".stop-status")).to_have_count(1)
+
+
+def test_an_unconfirmed_stop_names_what_is_left_until_it_is_dismissed(stage: Stage, visit: Any) -> None:
+    """The next stop, of another drive, replaced it; nothing else took it away."""
+    page = visit("#/drive/pump-1")
+    expect, red = expecting(), page.locator(".stop-status.bad")
+    answer_stop(page, "stop", {"outcomes": {}, "buses": {"fans": {"unconfirmed": ["fan-1", "gone"]}}})
+    page.click("[data-stop=all]")
+    expect(red).to_contain_text(word("page.stop_unconfirmed", n=1, names="gone"))
+    page.click("[data-stop=drive]")
+    expect(page.locator(".stop-status.good")).to_have_count(1)
+    expect(red).to_contain_text("gone")
+    red.locator("[data-do=dismiss-stop]").click()
+    expect(page.locator(".stop-status")).to_have_class("stop-status good")
+    page.click("[data-do=dismiss-stop]")
+    expect(page.locator(".stop-status")).to_have_text(word("page.stop_note"))
+
+
+OUTCOME = {"status": "failed", "text": {"en": "NOT SENT", "zh": "x"}, "notes": [], "frames": []}
+ERROR = {"code": "x", "kind": "x", "params": {}, "text": {"en": "NOT SENT", "zh": "x"}}
+
+
+@pytest.mark.parametrize(
+    "error", [ERROR | {"outcome": None}, ERROR | {"outcome": OUTCOME | {"key": "drives.stop_withheld"}}]
+)
+def test_a_stop_that_was_not_sent_stays_although_the_drive_stands_still(visit: Any, error: Any) -> None:
+    """Reads of a station that may be another model confirm nothing, and a stop that was not sent did not stop it."""
+    page = visit("#/drive/pump-1")
+    answer_stop(page, "drives/pump-1/stop", {"error": error}, 500)
+    page.click("[data-stop=drive]")
+    page.locator(".stop-status.bad").wait_for()
+    page.wait_for_timeout(CONFIRMED_MS)
+    assert page.locator(".stop-status.bad [data-do=dismiss-stop]").count() == 1
+
+
+STOPPED = {"presence": "online", "stop_pending": False, "state": "stopped", "state_time_ms": 9000}
+STATE_AFTER = """async ([entry, view]) => {
+  const [store, { stops }] = await Promise.all(['store', 'stops'].map((one) => import(`/static/js/${one}.js`)));
+  stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, unconfirmed: ['x'], answered_ms: 5000,
+    text: () => 'because', time_ms: 1, ...entry }];
+  for (const state of [view, { ...view, state: 'running' }]) store.drive('x').value = state;
+  const [{ good, acknowledged, text }] = stops.value;
+  store.drive('x').value = null;
+  stops.value = [];
+  return good ? (acknowledged ? 'acknowledged' : 'confirmed') : text();
+}"""
+
+
+@pytest.mark.parametrize(
+    ("entry", "view", "expected"),
+    [
+        ({}, {}, "confirmed"),
+        ({}, {"state": "fault"}, "confirmed"),
+        ({"acknowledgedDrives": ["y"]}, {}, "acknowledged"),
+        ({}, {"presence": "offline"}, "because"),
+        ({}, {"stop_pending": True}, "because"),
+        ({}, {"state": "decelerating"}, "because"),
+        ({}, {"state": "unknown"}, "because"),
+        ({}, {"state_time_ms": 5900}, "because"),
+        ({}, {"state_time_ms": None}, "because"),
+        ({"withheld": ["x"]}, {}, "because"),
+        ({"phase": "failed"}, {}, "because"),
+        ({"unconfirmed": []}, {}, "because"),
+        ({"unconfirmed": ["x", "y"]}, {}, "because"),
+    ],
+)
+def test_only_a_later_read_of_the_output_off_confirms_a_stop(visit: Any, entry: Any, view: Any, expected: str) -> None:
+    """A start after the confirmation changes no result."""
+    page = visit("#/settings")
+    assert page.evaluate(STATE_AFTER, [entry, STOPPED | view]) == expected
+
+
+def test_the_page_knows_the_states_with_the_output_off(scripts: Any) -> None:
+    states = scripts.evaluate("import('/static/js/stops.js').then((m) => m.OFF_STATES)")
+    assert {*states} == {str(state) for state in DriveState if state.output_off}
+
+
+@pytest.mark.parametrize(
+    ("newer", "older", "left"),
+    [
+        ({"kind": "all", "id": None}, {"kind": "drive", "id": "fan-1"}, []),
+        ({"kind": "drive", "id": "fan-1"}, {"kind": "drive", "id": "fan-1"}, []),
+        ({"kind": "group", "id": "air"}, {"kind": "drive", "id": "fan-1"}, []),
+        ({"kind": "drive", "id": "pump-1"}, {"kind": "drive", "id": "fan-1"}, [1]),
+        ({"kind": "group", "id": "water"}, {"kind": "drive", "id": "fan-1"}, [1]),
+        ({"kind": "drive", "id": "fan-1"}, {"kind": "group", "id": "air"}, [1]),
+        ({"kind": "group", "id": "air"}, {"kind": "all", "id": None}, [1]),
+    ],
+)
+def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(
+    visit: Any, newer: Any, older: Any, left: list[int]
+) -> None:
+    page = visit("#/fleet")
+    page.route("**/stop", lambda route: route.fulfill(status=200, json={"outcomes": {}, "buses": {}}))
+    script = """async ([newer, older]) => {
+      const m = await import('/static/js/stops.js');
+      m.stops.value = [{ id: 1, what: older, phase: 'done', good: false, unconfirmed: [], text: () => '', time_ms: 1 }];
+      m.stop(newer.kind, newer.id);
+      return m.stops.value.slice(1).map(({ id }) => id);
+    }"""
+    assert page.evaluate(script, [newer, older]) == left
