@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.bus import Bus
 from drivebus.drives import Drive, MemoryStore, create_dialect
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, StopMode, reported_fault
@@ -235,6 +235,32 @@ def test_in_a_fault_a_monitor_reply_without_its_item_is_uncertain() -> None:
     assert (reading.value, reading.quality, reading.reason) == (5.0, Quality.UNCERTAIN, "drives.item_not_echoed")
 
 
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        (1, "drives.modbus_exception_1"),
+        (2, "drives.modbus_exception_2"),
+        (3, "drives.modbus_exception_3"),
+        (4, "drives.modbus_exception_4"),
+        (9, "drives.read_refused"),  # the manual has no words for it
+        (None, "drives.read_refused"),  # a shortened rejection
+    ],
+)
+def test_a_rejected_read_has_the_meaning_of_its_exception(code: int | None, reason: str) -> None:
+    dialect: Any = dialect_for("vc660")
+    request = modbus.ReadRegisters(1, 0x3000, 1)
+    assert dialect.decode_readings(request, modbus.ExceptionReply(1, 3, code), 0.0)["state"].reason == reason
+
+
+@pytest.mark.parametrize("code", [6, 7, 8])
+def test_a_rejection_without_a_state_names_its_response_code(code: int) -> None:
+    dialect: Any = dialect_for("c320")
+    reply = sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse(code))
+    state = dialect.decode_readings(sunfar.ReadMonitor(1, 0), reply, 0.0)["state"]
+    assert (state.value, state.reason) == (None, f"drives.sunfar_response_{code}")
+    assert f"({code})" in i18n.text(state.reason) and i18n.text(state.reason, "zh") != i18n.text(state.reason)
+
+
 def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
     dialect = dialect_for("c320")
     reply = sunfar.SunfarReply(
@@ -242,7 +268,7 @@ def test_a_refused_monitor_has_no_value_and_is_never_zero() -> None:
     )
     facts = dialect.decode_readings(sunfar.ReadMonitor(1, 37), reply, 1.0)
     assert facts["last_fault_temperature"].value is None
-    assert facts["last_fault_temperature"].reason == "drives.read_refused"
+    assert facts["last_fault_temperature"].reason == "drives.sunfar_response_4"
     assert "state" in facts
 
 

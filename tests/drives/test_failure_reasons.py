@@ -106,6 +106,23 @@ def test_a_second_reply_during_the_next_request_is_named_and_no_foreign_master(m
     assert_named(errors_of(model, lambda bench: replace_replies(bench, doubled_later)), "bus.second_reply")
 
 
+@pytest.mark.parametrize(("echo", "key"), [("detect", "bus.collision"), ("off", "bus.second_reply")])
+def test_a_doubled_reply_that_passes_for_an_echo_comes_with_the_setting_that_tells_them_apart(
+    echo: str, key: str
+) -> None:
+    """The loop-back of a VC660 is equal to its request, so its doubled reply looks like an echo and a reply."""
+
+    async def scenario() -> DrivebusError:
+        async with SimulatedDrives("vc660", query=f"echo={echo}") as bench:
+            replace_replies(bench, doubled)
+            with pytest.raises(DrivebusError) as caught:
+                await bench.drive().status()
+            return caught.value
+
+    assert_named([run_virtual(scenario())], key)
+    assert all("echo=off" in i18n.text("hint.bus.collision", language) for language in ("en", "zh"))
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_a_reply_from_another_address_is_named_and_starts_stay_refused(model: str) -> None:
     """Another master that asks that address is the other possible cause."""

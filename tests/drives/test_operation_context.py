@@ -118,7 +118,7 @@ def test_a_state_whose_read_is_refused_or_has_reserved_bits_says_so() -> None:
     class RefusingModbus(FakeModbus):
         def __call__(self, request: Any) -> Any:
             refused = isinstance(request, modbus.ReadRegisters) and request.register == 0x3000
-            return modbus.ExceptionReply(1, 2, None) if refused else super().__call__(request)
+            return modbus.ExceptionReply(1, 3, 2) if refused else super().__call__(request)
 
     class RefusingC320(FakeC320):
         def __call__(self, request: Any) -> Any:
@@ -127,9 +127,9 @@ def test_a_state_whose_read_is_refused_or_has_reserved_bits_says_so() -> None:
             return super().__call__(request)
 
     cases = [
-        ("vc660", RefusingModbus(), "drives.read_refused"),
+        ("vc660", RefusingModbus(), "drives.modbus_exception_2"),
         ("vc660", FakeModbus(registers={0x3000: 0x1000}), "drives.reserved_bits"),
-        ("c320", RefusingC320(), "drives.read_refused"),
+        ("c320", RefusingC320(), "drives.sunfar_response_6"),
     ]
     for model, station, reason in cases:
         bus = PureBus(dialect=dialect_for(model), station=station)

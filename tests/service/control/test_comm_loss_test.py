@@ -255,6 +255,25 @@ def test_a_drive_that_only_accelerates_is_not_tested() -> None:
     run(scenario())
 
 
+def test_a_drive_that_stops_while_it_is_polled_ends_the_test_with_this_reason() -> None:
+    """Its time is shorter than the interval of the polls: 2 is 0.2 s where the unit is a tenth of a second."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            set_keypad(kit, STOP, 0.1)
+            await asyncio.sleep(8)
+            begun_at = kit.service.plant.now()
+            await test_drive(kit)
+            why = i18n.text("plant.comm_loss_off_before", "en", drive="fan-1")
+            assert [why in text for text in events(kit)] == [True] and (await comm_loss(kit))["tested"] is None
+            assert kit.service.plant.now() - begun_at < 30.0
+            set_keypad(kit, STOP, 3.0)
+            await test_drive(kit)
+            assert [why in text for text in events(kit)] == [True, False]
+
+    run(scenario())
+
+
 def test_a_test_needs_parameters_that_can_be_read_and_a_model_that_reports_whether_it_runs() -> None:
     async def scenario() -> None:
         saw = DriveConfig(id="saw", bus="c", address=1, model="df800", title=Text("Saw", "锯"))

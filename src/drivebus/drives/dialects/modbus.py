@@ -266,7 +266,7 @@ class ModbusDialect(Dialect):
             return {}
         read = request_span(request)
         if not isinstance(reply, RegisterValues | BitValues):
-            return self._rejected_readings(read)
+            return self._rejected_readings(read, self.read_rejection(reply))
         values = reply_values(request, reply)
         found: dict[str, Reading] = {}
         for locator in values:
@@ -283,15 +283,15 @@ class ModbusDialect(Dialect):
             self._is_model_open = False
         return found
 
-    def _rejected_readings(self, read: Span) -> Readings:
+    def _rejected_readings(self, read: Span, reason: str) -> Readings:
         signals = [one for one in self.profile.signals.values() if read.covers(span_of(one))]
-        found = {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
+        found = {signal.name: missing_reading(reason, signal.unit) for signal in signals}
         if self._status_span is not None and read.covers(self._status_span):
-            found["state"] = missing_reading("drives.read_refused")
+            found["state"] = missing_reading(reason)
         if self.status_map is not None:
             for register, name in zip(self.status_map.fault_registers, self._fault_names, strict=True):
                 if read.covers(Span("holding", register)):
-                    found[name] = missing_reading("drives.read_refused")
+                    found[name] = missing_reading(reason)
         return found
 
     def _status_readings(
