@@ -141,6 +141,19 @@ def test_on_a_phone_the_begin_of_a_long_outcome_of_a_stop_is_in_sight(visit: Any
     assert top >= status.bounding_box()["y"]
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_text_of_a_badge_is_one_line_after_the_other_on_a_phone(stage: Stage, visit: Any, language: str) -> None:
+    """The word *waived* stood in a column of its own beside two broken lines."""
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
+    page = visit("#/drive/fan-1", language=language, size=(360, 740))
+    waived = i18n.text("page.waived", language)
+    assert page.locator(".badge > span").first.inner_text().endswith(f" · {waived}")
+    assert (
+        page.locator(".badge").first.evaluate("(one) => [...one.childNodes].filter((n) => n.textContent.trim()).length")
+        == 1
+    )
+
+
 def settled_buttons(page: Any) -> Any:
     """Return the places of the buttons once the chart below them has drawn its first data."""
     before, after = None, page.evaluate(BUTTONS)

@@ -43,5 +43,5 @@ export function CommLossBadge({ badge }) {
   const kind = badge.tested?.holds ? `tested_${badge.tested.result}` : badge.kind;
   const words = t(`page.comm_loss_${kind}`, { after: badge.after_s ?? "?" });
   return html`<span class=${`badge ${calm ? "calm" : "warn"}`}><${Icon} name=${calm ? "check" : "warning"} size=${16} />
-    ${words}${badge.waiver && html`<span> · ${t("page.waived")}</span>`}</span>`;
+    <span>${words}${badge.waiver && ` · ${t("page.waived")}`}</span></span>`;
 }
