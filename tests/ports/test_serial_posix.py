@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import termios
 from pathlib import Path
@@ -208,41 +207,25 @@ async def test_a_stalled_write_loses_the_port_and_never_blocks(pty: Pty, monkeyp
     await port.close()
 
 
-async def test_a_paused_reader_leaves_bytes_in_the_kernel_until_its_time(pty: Pty) -> None:
+async def test_a_paused_reader_leaves_bytes_in_the_kernel_until_they_are_read(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
     assert isinstance(port, PausableReader)
-    loop = asyncio.get_running_loop()
-    when = loop.time() + 0.3  # also a loaded machine sends five bytes in that time
-    port.pause_until(when)
+    port.pause_reading()
+    port.pause_reading()
     for byte in b"reply":
         pty.send(bytes((byte,)))
         await asyncio.sleep(0.001)
-    await wait_until(lambda: sink.data)
-    assert [data for _, data in sink.chunks] == [b"reply"]
-    assert sink.chunks[0][0] >= when - 0.001
-    pty.send(b"x")
-    await wait_until(lambda: len(sink.chunks) == 2)  # registered again
-    await port.close()
-
-
-async def test_a_pause_without_end_is_ended_by_its_caller(pty: Pty) -> None:
-    sink = FakeReceiver()
-    port = await opened(pty.path, sink)
-    port.pause_until(math.inf)
-    pty.send(b"abc")
     await asyncio.sleep(0.01)
     assert sink.data == b""
-    port.pause_until(0)
-    assert bytes(sink.data) == b"abc"
-    pty.send(b"d")
-    await wait_until(lambda: bytes(sink.data) == b"abcd")  # registered again
-    port.pause_until(math.inf)
-    port.pause_until(0)
-    port.pause_until(math.inf)  # in the same loop iteration: not registered in between
-    pty.send(b"e")
+    port.read_pending()
+    assert [data for _, data in sink.chunks] == [b"reply"]
+    pty.send(b"a")
     await asyncio.sleep(0.01)
-    assert (bytes(sink.data), port._reading) == (b"abcd", False)
+    assert bytes(sink.data) == b"reply"  # still paused
+    port.resume_reading()
+    port.resume_reading()
+    await wait_until(lambda: bytes(sink.data) == b"replya")
     await port.close()
 
 
@@ -250,49 +233,45 @@ async def test_bytes_waiting_in_the_kernel_are_delivered_on_request(pty: Pty) ->
     """The bus reads waiting bytes before it continues, within the same loop iteration."""
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
-    port.pause_until(0)
+    port.read_pending()
     assert sink.data == b""
     pty.send(b"abc")
-    port.pause_until(0)
+    port.read_pending()
     assert bytes(sink.data) == b"abc"
-    port.pause_until(math.inf)
-    port.pause_until(0)  # ends the pause without any byte
-    pty.send(b"d")
-    await wait_until(lambda: bytes(sink.data) == b"abcd")
     await port.close()
 
 
-async def test_a_receiver_that_pauses_again_is_not_registered_with_the_loop(pty: Pty) -> None:
-    """The cheapest way to poll: one read at the computed end of each reply, no epoll change at all."""
-
-    class Again(FakeReceiver):
-        def data_received(self, data: bytes, marks: int = 0) -> None:
-            super().data_received(data, marks)
-            port.pause_until(math.inf)
-
-    sink = Again()
-    port = await opened(pty.path, sink)
-    port.pause_until(math.inf)
-    pty.send(b"a")
-    await asyncio.sleep(0.01)
-    port.pause_until(0)
-    await asyncio.sleep(0.01)
-    assert not port._reading
-    pty.send(b"b")
-    await asyncio.sleep(0.01)
-    assert bytes(sink.data) == b"a"
-    port.pause_until(0)
-    assert bytes(sink.data) == b"ab"
-    await port.close()
-    port.pause_until(0)  # a closed port has nothing to deliver
-
-
-async def test_a_hang_up_during_a_pause_is_detected_when_the_pause_ends(pty: Pty) -> None:
+async def test_a_closed_port_delivers_nothing_and_is_not_read_again(pty: Pty) -> None:
     sink = FakeReceiver()
     port = await opened(pty.path, sink)
-    port.pause_until(asyncio.get_running_loop().time() + 0.02)
+    pty.send(b"a")
+    await port.close()
+    port.read_pending()
+    port.pause_reading()
+    port.resume_reading()
+    await asyncio.sleep(0.01)
+    assert sink.data == b""
+
+
+async def test_a_port_that_was_closed_in_a_pause_is_read_after_the_next_opening(pty: Pty) -> None:
+    sink = FakeReceiver()
+    port = await opened(pty.path, sink)
+    port.pause_reading()
+    await port.close()
+    await port.open(sink)
+    pty.send(b"a")
+    await wait_until(lambda: bytes(sink.data) == b"a")
+    await port.close()
+
+
+async def test_a_hang_up_during_a_pause_is_detected_by_the_next_read(pty: Pty) -> None:
+    sink = FakeReceiver()
+    port = await opened(pty.path, sink)
+    port.pause_reading()
     pty.hang_up()
-    await wait_until(lambda: sink.lost)
+    await asyncio.sleep(0.02)
+    assert not sink.lost
+    port.read_pending()
     assert len(sink.lost) == 1
     await port.close()
 

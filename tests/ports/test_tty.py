@@ -192,9 +192,15 @@ async def test_a_recorded_serial_port_can_still_be_paused(pty: Pty, tmp_path: Pa
     port, sink = RecordingPort(open_port(pty.path), tmp_path / "a.dbcap"), FakeReceiver()
     assert isinstance(port, PausableReader)
     await port.open(sink)
-    port.pause_until(asyncio.get_running_loop().time() + 0.02)
+    port.pause_reading()
     pty.send(b"a")
-    await wait_until(lambda: sink.data)
+    await asyncio.sleep(0.01)
+    assert not sink.data
+    port.read_pending()
+    assert bytes(sink.data) == b"a"
+    pty.send(b"b")
+    port.resume_reading()
+    await wait_until(lambda: bytes(sink.data) == b"ab")
     assert (port.identity, port.url, port.echo, port.notes, port.error) == (
         f"device:{pty.path}",
         pty.path,

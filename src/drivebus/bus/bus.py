@@ -81,7 +81,8 @@ class Bus:
         self._trace_sinks: list[Callable[[TraceEvent], None]] = []
         self._reopening: asyncio.Task[None] | None = None
         self._pausable_port = port if isinstance(port, PausableReader) else None
-        self._resume_reading_at = inf
+        self._read_at = inf
+        """When the reply of the open transaction may be complete; its bytes wait in the kernel until then."""
         self._spins_gaps = self._spinning = False
         self._pauses_reader = False
 
@@ -310,8 +311,7 @@ class Bus:
         """Handle the timer after reading the bytes that the kernel still holds."""
         assert self._clock is not None
         if self._pausable_port is not None:
-            self._resume_reading_at = inf
-            self._pausable_port.pause_until(0.0)
+            self._pausable_port.read_pending()
         now = self._clock()
         if self._timer_at is not None and now >= self._timer_at:
             if self._pausable_port is None and self.core.transaction is not None:
@@ -319,7 +319,7 @@ class Bus:
                 return
             self._perform(self.core.on_timer(now))
         else:
-            self._arm_timer()
+            self._schedule_next()
 
     def _on_timer_after_readers(self) -> None:
         """Serve the timer after the readers that were ready when it fired."""
@@ -336,25 +336,29 @@ class Bus:
         self._spinning = True
         while (when := self._timer_at) is not None and when <= self._clock() + SPIN_THRESHOLD_S:
             timers.busy_wait(self._clock, when)
-            self._pausable_port.pause_until(0.0)
+            self._pausable_port.read_pending()
             if self._timer_at == when:
                 self._perform(self.core.on_timer(self._clock()))
         self._spinning = False
 
-    def _pause_reader(self) -> None:
+    def _pause_or_resume_reader(self) -> None:
         """Leave bytes in the kernel that come too early to complete the reply."""
+        assert self._pausable_port is not None
         transaction = self.core.transaction
-        if transaction is None or self._clock is None:
-            return
-        useful_at = transaction.earliest_useful_at()
-        if useful_at is not None and self._pausable_port is not None and useful_at > self._clock() + MIN_READER_PAUSE_S:
-            self._resume_reading_at = useful_at
-            self._pausable_port.pause_until(inf)
+        self._read_at = inf
+        if transaction is not None and transaction.message is not None:
+            return  # the timer reads whatever follows the reply
+        useful_at = None if transaction is None else transaction.earliest_useful_at()
+        if useful_at is None or self._clock is None or useful_at <= self._clock() + MIN_READER_PAUSE_S:
+            self._pausable_port.resume_reading()
+        else:
+            self._read_at = useful_at
+            self._pausable_port.pause_reading()
 
     def _arm_timer(self) -> None:
         if self._timer is None:
             return
-        when = self._resume_reading_at if self._timer_at is None else min(self._timer_at, self._resume_reading_at)
+        when = self._read_at if self._timer_at is None else min(self._timer_at, self._read_at)
         if when != self._timer.when:
             self._timer.set(None if when == inf else when)
 
@@ -384,7 +388,7 @@ class Bus:
         if self._spins_gaps:
             self._spin_gap()
         elif self._pauses_reader:
-            self._pause_reader()
+            self._pause_or_resume_reader()
         self._arm_timer()
 
     def _send_frames(self, commands: list[CoreCommand]) -> None:

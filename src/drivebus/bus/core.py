@@ -550,6 +550,7 @@ class BusCore:
             station.last_frame = transaction.buffer
             station.unusable_reply = None
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
+            transaction.learn_delay()
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
             elif station.state is not StationState.ONLINE:

@@ -7,6 +7,7 @@ from typing import Any
 
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.bus.station import Station
+from drivebus.bus.usual_delay import UsualDelay
 from drivebus.errors import NotPermitted, ProtocolError
 from drivebus.protocols.codec import Codec, Complete, DecodeResult, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
@@ -151,7 +152,16 @@ class Poll:
 class PreparedPoll(PreparedRequest):
     """A poll made ready for the wire; sent until it is cancelled."""
 
-    __slots__ = ("_last_reply", "_last_result", "cancelled", "due_at", "period_s", "phase_at", "retry_queued")
+    __slots__ = (
+        "_last_reply",
+        "_last_result",
+        "cancelled",
+        "due_at",
+        "period_s",
+        "phase_at",
+        "retry_queued",
+        "usual_delay",
+    )
 
     def __init__(self, poll: Poll, token: Any, station: Station, settings: SerialSettings, phase_at: float) -> None:
         bus_request = BusRequest(
@@ -163,6 +173,7 @@ class PreparedPoll(PreparedRequest):
         self.cancelled = False
         self.retry_queued = False
         """The second attempt waits in the queue: the poll is not due until that is done."""
+        self.usual_delay = UsualDelay()
         self._last_reply = b""
         """Last whole reply, and its message below."""
         self._last_result: Complete | None = None

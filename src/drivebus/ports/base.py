@@ -82,8 +82,19 @@ def drive_options(port: Port, address: int) -> Mapping[str, Any]:
 
 @runtime_checkable
 class PausableReader(Protocol):
-    """A port that can leave received bytes in the kernel for a while."""
+    """A port that can leave received bytes in the kernel: one read for a whole reply, not a wake-up for each byte.
 
-    def pause_until(self, when: float, /) -> None:
-        """Deliver nothing before loop time ``when``; bytes wait in the kernel. ``when`` in the past: deliver now."""
+    A hang-up during a pause is noticed at the next read.
+    """
+
+    def pause_reading(self) -> None:
+        """Deliver bytes no longer as they come. Idempotent."""
+        ...
+
+    def resume_reading(self) -> None:
+        """Deliver bytes as they come again. Idempotent; without effect on a closed port."""
+        ...
+
+    def read_pending(self) -> None:
+        """Deliver the bytes that the kernel holds now, paused or not."""
         ...

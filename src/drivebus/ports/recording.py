@@ -29,7 +29,8 @@ class RecordingPort:
         self._writer: CaptureWriter | None = None
         self._receiver: Receiver | None = None
         if isinstance(port, PausableReader):
-            self.pause_until = port.pause_until
+            self.pause_reading, self.resume_reading = port.pause_reading, port.resume_reading
+            self.read_pending = port.read_pending
 
     def continue_on(self, port: Port) -> RecordingPort:
         """Return a port that continues this capture on another port: a scan's next serial settings."""

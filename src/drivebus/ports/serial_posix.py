@@ -8,7 +8,6 @@ Opening, locking and verifying are in ``tty``, the messages for failures in ``op
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import select
 import sys
@@ -51,8 +50,6 @@ class SerialPort:
         self._mark_decoder: ParityMarkDecoder | None = None
         self._reading = False
         """Whether the descriptor is registered with the loop."""
-        self._paused = False
-        self._timer: asyncio.TimerHandle | None = None
         self._unsent = bytearray()
         self._stall: asyncio.TimerHandle | None = None
         self._closed: asyncio.Future[None] | None = None
@@ -98,27 +95,22 @@ class SerialPort:
             self._loop.add_writer(self._fd, self._writable)
             self._stall = self._loop.call_later(WRITE_STALL_TIMEOUT_S, self._fail, "stalled")
 
-    def pause_until(self, when: float, /) -> None:
-        """Leave bytes in the kernel until loop time ``when`` (inf: until called again), then deliver them.
-
-        One epoll change for a whole reply instead of a wake-up for each of its bytes; none at all where the caller
-        pauses again from within ``data_received``. A hang-up is noticed when the pause ends.
-        """
-        if self._fd < 0:
-            return
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        if when != math.inf and when <= self._loop.time():
-            if self._paused or self._poller.poll(0):
-                self._resume()
-            return
-        self._paused = True
+    def pause_reading(self) -> None:
+        """Leave bytes in the kernel, as ``PausableReader`` says."""
         if self._reading:
             self._reading = False
             self._loop.remove_reader(self._fd)
-        if when != math.inf:
-            self._timer = self._loop.call_at(when, self._resume)
+
+    def resume_reading(self) -> None:
+        """Deliver bytes as they come."""
+        if not self._reading and self._fd >= 0:
+            self._reading = True
+            self._loop.add_reader(self._fd, self._readable)
+
+    def read_pending(self) -> None:
+        """Deliver the bytes that the kernel holds now."""
+        if self._fd >= 0 and self._poller.poll(0):
+            self._readable()
 
     async def close(self) -> None:
         """Release the device; bytes that the kernel has accepted are still sent, all others dropped."""
@@ -137,8 +129,7 @@ class SerialPort:
         self.capabilities, self.notes = descriptor.capabilities, tuple(self._notes(descriptor))
         self._receiver, self._deliver = receiver, receiver.data_received
         self._mark_decoder = ParityMarkDecoder() if descriptor.marks_line_errors else None
-        self._paused = False
-        self._start_reading()
+        self.resume_reading()
 
     def _notes(self, descriptor: SerialDescriptor) -> Iterator[PortNote]:
         if not descriptor.low_latency:
@@ -146,22 +137,6 @@ class SerialPort:
             yield PortNote("ports.note-latency", {"port": self._path, "device": name})
         if self.settings.parity != "N" and not descriptor.capabilities.parity:
             yield PortNote("ports.note-parity", {"port": self._path, "format": self.settings.format})
-
-    def _start_reading(self) -> None:
-        self._reading = True
-        self._loop.add_reader(self._fd, self._readable)
-
-    def _resume(self) -> None:
-        """End a pause: deliver, and read again from the loop's next turn on unless paused again by then."""
-        self._timer = None
-        self._paused = False
-        self._readable()
-        if not self._reading:
-            self._loop.call_soon(self._resume_reading)
-
-    def _resume_reading(self) -> None:
-        if self._fd >= 0 and not self._paused and not self._reading:
-            self._start_reading()
 
     def _readable(self) -> None:
         try:
@@ -212,9 +187,6 @@ class SerialPort:
             return
         self._loop.remove_reader(self._fd)
         self._loop.remove_writer(self._fd)
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
         self._cancel_stall()
         self._unsent.clear()
         self._receiver, self._deliver, self._reading, self._fd = None, _discard, False, -1
