@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, stop
+from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import StopUnconfirmed, Superseded
@@ -163,6 +164,26 @@ def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
     bus.run(stop(operation_for(bus.dialect)))
     times = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
     assert len(times) > 100
+
+
+def test_a_stop_is_repeated_while_the_bus_holds_reads_back() -> None:
+    """The bus holds them for 5 s where a late reply could pass for theirs; both first stops may have been lost."""
+
+    async def scenario() -> list[float]:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.run(SAFE_HZ["c320"])
+            station = bench.bus.core.stations[1]
+            bench.bus.core._mark_suspect(station, bench.bus.now())
+            station.quarantined_until = bench.bus.now() + 5.0
+            stops: list[float] = []
+            bench.bus.trace(lambda event: stops.append(event.time) if b"03000" in event.data[4:] else None)
+            with pytest.raises(StopUnconfirmed):
+                await drive.stop()
+            return [later - at for at, later in pairwise([*stops, bench.bus.now()])]
+
+    intervals = run_virtual(scenario())
+    assert len(intervals) >= 4 and max(intervals) < STOP_RESEND_INTERVAL_S + 0.15
 
 
 def test_a_stop_to_an_offline_drive_is_repeated_and_reported() -> None:

@@ -222,6 +222,7 @@ class BusCore:
         return StationHealth(
             presence=self.presence(address),
             suspect=station.state.is_suspect,
+            reads_wait_until=station.quarantined_until if station.state.is_suspect else 0.0,
             foreign_master=self.unsolicited.has_foreign_master(now),
             duplicate_address=station.has_duplicate_address(now),
             last_reply_at=station.last_reply_at,

@@ -113,6 +113,8 @@ class StationHealth:
     presence: Presence
     suspect: bool
     """A late reply may be on its way: reads wait for a sync probe."""
+    reads_wait_until: float
+    """Monotonic seconds until which no read of a suspect station is sent, and no sync probe; 0.0 for another one."""
     foreign_master: bool
     """Another master sends requests on this bus."""
     duplicate_address: bool

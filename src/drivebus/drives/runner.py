@@ -138,5 +138,6 @@ def bus_conditions(bus: Bus, address: int) -> BusConditions:
         foreign_master=health.foreign_master,
         duplicate=health.duplicate_address,
         error_rate=health.damage_rate,
+        reads_wait_until=health.reads_wait_until,
         failures=health.damaged,
     )

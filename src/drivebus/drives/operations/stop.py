@@ -149,9 +149,17 @@ def _repeat_unverifiable(op: OperationContext, mode: StopMode, answered: bool) -
 def _until_confirmed(
     op: OperationContext, mode: StopMode, last_sent_at: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
-    """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
+    """Read the state and resend the stop until a verified state shows the output off or the deadline is over.
+
+    Where a late reply could pass for that of a read, the bus holds the reads back, for up to 5 s; the stop goes on.
+    """
     while True:
-        yield from op.read_verified_state(allowed_failures=0)
+        conditions = yield from get_bus_conditions()
+        if conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S:
+            op.derived = STATE_NOT_READ
+            yield from wait(max(0.0, last_sent_at + STOP_RESEND_INTERVAL_S - conditions.now))
+        else:
+            yield from op.read_verified_state(allowed_failures=0)
         now = (yield from get_bus_conditions()).now
         if op.derived.state.output_off and _is_stop_confirmed(op):
             return _stopped_outcome(op)
