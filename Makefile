@@ -11,8 +11,10 @@ INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
 # These folders hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
-ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system \
-	tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py
+ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system
+# The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
+DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
+	tests/web/api/test_schemathesis.py
 
 .PHONY: help demo test check docs bench coverage mutation verify structure fuzz lock clean python
 help: ## List what can be made
@@ -25,8 +27,9 @@ test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_R
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest -n auto --dist loadfile tests $(ALONE:%=--ignore %)
-	$(BIN)/python -m pytest $(ALONE)
+	$(BIN)/python -m pytest -n auto --dist loadfile tests $(ALONE:%=--ignore %) $(DOCUMENTED:%=--ignore %)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
+	$(BIN)/python -m pytest $(ALONE) $(DOCUMENTED:%=--ignore %)
 endif
 
 check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only

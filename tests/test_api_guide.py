@@ -11,11 +11,14 @@ from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 
+import pytest
+
 import peers
 from drivebus.cli.demo.host import free_port
 from fixtures.child_process import COMMAND, ENVIRONMENT, lines_until
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how-to" / "use-the-api.md"
+pytestmark = pytest.mark.xdist_group("commands")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PASSWORD = "seven quiet pumps hum"
 BLOCK_TIMEOUT_S = 60.0

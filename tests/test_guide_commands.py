@@ -23,6 +23,7 @@ from fixtures.manual_answers import ANSWERS
 from test_guides import NAMES, PAGES, README, blocks, command_lines
 
 pytest.importorskip("pty")
+pytestmark = pytest.mark.xdist_group("commands")
 
 PORT = "/dev/ttyUSB0"
 PAGES_IN_ENGLISH = [README, *(page for page, name in zip(PAGES, NAMES, strict=True) if ".zh" not in name)]

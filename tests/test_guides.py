@@ -19,6 +19,7 @@ from test_examples import run
 README = Path(__file__).resolve().parents[1] / "README.md"
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = sorted(page for folder in ("tutorials", "how-to", "explanation") for page in (DOCS / folder).glob("*.md"))
+pytestmark = pytest.mark.xdist_group("commands")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NAMES = [f"{page.parent.name}/{page.name}" for page in PAGES]
 

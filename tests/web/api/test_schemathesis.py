@@ -18,6 +18,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.web.operations import WEB_OPERATIONS
 from fixtures.running_service import PASSWORD, RunningService, http_service, token
 
+pytestmark = pytest.mark.xdist_group("api")
 EXAMPLES = os.environ.get("DRIVEBUS_API_EXAMPLES", "2")
 HERE = Path(__file__).parent
 ENDS_ITSELF = ("/logout", "/password", "/session/activity")
