@@ -1,4 +1,4 @@
-"""Every end of an attached run stops the drive: Ctrl-C, a closed terminal, a request to terminate."""
+"""Every end of an attached run stops the drive: Ctrl-C, Ctrl-\\, a closed terminal, a request to terminate."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
     return ("run", plant.url, *DRIVE, "--frequency", "20", "--option", "setpoint_step=0.01", *more)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_a_signal_stops_the_drive_confirms_it_and_exits_with_130(plant: Plant, number: signal.Signals) -> None:
     with running_command(*run_words(plant, "--json")) as process:
         lines_until(process, lambda line: '"event": "status"' in line)

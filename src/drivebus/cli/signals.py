@@ -1,4 +1,4 @@
-"""Signals that end an attached command: Ctrl-C, a closed terminal, a request to terminate."""
+"""Signals that end an attached command: Ctrl-C, Ctrl-\\, a closed terminal, a request to terminate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # SIGHUP: terminal closed; SIGBREAK: the same on Windows
+_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT")
+"""SIGHUP: terminal closed; SIGBREAK: the same on Windows; SIGQUIT: Ctrl-\\, which would end it without a stop."""
 
 
 class ShutdownSignal:
