@@ -232,7 +232,7 @@ CAMPAIGN = Campaign(
         "I4",
         "T04",
     ),
-    full_budget=10**6,
+    full_budget=10**7,
     ci_budget=4000,
     run=run,
 )
