@@ -197,8 +197,8 @@ def test_ctrl_c_during_a_calibration_run_stops_the_drive(monkeypatch: pytest.Mon
     original = signals.shutdown_signals
 
     @contextmanager
-    def recording() -> Iterator[signals.ShutdownSignal]:
-        with original() as found:
+    def recording(**options: Any) -> Iterator[signals.ShutdownSignal]:
+        with original(**options) as found:
             received.append(found)
             yield found
 

@@ -80,7 +80,7 @@ def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
     return ("run", plant.url, *DRIVE, "--frequency", "20", "--option", "setpoint_step=0.01", *more)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP])
 def test_a_signal_stops_the_drive_confirms_it_and_exits_with_130(plant: Plant, number: signal.Signals) -> None:
     with running_command(*run_words(plant, "--json")) as process:
         lines_until(process, lambda line: '"event": "status"' in line)

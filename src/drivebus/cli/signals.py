@@ -1,4 +1,4 @@
-"""Signals that end an attached command: Ctrl-C, Ctrl-\\, a closed terminal, a request to terminate."""
+"""Signals that end an attached command: Ctrl-C, Ctrl-\\, Ctrl-Z, a closed terminal, a request to terminate."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ T = TypeVar("T")
 
 _SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT")
 """SIGHUP: terminal closed; SIGBREAK: the same on Windows; SIGQUIT: Ctrl-\\, which would end it without a stop."""
+_SUSPEND_SIGNAL = "SIGTSTP"
+"""Ctrl-Z, which would suspend the command while its motor turns on unwatched."""
 
 
 class ShutdownSignal:
@@ -59,12 +61,15 @@ class ShutdownSignal:
 
 
 @contextmanager
-def shutdown_signals() -> Iterator[ShutdownSignal]:
-    """Provide a ``ShutdownSignal`` set by the signals of the process; restore the former handlers at the end."""
+def shutdown_signals(*, may_suspend: bool = True) -> Iterator[ShutdownSignal]:
+    """Provide a ``ShutdownSignal`` set by the signals of the process; restore the former handlers at the end.
+
+    ``may_suspend`` False: the command has a motor run, and Ctrl-Z is a request to shut down too.
+    """
     shutdown = ShutdownSignal()
     loop = asyncio.get_running_loop()
     former: dict[int, Any] = {}
-    for name in _SIGNAL_NAMES:
+    for name in _SIGNAL_NAMES if may_suspend else (*_SIGNAL_NAMES, _SUSPEND_SIGNAL):
         number = getattr(signal, name, None)
         if number is None:
             continue

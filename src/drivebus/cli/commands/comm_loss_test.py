@@ -43,7 +43,7 @@ async def _connect_and_test(
         if not yes and not click.confirm(question, default=False, err=True):
             return ExitCode.DONE
         drive = RemoteDrive(client, name, view["address"], profiles.load(view["model"]))
-        with shutdown_signals() as shutdown:
+        with shutdown_signals(may_suspend=False) as shutdown:
             try:
                 started = await drive.test_comm_loss(frequency_hz, silence_s)
                 output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")

@@ -38,7 +38,7 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
 
     if not sys.stdin.isatty():
         raise ConfigurationError("jog.no_terminal")
-    with shutdown_signals() as shutdown:
+    with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             with raw_keyboard() as keys:
                 output.print_message("jog.how")

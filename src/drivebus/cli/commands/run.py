@@ -33,7 +33,7 @@ OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import discard_output, shutdown_signals
 
-    with shutdown_signals() as shutdown:
+    with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             if detach:
                 await _print_comm_loss(drive)
