@@ -21,9 +21,9 @@ from drivebus.testing.virtual_time import run
 def speed_profile(folder: Path) -> DriveProfile:
     """Return a Goodrive as if it took its setpoint in steps of 1 rpm."""
     text = (Path(profiles.load("gd10").source).parent / "_goodrive.toml").read_text(encoding="utf-8")
-    hertz = 'factor = 0.01\ndecimals = 2\nevidence = "manual: 2001H'
+    hertz = "[setpoint]\nfactor = 0.01\ndecimals = 2\n"
     assert hertz in text
-    speed = text.replace(hertz, 'rpm = 1.0\nevidence = "manual: 2001H', 1)
+    speed = text.replace(hertz, "[setpoint]\nrpm = 1.0\n", 1)
     file = folder / "speed.toml"
     head = 'format = 1\nmodel = "speed"\ntitle = { en = "Speed", zh = "转速" }'
     file.write_text(speed.replace("format = 1", head, 1), encoding="utf-8")
