@@ -265,7 +265,7 @@ def test_the_gestures_are_named_below_the_chart_until_they_are_closed(visit: Any
     expecting()(drag).to_be_visible()
     page.click(".gestures summary")
     expecting()(drag).to_be_hidden()
-    page.wait_for_function("() => JSON.stringify(localStorage).includes('gesture_help')")  # stored after the redraw
+    page.wait_for_function("() => localStorage.getItem('drivebus.gesture_help') === 'false'")  # after the redraw
     page.reload()
     page.locator(".gestures summary").wait_for()
     expecting()(drag).to_be_hidden()
