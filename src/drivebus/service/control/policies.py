@@ -8,8 +8,8 @@ from typing import Any
 
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import localized
 from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnClientLost, OnRestart
@@ -17,7 +17,6 @@ from drivebus.service.control.leases import ControlLease
 from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
-from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
@@ -60,7 +59,7 @@ class StopPolicies:
     def _alarm_control_lost(self, runtime: DriveRuntime, **params: str) -> None:
         """Raise the alarm; a drive of which no read shows the motor turning only may be running."""
         key = "alarms.motion.running" if runtime.status().state.turning else "alarms.motion.possible"
-        self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=Text(**localized(key)), **params)
+        self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Apply ``on_restart`` to a drive that is found running, and note a standstill."""

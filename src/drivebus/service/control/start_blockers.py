@@ -16,6 +16,7 @@ from drivebus.errors import (
     ServiceUnavailable,
     WaiverRequired,
 )
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
@@ -72,7 +73,7 @@ def _comm_loss_reason(runtime: DriveRuntime) -> Text:
     record = runtime.comm_loss_record
     if record is None or record.holds_for(runtime.comm_loss_parameters) or runtime.comm_loss_parameters is None:
         return runtime.comm_loss.text
-    return Text(**localized("plant.comm_loss_test_outdated", {"why": runtime.comm_loss.text} | record.message_params))
+    return bilingual_text("plant.comm_loss_test_outdated", **{"why": runtime.comm_loss.text} | record.message_params)
 
 
 def check_test_start(plant: Plant, runtime: DriveRuntime) -> None:

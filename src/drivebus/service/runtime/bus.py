@@ -15,8 +15,8 @@ from drivebus.bus.trace import TraceEvent
 from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile
-from drivebus.service.api.errors import localized
 from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig, title_of
@@ -74,7 +74,7 @@ class BusRuntime:
     def title(self) -> Text:
         """Name of the bus in a sentence: its title, else "bus" and its id, which is the title of a file without one."""
         title, id = title_of(self.config), self.config.id
-        return title if title != Text(id, id) else Text(**localized("plant.bus", {"id": id}))
+        return title if title != Text(id, id) else bilingual_text("plant.bus", id=id)
 
     def stop_bound_s(self) -> float | None:
         """Return the longest time to the last bit of a stop, for the slowest drive of the bus."""

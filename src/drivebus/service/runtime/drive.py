@@ -14,7 +14,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import CommLossReport, complete_status
 from drivebus.drives.store import Store
-from drivebus.service.api.errors import localized
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
@@ -22,7 +22,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossTestView, CommLossView, Sample, StopView
 from drivebus.values import Quality, Reading, Text
 
-COMM_LOSS_NOT_READ = Text(**localized("plant.comm_loss_not_read"))
+COMM_LOSS_NOT_READ = bilingual_text("plant.comm_loss_not_read")
 COMM_LOSS_UNKNOWN = CommLossView(kind="unknown", after_s=None, text=COMM_LOSS_NOT_READ)
 
 
@@ -109,7 +109,7 @@ class DriveRuntime:
         holds = record is not None and record.holds_for(self.comm_loss_parameters)
         if record is not None and holds:
             kind = "runs_on" if record.result is CommLossResult.RUNS_ON else "trips"
-            text = Text(**localized(record.message_key, record.message_params))
+            text = bilingual_text(record.message_key, **record.message_params)
             found = CommLossView(kind=kind, after_s=float(record.after_s), text=text)
         tested = None if record is None else {**record.as_json(), "holds": holds}
         return replace(found, waiver=self.waiver, tested=tested, test=self.comm_loss_test)

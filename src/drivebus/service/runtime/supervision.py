@@ -15,9 +15,10 @@ from drivebus.bus.station import Presence
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
-from drivebus.service.api.errors import localized, os_reason
+from drivebus.service.api.errors import os_reason
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig, title_of
@@ -32,7 +33,6 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
-from drivebus.values import Text
 
 CYCLE_S = 0.25
 STEPS_PER_TURN = 4  # drives without a pause: one or two milliseconds
@@ -225,7 +225,7 @@ class SupervisionCycle:
                 plant.publish_event("presence", None, "plant.bus_open", bus=title)
         elif bus_runtime.has_opened or bus_runtime.problem is not None:
             bus_runtime.reported_open = False
-            reason = bus_runtime.problem or Text(**localized("plant.bus_reopened"))
+            reason = bus_runtime.problem or bilingual_text("plant.bus_reopened")
             plant.raise_alarm(SystemAlarm.PORT_LOST, subject=bus, bus=title, reason=reason)
             if reported_open is not False and bus_runtime.has_opened:
                 plant.publish_event("presence", None, "plant.bus_lost", bus=title)
