@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from drivebus import i18n
 from drivebus.profiles import model as m
+from drivebus.profiles.schema import evidence_kind
 from drivebus.values import Text
 
 _PAGE = r"(?:[A-Z]-|App)?\d+(?:[.-]\d+)*(?!\w)"
@@ -17,9 +18,8 @@ _PAGES = re.compile(rf"(?P<manual>\bmanual )?\b(?:page (?P<page>{_PAGE})|pages (
 
 def parse_evidence(lines: Mapping[str, str]) -> m.Evidence:
     """Split lines such as ``manual §4.2`` by language into kind and source."""
-    parts = {language: line.partition(" ") for language, line in lines.items()}
-    kind = next(iter(parts.values()))[0].rstrip(",:")
-    sources = {language: source for language, (_, _, source) in parts.items()}
+    kind = evidence_kind(next(iter(lines.values())))
+    sources = {language: line.partition(" ")[2] for language, line in lines.items()}
     if "en" in sources:
         sources = {language: translate_pages(sources["en"], language) for language in i18n.LANGUAGES} | sources
     return m.Evidence(cast("Any", kind), Text.from_mapping(sources))
