@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from statistics import median
@@ -62,7 +61,7 @@ def many_buses(seconds: float, count: int, processes: int = 1) -> Figures:
             ThreadPoolExecutor(processes) as threads,
         ):
             parts = [stations.paths[number::processes] for number in range(processes)]
-            clients = list(threads.map(partial(_run_many_buses, name, seconds), parts))
+            clients = list(threads.map(partial(run_client, name, seconds=seconds, baud=MANY_BUSES_BAUD), parts))
         keep = ("utilisation", "smallest_gap", "mean_gap", "short_gaps", "requests")
         total = {
             key: sum(client[key] for client in clients) for key in ("done", "cpu_s", "peak_kib", "wrong", "failed")
@@ -75,7 +74,3 @@ def many_buses(seconds: float, count: int, processes: int = 1) -> Figures:
             "failed": total["failed"],
         }
     return found
-
-
-def _run_many_buses(name: str, seconds: float, paths: Sequence[str]) -> Figures:
-    return run_client(name, paths, seconds, MANY_BUSES_BAUD)

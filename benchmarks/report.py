@@ -39,11 +39,7 @@ def markdown(found: Figures) -> str:
     """Return the report page."""
     cpu, line, dead = found["cpu"], found["line"], found["one_dead"]
     ours, ours_dead = line["drivebus_lines"], dead["drivebus_lines"]
-    tables = (
-        *("line", "line_115200", "one_dead", "late", "busy_thread"),
-        *("lines_64", "lines_128", "lines_128_two_processes"),
-    )
-    wrong = sum(found[table]["drivebus_lines"]["wrong"] for table in tables)
+    wrong = sum(part["drivebus_lines"]["wrong"] for part in found.values() if "drivebus_lines" in part)
     page = REPORT_HEAD.format(commit=found["commit"])
     for way, how in (("lines", "polling"), ("transact", "awaited one by one")):
         ratio = cpu["ratios"]
