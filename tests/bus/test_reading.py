@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
+from copy import copy
 from random import Random
 
 import pytest
@@ -73,41 +74,33 @@ def paused_bus(port: PausablePort, *addresses: int) -> Bus:
     return bus
 
 
-def test_a_reply_is_read_in_parts_at_first_and_then_mostly_at_once() -> None:
-    async def main() -> None:
-        port = PausablePort(wire_to(FakeStation(delay_s=0.005), deliver=byte_by_byte))
-        results: list[BusResult] = []
-        async with paused_bus(port, 1) as bus:
-            bus.start_polling(1, [Poll(read(), 0.1)], results.append)
-            await asyncio.sleep(1.0)
-            reads_at_first = port.read_count / len(results)
+async def poll(period_s: float, *durations_s: float) -> list[tuple[list[BusResult], PausablePort]]:
+    """Poll a station for these seconds one after the other; return the results and the port's counts of each."""
+    port = PausablePort(wire_to(FakeStation(delay_s=0.005), deliver=byte_by_byte))
+    results: list[BusResult] = []
+    found = []
+    async with paused_bus(port, 1) as bus:
+        bus.start_polling(1, [Poll(read(), period_s)], results.append)
+        for duration_s in durations_s:
+            port.read_count = port.resume_count = 0
             results.clear()
-            await asyncio.sleep(9.0)
-            port.read_count = 0
-            results.clear()
-            await asyncio.sleep(20.0)
-        assert len(results) == 200 and all(result.error is None for result in results)
-        assert reads_at_first > 1.5 and port.read_count / len(results) < 1.7
-        ideal = 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S
-        late = [(result.received_at or 0.0) - (result.sent_at or 0.0) - ideal for result in results]
-        assert min(late) > -1e-9 and max(late) < 5 * DELAY_STEP_S
+            await asyncio.sleep(duration_s)
+            found.append((list(results), copy(port)))
+    return found
 
-    run(main())
+
+def test_a_reply_is_read_in_parts_at_first_and_then_mostly_at_once() -> None:
+    (first, first_port), _, (results, port) = run(poll(0.1, 1.0, 9.0, 20.0))
+    assert len(results) == 200 and all(result.error is None for result in results)
+    assert first_port.read_count / len(first) > 1.5 and port.read_count / len(results) < 1.7
+    ideal = 8 * CHARACTER_S + 0.005 + 13 * CHARACTER_S
+    late = [(result.received_at or 0.0) - (result.sent_at or 0.0) - ideal for result in results]
+    assert min(late) > -1e-9 and max(late) < 5 * DELAY_STEP_S
 
 
 def test_a_busy_bus_reads_each_reply_once_and_leaves_the_reader_paused_in_between() -> None:
-    async def main() -> None:
-        port = PausablePort(wire_to(FakeStation(delay_s=0.005), deliver=byte_by_byte))
-        results: list[BusResult] = []
-        async with paused_bus(port, 1) as bus:
-            bus.start_polling(1, [Poll(read(), 0.0)], results.append)
-            await asyncio.sleep(10.0)
-            port.read_count = port.resume_count = 0
-            results.clear()
-            await asyncio.sleep(10.0)
-        assert port.read_count < 1.6 * len(results) and port.resume_count < 0.6 * len(results)
-
-    run(main())
+    _, (results, port) = run(poll(0.0, 10.0, 10.0))
+    assert port.read_count < 1.6 * len(results) and port.resume_count < 0.6 * len(results)
 
 
 def test_a_reply_that_only_the_deadline_finds_in_the_kernel_is_accepted() -> None:

@@ -286,7 +286,7 @@ def test_control_that_was_handed_over_to_a_session_that_is_gone_counts_as_releas
         assert "bob did not use the control that was handed over: no session has control" in events(kit)
         (alarm,) = [alarm for alarm in kit.service.plant.alarms.active() if alarm.kind == "control_lost"]
         text = "Fan 1 runs, and bob did not use the control that was handed over: no session has control"
-        assert (alarm.title.en, alarm.text.en) == ("Control not taken over", text), "nobody lost it"
+        assert (alarm.title.en, alarm.text.en) == ("Control not taken over", text), "control was handed over, not lost"
         assert alarm.text.zh == "风机 1 正在运行，而 bob 未使用移交来的控制权：当前没有会话控制"
 
     played(scenario)
