@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from generator.frame_layouts import layout
-from generator.terms import colon, localized, phrase, table, term
+from generator.terms import colon, evidence_kind, localized, phrase, table, term
 
 SOURCE_WORDS = (
-    ("sister manual", "相关型号手册"),
-    ("manual", "手册"),
+    ("sister manual", evidence_kind("sister", "zh")),
+    ("manual", evidence_kind("manual", "zh")),
     ("CRC computed", "CRC 为计算值"),
     ("LRC computed", "LRC 为计算值"),
-    ("computed", "计算"),
+    ("computed", evidence_kind("computed", "zh")),
     ("as printed", "照印"),
     ("printed at", "印为"),
     ("printed", "印为"),

@@ -316,7 +316,7 @@ def open_questions(profile: DriveProfile, language: str) -> str:
     rows = (
         (
             f"`{q.where or q.name}`" if q.where != "-" else "–",
-            f"`{str(q.value).lower() if isinstance(q.value, bool) else q.value}`",
+            _assumed_value(q, language),
             localized(q.text, language) + _choices(q),
             localized(q.reason, language),
             localized(q.procedure, language),
@@ -326,8 +326,18 @@ def open_questions(profile: DriveProfile, language: str) -> str:
     return table([term(head, language) for head in heads], rows)
 
 
+def _assumed_value(question: OpenQuestion, language: str) -> str:
+    if isinstance(question.value, Text):
+        return localized(question.value, language)
+    return f"`{_as_written(question.value)}`"
+
+
+def _as_written(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
 def _choices(question: OpenQuestion) -> str:
-    choices = [str(c).lower() if isinstance(c, bool) else str(c) for c in question.choices]
+    choices = [_as_written(choice) for choice in question.choices]
     choices += [f"{question.span[0]}–{question.span[1]}"] if question.span else []
     shown = ", ".join(f"`{choice}`" for choice in choices)
     return f" ({shown})" if shown else ""

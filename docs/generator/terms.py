@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from drivebus import i18n
 from drivebus.profiles.model import Evidence
 from drivebus.values import Text
 
@@ -130,15 +131,6 @@ TERMS = {
     "ambiguous": Text("Ambiguous; the manual meant", "有歧义，手册本意为"),
     "fields": Text("Fields", "字段"),
 }
-EVIDENCE_KINDS = {
-    "manual": Text("manual", "手册"),
-    "computed": Text("computed", "计算"),
-    "sister": Text("related model", "相关型号"),
-    "program": Text("program", "程序"),
-    "assumed": Text("assumed", "假定"),
-    "user": Text("user", "用户"),
-    "measured": Text("measured", "实测"),
-}
 GRADES = {
     "draft": Text("draft", "draft（草案）"),
     "simulated": Text("simulated", "simulated（已模拟）"),
@@ -166,9 +158,14 @@ def localized(text: Text, language: str) -> str:
     return chosen
 
 
+def evidence_kind(kind: str, language: str) -> str:
+    """Return the words for a kind of evidence that the page of the service has too."""
+    return i18n.text(f"page.evidence_{kind}", language)
+
+
 def evidence(found: Evidence, language: str) -> str:
     """Return the kind of evidence and its source."""
-    kind = localized(EVIDENCE_KINDS[found.kind], language)
+    kind = evidence_kind(found.kind, language)
     source = localized(found.source, language)
     if not source:
         return kind

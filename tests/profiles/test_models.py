@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -377,6 +378,16 @@ def test_every_open_question_has_default_reason_and_a_way_to_settle_it(model: st
     for question in profile.open_questions:
         assert question.reason.en and question.procedure.en
         assert (question.name in profile.options) == (question.where is None)
+
+
+@pytest.mark.parametrize("model", profiles.models())
+def test_the_words_that_an_open_question_assumes_are_in_both_languages(model: str) -> None:
+    """Regression: Chinese pages of Lenze drives said "refused until unlocked"."""
+    for question in profiles.load(model).open_questions:
+        if isinstance(question.value, Text):
+            assert question.value.en != question.value.zh
+        elif question.where is not None:
+            assert not re.search("[a-z]", str(question.value)), question
 
 
 def parameter_vectors() -> list[tuple[str, dict[str, Any]]]:

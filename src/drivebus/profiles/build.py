@@ -307,7 +307,7 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
     others = (
         m.OpenQuestion(
             name=name,
-            value=question.assumed,
+            value=Text.from_mapping(question.assumed) if isinstance(question.assumed, dict) else question.assumed,
             choices=(),
             text=Text.from_mapping(question.text),
             reason=Text.from_mapping(question.reason),

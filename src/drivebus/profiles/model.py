@@ -391,7 +391,8 @@ class OpenQuestion:
     """Behaviour that the manuals leave open, with the value in force, the reason, and how to determine it."""
 
     name: str
-    value: str | int | float | bool
+    value: str | int | float | bool | Text
+    """Words where the answer is no value of a file."""
     choices: tuple[str | int | float | bool, ...]
     """Allowed values; empty where any value of the same type is allowed."""
     text: Text

@@ -275,7 +275,8 @@ class OptionIn(StrictTable):
 class OpenQuestionIn(StrictTable):
     """Undocumented fact that is no option: its answer belongs to another part of the profile."""
 
-    assumed: OptionValue
+    assumed: OptionValue | dict[LanguageCode, Sentence]
+    """Value as the file writes it, or words by language."""
     where: str
     """Part of the profile that holds the answer, such as ``[timing]``; "-" where none does."""
     text: LocalizedText

@@ -10,7 +10,7 @@ from drivebus.profiles.notation import find_entry
 from drivebus.protocols.family import Locator
 from drivebus.service.live.views import fault_json, text_json
 from drivebus.types import Json
-from drivebus.values import Reading
+from drivebus.values import Reading, Text
 
 
 def profile_json(profile: DriveProfile) -> Json:
@@ -86,7 +86,7 @@ def _caveat(caveat: Caveat) -> Json:
 def _question(question: OpenQuestion) -> Json:
     return {
         "name": question.name,
-        "value": question.value,
+        "value": question.value.en if isinstance(question.value, Text) else question.value,
         "choices": list(question.choices),
         "text": text_json(question.text),
         "reason": text_json(question.reason),
