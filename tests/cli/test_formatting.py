@@ -145,6 +145,30 @@ def test_a_scan_notes_a_device_that_no_model_fits(
     assert (models[0] if models else "noknownmodel") in shown
 
 
+@pytest.mark.parametrize(("language", "note"), [("en", "bytes, but no valid reply"), ("zh", "收到字节但无有效应答")])
+def test_a_scan_says_once_that_addresses_sent_bytes_without_a_valid_reply(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, language: str, note: str
+) -> None:
+    """Regression: a disturbed bus of one address had a row for each encoding and format that was tried."""
+
+    def unreadable(address: int, baud: int, format: str, encoding: str = "rtu") -> DetectedDrive:
+        return DetectedDrive(
+            models=(), setpoint_steps_hz={}, family="modbus", encoding=encoding, address=address, valid_reply=False,
+            settings=SerialSettings.parse(baud, format), exchange=(b"", b""),
+        )  # fmt: skip
+
+    monkeypatch.setattr(output, "language", lambda: language)
+    everywhere = [unreadable(n, 9600, tried) for tried in ("8N1", "8E1") for n in (1, 2, 3, 9)]
+    found = [*everywhere, unreadable(5, 9600, "8N1", "ascii"), unreadable(5, 9600, "8N1"), unreadable(5, 19200, "8N1")]
+    print_scan("x", ScanProgress(total_s=1.0, found=found), None, ExitCode.FAILED)
+    shown = capsys.readouterr().out
+    assert shown.count(note) == 2
+    rows = [line.split() for line in shown.splitlines()]
+    assert [row for row in rows if row[0] == "1-3,9" and "8N1/8E1" in row and "rtu" in row]
+    joined = " ".join(shown.split())
+    assert "9600 8N1" in joined and "19200 8N1" in joined and "ascii" in joined
+
+
 def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be() -> None:
     def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:
         return DetectedDrive(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -196,7 +196,8 @@ class ScanProgressBar(ProgressBar):
     def on_progress(self, progress: ScanProgress) -> None:
         """Show the progress."""
         for drive in progress.found[self._reported :]:
-            self.print_above(output.text("scan.found", **_device_params(drive)))
+            if not drive.unreadable:
+                self.print_above(output.text("scan.found", **_device_params(drive)))
         self._reported = len(progress.found)
         if progress.address is not None:
             where = f"{progress.settings} {progress.kind[0]}/{progress.kind[1]} {progress.address:3d}"
@@ -259,8 +260,6 @@ def _note(drive: DetectedDrive) -> str:
     """Return why the model is in doubt; empty where it is not."""
     if drive.replied_address is not None:
         return output.text("scan.other_address", found=drive.replied_address, address=drive.address)
-    if not drive.valid_reply:
-        return output.text("scan.no_valid_reply")
     if not drive.models:
         return output.text("scan.rejected", family=drive.family)
     if drive.fits_partly:
@@ -294,8 +293,44 @@ def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
             _note(drive),
         ]
         for drive in found
+        if not drive.unreadable
     ]
-    return output.fitted_table(head, rows, stream)
+    return output.fitted_table(head, rows + _unreadable_rows([drive for drive in found if drive.unreadable]), stream)
+
+
+def _unreadable_rows(found: list[DetectedDrive]) -> list[list[str]]:
+    """Return a row for the addresses that sent bytes without a valid reply in the same encodings and settings."""
+    tried: dict[int, list[DetectedDrive]] = {}
+    for drive in found:
+        tried.setdefault(drive.address, []).append(drive)
+    addresses: dict[tuple[str, str], list[int]] = {}
+    for address, drives in sorted(tried.items()):
+        encodings = output.join(dict.fromkeys(drive.encoding for drive in drives), "items")
+        settings = output.join(_formats_by_baud(drive.settings for drive in drives), "items")
+        addresses.setdefault((encodings, settings), []).append(address)
+    return [
+        [_address_ranges(alike), output.text("scan.unknown"), *tried_with, output.text("scan.no_valid_reply")]
+        for tried_with, alike in addresses.items()
+    ]
+
+
+def _address_ranges(addresses: list[int]) -> str:
+    """Return ascending addresses as ``--addresses`` reads them: ``1-3,7``."""
+    ranges: list[list[int]] = []
+    for address in addresses:
+        if ranges and ranges[-1][-1] == address - 1:
+            ranges[-1][1:] = [address]
+        else:
+            ranges.append([address])
+    return ",".join("-".join(map(str, one)) for one in ranges)
+
+
+def _formats_by_baud(settings: Iterable[SerialSettings]) -> list[str]:
+    """Return ``9600 8N1/8E1`` for each baud rate."""
+    formats: dict[int, dict[str, None]] = {}
+    for one in settings:
+        formats.setdefault(one.baud, {})[one.format] = None
+    return [f"{baud} {'/'.join(names)}" for baud, names in formats.items()]
 
 
 def duration_params(passes: list[ScanPass]) -> dict[str, str]:

@@ -56,6 +56,11 @@ class DetectedDrive:
     """The status register answers, but not with a state of these models, or not their other registers."""
 
     @property
+    def unreadable(self) -> bool:
+        """Whether bytes were received, and no valid frame."""
+        return not self.valid_reply and self.replied_address is None
+
+    @property
     def doubtful(self) -> bool:
         """Whether the bus can't tell which model it is."""
         return not self.valid_reply or len(self.models) != 1 or self.fits_partly
