@@ -24,7 +24,7 @@ from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
-from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_columns
+from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cells, drive_columns
 from drivebus.cli.tui.threaded import ThreadedRowSource
 from drivebus.commissioning import scan
 from drivebus.drives import Drive
@@ -413,6 +413,13 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
     assert "Address 9 (vc660) uses another protocol" in result.stderr
 
 
+def test_an_assumed_model_is_marked_in_the_table() -> None:
+    """Regression: only a message before the table said so."""
+    row = DriveRow(key="a", name="c320 1", bus="A", model="c320", address=1)
+    shown = [drive_cells(one, 0.0, drive_columns(80))[0].plain for one in (row, replace(row, is_model_assumed=True))]
+    assert [name.strip() for name in shown] == ["c320 1", "c320? 1"]
+
+
 @pytest.mark.parametrize("as_json", [False, True])
 def test_monitor_lists_look_alikes_before_it_goes_on_with_the_first(
     monkeypatch: pytest.MonkeyPatch, as_json: bool
@@ -438,6 +445,7 @@ def test_monitor_lists_look_alikes_before_it_goes_on_with_the_first(
     assumed = "Address 1: c320 is assumed. The bus can't tell it from e350: see the name plate."
     for sentence in (assumed, output.text("monitor.assumed")):
         assert (json.dumps({"event": sentence}) if as_json else sentence) in result.stdout
+    assert ('"model_assumed": true' if as_json else "  c320? 1 ") in result.stdout
 
 
 def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:

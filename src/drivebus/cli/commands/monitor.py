@@ -110,6 +110,7 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
     stations: Stations
     baud, format = chosen.baud, chosen.format
     notes: list[str] = []
+    assumed: list[int] = []
     if chosen.model is not None and chosen.addresses is not None:
         profile = profiles.load(chosen.model)
         stations = [(profile, chosen.encoding, address) for address in chosen.addresses]
@@ -121,14 +122,14 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
         alike = select_alike(found, _report_left_out)
         if chosen.model is None:
             note_look_alikes(alike)
-            assumed = assumed_models_texts(alike)
-            notes = [*assumed, output.text("monitor.assumed")] if assumed else []
+            assumed = [drive.address for drive in alike if drive.doubtful]
+            notes = [*assumed_models_texts(alike), output.text("monitor.assumed")] if assumed else []
         stations = [(profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address) for drive in alike]
         baud, format = found[0].settings.baud, found[0].settings.format
     port = open_port(chosen.source, stations[0][0], baud, format)
     title = output.text("monitor.title", port=chosen.source, serial=port.settings, count=len(stations))
     with record_port(port, chosen.record) as recorded:
-        return chosen.run_view(BusRowSource(recorded, stations, title, notes))
+        return chosen.run_view(BusRowSource(recorded, stations, title, notes, assumed))
 
 
 def _report_left_out(drive: DetectedDrive) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivebus.cli import output
@@ -24,11 +25,13 @@ class BusRowSource:
         stations: Sequence[tuple[DriveProfile, str | None, int]],
         title: str,
         notes: Sequence[str] = (),
+        assumed: Collection[int] = (),
     ) -> None:
-        """``notes``: messages on the drives, such as models that are assumed."""
+        """``notes``: messages on the drives. ``assumed``: addresses whose model the bus can't tell from others."""
         self.title = title
         self._port = port
         self._stations = stations
+        self._assumed = assumed
         self._bus: Bus | None = None
         self._drives: list[PolledDrive] = []
         self._was_open = True
@@ -54,7 +57,8 @@ class BusRowSource:
         return self._bus.now() if self._bus is not None else 0.0
 
     def drives(self) -> list[DriveRow]:
-        return [drive.row() for drive in self._drives]
+        rows = [drive.row() for drive in self._drives]
+        return [replace(row, is_model_assumed=row.address in self._assumed) for row in rows]
 
     def buses(self) -> list[BusRow]:
         if self._bus is None:

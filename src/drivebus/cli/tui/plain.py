@@ -57,7 +57,7 @@ def _print_all_rows(source: RowSource) -> None:
 def drive_text(row: DriveRow, now: float) -> str:
     """Format one drive as a line of text."""
     values = "  ".join(f"{output.text(f'live.drive.{name}')} {row.cell(name):>6}" for name in COLUMN_SIGNALS)
-    head = f"  {pad(row.name, 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 5)}"
+    head = f"  {pad(row.name_text(), 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 5)}"
     fault = f"  {row.fault_label} {row.fault_text}" if row.fault_label else ""
     return f"{head} {values}  {output.text('live.drive.age')} {row.age_text(now)}{fault}"
 

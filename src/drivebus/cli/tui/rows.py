@@ -40,6 +40,11 @@ class DriveRow:
     oldest_value_at: float | None = None
     commanded_hz: float | None = None
     """Last commanded frequency, shown with a star if the drive reports no set frequency."""
+    is_model_assumed: bool = False
+    """Whether the bus can't tell the model from others; the name then has a question mark behind the model."""
+
+    def name_text(self) -> str:
+        return self.name.replace(self.model, f"{self.model}?", 1) if self.is_model_assumed else self.name
 
     def cell(self, signal: str) -> str:
         """Format a value with the decimals of the drive's keypad; a dash if the drive does not report it."""
@@ -73,6 +78,7 @@ class DriveRow:
             "drive": self.name,
             "bus": self.bus,
             "model": self.model,
+            "model_assumed": self.is_model_assumed,
             "address": self.address,
             "presence": self.presence,
             "state": self.state,

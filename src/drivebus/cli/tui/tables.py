@@ -70,7 +70,7 @@ def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[T
         f"{row.fault_label} {row.fault_text}".strip() if columns["fault"] >= FAULT_TEXT_MIN_CELLS else row.fault_label
     )
     shown = {
-        "name": (row.name, "bold"),
+        "name": (row.name_text(), "bold"),
         "state": (row.state_text(), _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),
         "direction": (row.direction_text(), style),
         "fault": (f" {fault}", "bold red"),
