@@ -157,6 +157,7 @@ def test_an_incident_names_cause_and_remedy_as_the_drive_does(
 ) -> None:
     """The two words stood twice in the catalogue, so that one of the two pages could change alone."""
     trip(stage, "fan-3")
+    fault = stage.view("fan-3")["fault"]
     advice = {name: {"en": f"{name} of the test", "zh": f"试验{name}"} for name in ("cause", "remedy")}
 
     def explained(route: Any) -> None:
@@ -167,10 +168,15 @@ def test_an_incident_names_cause_and_remedy_as_the_drive_does(
 
     page = visit("#/alarms", language=language)
     page.route("**/api/v1/incidents/*", explained)
-    page.locator("a[href*='incidents/']").first.click()
+    row = page.locator(".alarmrow", has_text={"en": "Flue gas fan", "zh": "引风机"}[language]).first
+    row.get_by_role("link", name=i18n.text("page.open_incident", language)).click()
+    box = page.locator(".notice.bad").first
     for name, text in advice.items():
         label = i18n.text(f"page.{name}", language) + i18n.text("page.colon", language)
-        expect(page.locator(".notice.bad").first).to_contain_text(label + text[language])
+        expect(box).to_contain_text(label + text[language])
+    label, text = fault["label"], fault["text"][language]
+    shown = box.inner_text()
+    assert (shown.count(label), shown.count(text.split(label)[-1].strip())) == (1, 1)
 
 
 def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: Any, expect: Any) -> None:

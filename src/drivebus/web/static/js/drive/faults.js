@@ -13,6 +13,12 @@ export function faultText({ label, text }) {
   return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
 }
 
+/** Whether a sentence has a fault's label and its meaning, which the text of some models repeats behind the label. */
+export function namesFault(sentence, { label, text }) {
+  const meaning = label ? localized(text).split(label).pop().trim() : localized(text);
+  return sentence.includes(label ?? "") && sentence.includes(meaning);
+}
+
 /** What to do about a fault: `[name, text]` of its cause and its remedy, where the model's manual has them. */
 export const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.remedy"), fault?.remedy]]
   .filter(([, text]) => text).map(([name, text]) => [name, localized(text)]);

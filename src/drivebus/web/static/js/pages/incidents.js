@@ -8,7 +8,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { styled } from "../style.js";
 import { Button, ErrorNote, Field, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
-import { adviceOf, faultText } from "../drive/faults.js";
+import { adviceOf, faultText, namesFault } from "../drive/faults.js";
 import { IncidentList } from "../parts/incident-list.js";
 import { saveText } from "../parts/save.js";
 import { driveTitle } from "../parts/titles.js";
@@ -51,7 +51,7 @@ function IncidentDetails({ id }) {
 function Trip({ found }) {
   const fault = found.view?.fault;
   return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
-    ${fault && !localized(found.text).includes(localized(fault.text)) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
+    ${fault && !namesFault(localized(found.text), fault) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
     ${adviceOf(fault).map(([name, text]) => html`<p key=${name}><b>${name}</b>${t("page.colon")}${text}</p>`)}<//>`;
 }
 
