@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drivebus import profiles
 from drivebus.errors import ConfigurationError
 from drivebus.ports.url import parse_port_url
 from drivebus.service import config
@@ -270,3 +271,40 @@ def test_a_lower_limit_below_the_models_own_is_rejected(tmp_path: Path) -> None:
         config.loads(text.replace("{ minimum_hz = 10.0", "{ minimum_hz = 9.9"), base=tmp_path)
     found = caught.value.params["complaints"]
     assert [(one.kind, one.expected.en) for one in found] == [("limit_wide", ">= 10 for vc660")]
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("signals = { output_frequency = 500 }", [("drive.fan.signals.output_frequency", "500", "0.5", "1500 s")]),
+        (
+            "signals = { output_frequency = 60.5 }",
+            [("drive.fan.signals.output_frequency", "60.5", "0.0605", "181.5 s")],
+        ),
+        ("min_poll_interval_s = 500", [("drive.fan.min_poll_interval_s", "500", "0.5", "1500 s")]),
+        ("min_poll_interval_s = 60\nsignals = { output_frequency = 60 }", []),
+    ],
+)
+def test_an_interval_in_milliseconds_is_a_warning_with_its_line_and_the_value_in_seconds(
+    keys: str, expected: list[tuple[str, str, str, str]]
+) -> None:
+    """Regression: 500, meant as milliseconds, was accepted silently, and a lost drive looked current for 25 minutes."""
+    found = plant(fan=keys).warnings
+    assert [(one.key, one.found) for one in found] == [(key, value) for key, value, *_ in expected]
+    for one, (key, value, seconds, valid) in zip(found, expected, strict=True):
+        text = one.text("en")
+        assert one.line == HEAD.split("[drive.fan]")[0].count("\n") + 2 and f"plant.toml:{one.line}" in text
+        for part in (key, f"{value} milliseconds", f"write {seconds};", valid, "in seconds, at most 60"):
+            assert part in text
+        assert f"{value} 毫秒" in one.text("zh")
+
+
+def test_a_signal_that_its_model_reads_seldom_may_be_read_as_seldom() -> None:
+    model = next(
+        name for name in profiles.models() if any(s.period_s > 60 for s in profiles.load(name).signals.values())
+    )
+    slow = next(one for one in profiles.load(model).signals.values() if one.period_s > 60)
+    text = HEAD + f'[bus.d]\nlink = "tcp://127.0.0.1:4"\n[drive.slow]\nbus = "d"\naddress = 1\nmodel = "{model}"\n'
+    least = f"signals.{slow.name} = {slow.period_s}\n"
+    assert config.loads(text + least).warnings == ()
+    assert len(config.loads(text + least.replace(str(slow.period_s), str(slow.period_s + 1))).warnings) == 1

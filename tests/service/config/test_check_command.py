@@ -66,6 +66,20 @@ def test_an_adapter_that_holds_bytes_back_is_named_with_its_cost_and_its_remedy(
     assert "/sys/bus/usb-serial/devices/ttyUSB7/latency_timer" in shown and 'ATTR{latency_timer}="1"' in shown
 
 
+@pytest.mark.parametrize(("language", "word"), [("en", "Warning: "), ("zh", "警告：")])
+def test_an_interval_that_may_be_milliseconds_is_a_warning_of_a_valid_plant(
+    plant: Path, language: str, word: str
+) -> None:
+    plant.write_text(PLANT.replace("output_frequency = 0.5", "output_frequency = 500"))
+    result = check(plant, "--lang", language)
+    assert result.exit_code == 0
+    line = PLANT.split("signals")[0].count("\n") + 1
+    location = {"en": f"{plant}:{line}: drive", "zh": f"{plant}:{line}：drive"}[language]
+    assert "".join(f"{word}{location}".split()) in "".join(result.stderr.split())
+    (found,) = json.loads(check(plant, "--json").stdout)["warnings"]
+    assert (found["line"], found["key"], found["found"]) == (line, "drive.fan.signals.output_frequency", "500")
+
+
 def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None:
     result = check(REFUSED / "many-faults.toml", "--json")
     assert result.exit_code == 2

@@ -45,9 +45,15 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
     code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
     states = tuple(certificate_states(config))
-    more = {"certificates": _certificate_documents(states), "slow_adapters": [asdict(one) for one in slow_adapters]}
+    more = {
+        "certificates": _certificate_documents(states),
+        "slow_adapters": [asdict(one) for one in slow_adapters],
+        "warnings": list(config.warnings),
+    }
     output.print_json(_document(config, buses, missed, code) | more)
     _print_loads(config, buses)
+    for warning in config.warnings:
+        output.print_note("plant_check.warning", text=warning.text(output.language()))
     for adapter in slow_adapters:
         output.print_note("ports.latency_cost", **adapter.text_params(bilingual_text("plant.bus", id=adapter.bus)))
     _print_certificates(states)

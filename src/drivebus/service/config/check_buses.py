@@ -17,6 +17,7 @@ from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.prepared_request import Poll
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.drives.monitor import READING_VALIDITY_PERIODS
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.ports.url import NETWORK_SCHEMES, PortUrl, parse_port_url
 from drivebus.profiles.diagnostics import Diagnostic, Issue, KeyPath, issue, nearest_names
@@ -189,6 +190,29 @@ def _check_signals(parsed: ParsedPlant, id: str, drive: DriveTable, profile: Dri
     for name in drive.signals:
         if name not in profile.signals:
             yield issue("unknown_signal", ("drive", id, "signals", name), name, drive=id, **suggestions(name, known))
+
+
+def interval_warnings(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield intervals of polls that are longer than any that drivebus chooses, and than the signal's own period."""
+    longest_s = CANDIDATE_INTERVALS_S[-1]
+    for id, drive in parsed.file.drive.items():
+        for name, period_s in drive.signals.items():
+            signal = parsed.profiles[id].signals[name]
+            yield from _check_interval(("drive", id, "signals", name), period_s, max(longest_s, signal.period_s))
+        yield from _check_interval(("drive", id, "min_poll_interval_s"), drive.min_poll_interval_s, longest_s)
+
+
+def _check_interval(path: KeyPath, interval_s: float | None, most_s: float) -> Iterator[Issue]:
+    if interval_s is not None and interval_s > most_s:
+        yield issue(
+            "long_interval",
+            path,
+            int(interval_s) if interval_s.is_integer() else interval_s,
+            most=f"{most_s:g}",
+            given=f"{interval_s:g}",
+            meant=f"{interval_s / 1000:g}",
+            valid=f"{READING_VALIDITY_PERIODS * interval_s:g}",
+        )
 
 
 def bus_load_issues(parsed: ParsedPlant) -> Iterator[Issue]:

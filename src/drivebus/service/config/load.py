@@ -9,6 +9,7 @@ import copy
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from drivebus.profiles.diagnostics import (
     to_diagnostic,
 )
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
-from drivebus.service.config import build, check
+from drivebus.service.config import build, check, check_buses
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.gateways import installed_gateways, plant_file_schema
 from drivebus.service.config.model import PlantConfig
@@ -106,7 +107,8 @@ def _parse(
     if found:
         raise config_error(_with_lines(found, text, source))
     assert parsed is not None
-    return build.plant_config(parsed, source)
+    warnings = _with_lines(list(check_buses.interval_warnings(parsed)), text, source)
+    return replace(build.plant_config(parsed, source), warnings=tuple(warnings))
 
 
 def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:

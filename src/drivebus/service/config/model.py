@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
+from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.values import Text
 
 
@@ -222,6 +223,8 @@ class PlantConfig:
     """User file; None: ``users.json`` in the state directory."""
     source: str = ""
     """File from which it was loaded."""
+    warnings: tuple[Diagnostic, ...] = field(default=(), compare=False)
+    """Values of the file that are valid and hardly meant."""
 
     def drive(self, id: str) -> DriveConfig:
         """Return a drive. Raises KeyError."""
