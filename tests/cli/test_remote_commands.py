@@ -416,9 +416,27 @@ def test_comm_loss_test_names_the_result_that_was_recorded(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     output.parse_global_options(["--lang", "en"])
-    found = None if result is None else {"tested": {"result": result, "silence_s": 6.0, "fault": None}}
-    assert comm_loss_test_command._print_result("fan-2", found) == code
+    tested = None if result is None else {"result": result, "silence_s": 6.0, "fault": None, "time_ms": 5}
+    assert comm_loss_test_command._print_result("fan-2", {"tested": tested, "no_result": None}, None) == code
     assert capsys.readouterr().out.strip() == i18n.text(key, "en", drive="fan-2", seconds="6", fault="-")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_comm_loss_test_gives_the_reason_where_no_result_was_recorded(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch, language: str
+) -> None:
+    """Regression: it pointed to the events of the service; the record of an earlier test is no result of this one."""
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.ENGINEER))
+    monkeypatch.setattr(comm_loss_test, "ACCELERATION_TIMEOUT_S", 0.2)
+    words = ["comm-loss-test", "--service", plant.url, "--drive", "fan-2", "--frequency", "5", "--yes"]
+    result = CliRunner().invoke(cli, [*words, "--lang", language], env={"COLUMNS": "200"})
+    why = i18n.text("plant.comm_loss_not_turning", language, drive="fan-2")
+    assert result.exit_code == 1 and i18n.text("plant.comm_loss_void", language, why=why) in result.stdout, (
+        result.output
+    )
+    before = {"result": "trips", "silence_s": 6.0, "fault": None, "time_ms": 5}
+    found = {"tested": before, "no_result": {"en": "WHY", "zh": "WHY"}}
+    assert comm_loss_test_command._print_result("fan-2", found, before) == ExitCode.FAILED
 
 
 async def _set_keypad(plant: RunningService, values: dict[int, int]) -> None:

@@ -247,9 +247,12 @@ def test_a_drive_that_only_accelerates_is_not_tested() -> None:
             await asyncio.sleep(8)
             await test_drive(kit)
             why = i18n.text("plant.comm_loss_not_turning", "en", drive="fan-1")
-            assert [why in text for text in events(kit)] == [True] and (await comm_loss(kit))["tested"] is None
+            found = await comm_loss(kit)
+            assert [why in text for text in events(kit)] == [True] and found["tested"] is None
+            assert why in found["no_result"]["en"]
             kit.station("fan-1").set_ramps(1.0, 1.0)
             await test_drive(kit)
+            assert (await comm_loss(kit))["no_result"] is None
             assert [why in text for text in events(kit)] == [True, False]
 
     run(scenario())

@@ -113,7 +113,7 @@ def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
 def comm_loss(kind: str = "unknown", result: str = "", *, holds: bool = True, phase: str = "") -> Any:
     tested = {"result": result, "holds": holds, "silence_s": 6.0} if result else None
     test = {"phase": phase, "until_ms": 6000 if phase == "silent" else None} if phase else None
-    return {"kind": kind, "after_s": 6, "waiver": None, "tested": tested, "test": test}
+    return {"kind": kind, "after_s": 6, "waiver": None, "tested": tested, "test": test, "no_result": None}
 
 
 @pytest.mark.parametrize(
@@ -154,6 +154,12 @@ def test_a_communication_loss_test_shows_its_phase_and_a_record_that_no_longer_c
     phases = [f"page.comm_loss_phase_{phase}" for phase in ("starting", "turning", "silent", "reading")]
     text = re.sub(r"for \d+ s more", "for N s more", text)
     assert shown(text, [*phases, "page.comm_loss_outdated"], seconds="N") == expected
+
+
+def test_a_communication_loss_test_without_a_result_shows_its_reason(draw: Draw, fan: Any) -> None:
+    found = comm_loss() | {"no_result": {"en": "it did not reach a steady run", "zh": "x"}}
+    text = draw("drive/comm-loss-test", "CommLossTest", {"view": fan | {"comm_loss": found}})
+    assert "it did not reach a steady run" in text
 
 
 STOP_STATES = (

@@ -47,32 +47,35 @@ async def _connect_and_test(
             try:
                 started = await drive.test_comm_loss(frequency_hz, silence_s)
                 output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
-                tested = await shutdown.interruptible(_result(drive, view["comm_loss"]["tested"]))
+                found = await shutdown.interruptible(_result(drive))
                 if shutdown.received:
                     await drive.stop()
             finally:
                 await drive.close()
-        if shutdown.received:
+        if shutdown.received or found is None:
             return ExitCode.INTERRUPTED
-        return _print_result(name, tested)
+        return _print_result(name, found, view["comm_loss"]["tested"])
 
 
-async def _result(drive: RemoteDrive, before: Json | None) -> Json | None:
-    """Return the new ``comm_loss`` of a drive when its test has ended, None where no result was recorded."""
+async def _result(drive: RemoteDrive) -> Json:
+    """Return ``comm_loss`` of a drive when its test has ended."""
     from drivebus.service.api.operations.drives import DRIVES_GET
 
     while True:
         found: Json = (await drive.call(DRIVES_GET))["comm_loss"]
         if found["test"] is None:
-            return found if (found["tested"] or {}).get("time_ms") != (before or {}).get("time_ms") else None
+            return found
         await asyncio.sleep(TEST_POLL_PERIOD_S)
 
 
-def _print_result(name: str, found: Json | None) -> ExitCode:
-    tested = None if found is None else found["tested"]
-    output.print_json({"event": "comm_loss_test", "drive": name, "tested": tested}, stream=True)
-    if found is None or tested is None:
-        output.print_message("comm_loss_test.nothing", drive=name)
+def _print_result(name: str, found: Json, before: Json | None) -> ExitCode:
+    """Print the result of a test, or why it has none: then the record is still the one from ``before``."""
+    is_new = found["tested"] is not None and found["tested"]["time_ms"] != (before or {}).get("time_ms")
+    tested = found["tested"] if is_new else None
+    why = found["no_result"] and found["no_result"][output.language()]
+    output.print_json({"event": "comm_loss_test", "drive": name, "tested": tested, "no_result": why}, stream=True)
+    if tested is None:
+        output.print_text(why or output.text("comm_loss_test.nothing", drive=name))
         return ExitCode.FAILED
     key = f"comm_loss_test.{tested['result']}"
     output.print_message(key, drive=name, seconds=f"{tested['silence_s']:g}", fault=tested["fault"] or "-")

@@ -76,7 +76,7 @@ class CommLossTests:
         runtime = self.commands.require_control(params.drive, actor)
         if runtime.comm_loss_test is not None:
             raise ServiceError("plant.comm_loss_testing", drive=runtime.id)
-        runtime.comm_loss_test = CommLossTestView("starting", None)
+        runtime.comm_loss_test, runtime.comm_loss_no_result = CommLossTestView("starting", None), None
         try:
             await self._read_parameters(runtime)
             silence_s = params.silence_s or default_silence_s(runtime)
@@ -145,7 +145,8 @@ class CommLossTests:
         try:
             await self._record(test, await self._observe_and_stop(test))
         except DrivebusError as error:
-            self.plant.publish_event("waiver", runtime.id, "plant.comm_loss_void", actor=test.actor.name, why=error)
+            runtime.comm_loss_no_result = localized("plant.comm_loss_void", {"why": error})
+            self.plant.publish_event_text("waiver", runtime.id, runtime.comm_loss_no_result, test.actor.name, None)
         finally:
             runtime.comm_loss_test = None
             self._active.pop(runtime.id, None)

@@ -86,6 +86,8 @@ class CommLossView:
     """Record of the last test, and whether it ``holds``: whether the parameters still read as they did then."""
     test: CommLossTestView | None = None
     """Test that is under way."""
+    no_result: Json | None = None
+    """Why the last test ended without a result, in both languages; None after another one, and after a restart."""
 
     def as_json(self) -> Json:
         return {
@@ -95,6 +97,7 @@ class CommLossView:
             "waiver": self.waiver,
             "tested": self.tested,
             "test": None if self.test is None else self.test.as_json(),
+            "no_result": self.no_result,
         }
 
 

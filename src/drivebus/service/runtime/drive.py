@@ -20,6 +20,7 @@ from drivebus.service.config.model import DriveConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossTestView, CommLossView, Sample, StopView
+from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
 COMM_LOSS_NOT_READ = bilingual_text("plant.comm_loss_not_read")
@@ -66,6 +67,8 @@ class DriveRuntime:
         """Result of its last communication-loss test."""
         self.comm_loss_test: CommLossTestView | None = None
         """Communication-loss test that is under way."""
+        self.comm_loss_no_result: Json | None = None
+        """Why its last communication-loss test ended without a result."""
         self.waiver: str | None = None
         self.limits_lost = False
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
@@ -112,7 +115,13 @@ class DriveRuntime:
             text = bilingual_text(record.message_key, **record.message_params)
             found = CommLossView(kind=kind, after_s=float(record.after_s), text=text)
         tested = None if record is None else {**record.as_json(), "holds": holds}
-        return replace(found, waiver=self.waiver, tested=tested, test=self.comm_loss_test)
+        return replace(
+            found,
+            waiver=self.waiver,
+            tested=tested,
+            test=self.comm_loss_test,
+            no_result=self.comm_loss_no_result,
+        )
 
     @property
     def comm_loss_parameters(self) -> Mapping[str, int] | None:

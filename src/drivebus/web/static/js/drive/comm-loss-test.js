@@ -1,6 +1,6 @@
 // Communication-loss test of a drive: its form, its progress and its record.
 import { html, useState } from "../lib.js";
-import { t, titleOf } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { number, numberOf } from "../format.js";
@@ -56,9 +56,10 @@ function Progress({ view, test }) {
 export function CommLossTest({ view }) {
   const [open, setOpen] = useState(false);
   const [run, busy, error] = useRequest();
-  const { test, tested } = view.comm_loss;
+  const { test, tested, no_result } = view.comm_loss;
   if (test) return html`<${Progress} view=${view} test=${test} />`;
   return html`${tested && !tested.holds && html`<p class="soft">${t("page.comm_loss_outdated")}</p>`}
+    ${no_result && html`<p class="soft">${localized(no_result)}</p>`}
     ${may("limit") && view.capabilities.includes("run") && html`<div class="row"><${Button} disabled=${!isLive.value}
       onClick=${() => setOpen(true)} data-do="test-comm-loss">${t("page.comm_loss_test")}…<//>
       ${tested && html`<${Button} kind="quiet" disabled=${!isLive.value} busy=${busy}
