@@ -11,7 +11,7 @@ import pytest
 
 from drivebus.bus import Poll, Presence
 from drivebus.bus.core import BusCore
-from drivebus.errors import NoReply, PortLost
+from drivebus.errors import DrivebusError, NoReply, PortLost
 from drivebus.protocols import modbus
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
@@ -209,6 +209,23 @@ def test_the_late_reply_to_a_users_read_is_not_taken_for_that_of_a_sync_probe() 
     assert len(script.sent) == 3, "a sync probe proves nothing while an older reply may match it"
     script.run_until(probe_at + 5.3)
     assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > probe_at + 5.0
+
+
+def test_a_read_that_waits_for_a_sync_probe_fails_at_once_where_no_other_can_prove_more_for_5_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A stop that waits for its read could not be sent again in those seconds."""
+    station = FakeStation()
+    script = make_script(station)
+    script.submit(read_request(), "first")
+    script.result("first")
+    script.core._mark_suspect(script.core.stations[1], script.now)
+    monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
+    submitted_at = script.now
+    script.submit(read_request(), "second")
+    result = script.result("second")
+    assert isinstance(result.error, DrivebusError) and result.error.key == "bus.sync_ambiguous"
+    assert script.now - submitted_at < TIMING.max_reply_lateness_s + TIMEOUT
 
 
 def test_the_late_reply_to_an_untrusted_sync_probe_is_not_taken_for_the_next_ones() -> None:

@@ -7,13 +7,16 @@ from typing import Any
 
 import pytest
 
+from drivebus.bus import TraceEvent, TraceKind
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
+from drivebus.bus.station import Station
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import StopUnconfirmed, Superseded
 from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Motor
 from fixtures.drives import (
     SAFE_HZ,
@@ -166,24 +169,37 @@ def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
     assert len(times) > 100
 
 
-def test_a_stop_is_repeated_while_the_bus_holds_reads_back() -> None:
-    """The bus holds them for 5 s where a late reply could pass for theirs; both first stops may have been lost."""
+@pytest.mark.parametrize("model", ["c320", "df800"])
+@pytest.mark.parametrize("read_queued", [False, True])
+def test_a_stop_is_repeated_while_the_bus_holds_reads_back(
+    model: str, read_queued: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bus holds them for 5 s where a late reply could pass for theirs; both first stops may have been lost.
+
+    ``read_queued``: the hold begins with the reply to the sync probe for which the read of the stop waits already.
+    """
+    if read_queued:
+        monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
 
     async def scenario() -> list[float]:
-        async with SimulatedDrives("c320") as bench:
+        async with SimulatedDrives(model) as bench:
             drive = bench.drive()
-            await drive.run(SAFE_HZ["c320"])
+            await drive.run(SAFE_HZ[model])
             station = bench.bus.core.stations[1]
             bench.bus.core._mark_suspect(station, bench.bus.now())
-            station.quarantined_until = bench.bus.now() + 5.0
+            station.quarantined_until = bench.bus.now() + (0.0 if read_queued else 5.0)
             stops: list[float] = []
-            bench.bus.trace(lambda event: stops.append(event.time) if b"03000" in event.data[4:] else None)
+            bench.bus.trace(lambda event: stops.append(event.time) if is_stop(station, event) else None)
             with pytest.raises(StopUnconfirmed):
                 await drive.stop()
             return [later - at for at, later in pairwise([*stops, bench.bus.now()])]
 
     intervals = run_virtual(scenario())
-    assert len(intervals) >= 4 and max(intervals) < STOP_RESEND_INTERVAL_S + 0.15
+    assert len(intervals) >= 3 and max(intervals) < STOP_RESEND_INTERVAL_S + 0.15
+
+
+def is_stop(station: Station, event: TraceEvent) -> bool:
+    return event.kind is TraceKind.SENT and station.config.effect_of(event.data) is Effect.STOP
 
 
 def test_a_stop_to_an_offline_drive_is_repeated_and_reported() -> None:

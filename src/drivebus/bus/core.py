@@ -608,6 +608,7 @@ class BusCore:
             station.sync_rejections += 1
         elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
             station.quarantined_until = now + MAX_REPLY_LATENESS_S
+            self._fail_waiting(station, error)  # a stop that waits for a read could not repeat itself meanwhile
         elif prepared.is_sync_probe:
             self._mark_online(station, now, verified=False)
 
@@ -626,6 +627,10 @@ class BusCore:
         if station.state.is_unreachable:
             self.scheduler.probe_budget.spend(now - transaction.sent_at + station.gap_s, now)
         station.mark_offline(now)
+        self._fail_waiting(station, error)
+
+    def _fail_waiting(self, station: Station, error: Exception) -> None:
+        """Fail the requests that wait for a sync probe of a station; a stop waits for none and stays queued."""
         for waiting in self.scheduler.remove_if(
             lambda prepared: prepared.station is station and prepared.priority is not RequestPriority.STOP
         ):

@@ -85,7 +85,7 @@ def _send_and_confirm(
     started_at = (yield from get_bus_conditions()).now
     answered = yield from send_stop(op, mode)
     if not op.dialect.reports_run_state:
-        return (yield from _repeat_unverifiable(op, mode, answered))
+        return (yield from _repeat_unverifiable(op, mode, answered, started_at))
     if not wait_confirmed and not op.stops_sent:
         return unconfirmed_outcome(op)
     if not wait_confirmed:
@@ -134,12 +134,14 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
     return op.withheld_stop is None
 
 
-def _repeat_unverifiable(op: OperationContext, mode: StopMode, answered: bool) -> DriveOperation[Outcome]:
+def _repeat_unverifiable(
+    op: OperationContext, mode: StopMode, answered: bool, last_sent_at: float
+) -> DriveOperation[Outcome]:
     """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
-        if not answered:
+        if not answered and not (yield from _wait_while_reads_are_held(last_sent_at)):
             yield from op.sync()  # the reply mirrors the stop: a read shows whether the adapter echoes
-        yield from wait(STOP_POLL_INTERVAL_S)
+        last_sent_at = yield from wait(STOP_POLL_INTERVAL_S)
         answered = (yield from send_stop(op, mode)) or answered
     if answered:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
@@ -149,15 +151,10 @@ def _repeat_unverifiable(op: OperationContext, mode: StopMode, answered: bool) -
 def _until_confirmed(
     op: OperationContext, mode: StopMode, last_sent_at: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
-    """Read the state and resend the stop until a verified state shows the output off or the deadline is over.
-
-    Where a late reply could pass for that of a read, the bus holds the reads back, for up to 5 s; the stop goes on.
-    """
+    """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
     while True:
-        conditions = yield from get_bus_conditions()
-        if conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S:
+        if (yield from _wait_while_reads_are_held(last_sent_at)):
             op.derived = STATE_NOT_READ
-            yield from wait(max(0.0, last_sent_at + STOP_RESEND_INTERVAL_S - conditions.now))
         else:
             yield from op.read_verified_state(allowed_failures=0)
         now = (yield from get_bus_conditions()).now
@@ -170,6 +167,18 @@ def _until_confirmed(
             yield from send_stop(op, mode)
             last_sent_at = now
         yield from wait(STOP_POLL_INTERVAL_S)
+
+
+def _wait_while_reads_are_held(last_sent_at: float) -> DriveOperation[bool]:
+    """Wait for the next stop where the bus holds reads back for longer, and return whether it does.
+
+    Where a late reply could pass for that of a read, it holds them back for up to 5 s; the stop goes on.
+    """
+    conditions = yield from get_bus_conditions()
+    is_held = conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S
+    if is_held:
+        yield from wait(max(0.0, last_sent_at + STOP_RESEND_INTERVAL_S - conditions.now))
+    return is_held
 
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:
