@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.cli.commands import stop
+from drivebus.cli.errors import report_error
 from drivebus.cli.main import cli
 from drivebus.cli.remote import client
+from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
+from drivebus.errors import OutcomeUnknown
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.types import Json
 
 WAYS = (("--directory", "state"), ("--service", "http://127.0.0.1:8080"))
@@ -58,3 +66,64 @@ def test_an_acknowledged_stop_is_never_called_not_confirmed(monkeypatch: pytest.
     _, text = stop_all(monkeypatch, {"fan": CONFIRMED, "saw": ACKNOWLEDGED}, "--lang", "en")
     assert "NOT CONFIRMED" not in text and "acknowledged, the drive can't report it: saw" in text
     assert "NOT CONFIRMED: there is no drive" in stop_all(monkeypatch, {}, "--lang", "en")[1]
+
+
+@pytest.mark.parametrize("words", [("--address", "3"), ("--all",), ("--all", "--address", "3")])
+def test_a_stop_whose_port_can_not_be_opened_is_called_not_sent_and_ends_with_code_4(words: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(cli, ["stop", "/dev/ttyNone9", "--model", "c320", *words, "--lang", "en"])
+    assert result.exit_code == 4
+    assert result.stderr.startswith("drivebus: STOP NOT SENT: /dev/ttyNone9 does not exist")
+    assert "Use the hard-wired stop" in result.stderr
+    document = json.loads(
+        CliRunner().invoke(cli, ["stop", "/dev/ttyNone9", "--model", "c320", *words, "--json"]).stdout
+    )
+    assert (document["error"]["key"], document["exit"]) == ("bus_stop.not_sent", 4)
+
+
+def test_a_stop_through_a_service_that_does_not_answer_is_unknown_and_names_the_drive(tmp_path: Path) -> None:
+    words = ["stop", "--service", str(tmp_path / "plant.sock"), "--drive", "fan-1", "--lang", "en"]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 4
+    assert "fan-1 could not be stopped through the service, check the drive locally" in result.stderr
+
+
+def test_a_stop_that_is_not_confirmed_is_printed_with_its_reason_once_for_all_drives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = {"status": "unknown", "text": {"en": "STOP NOT SENT: the port is not open", "zh": "停机命令未发送"}}
+    code, text = stop_all(monkeypatch, {"fan": lost, "pump": CONFIRMED, "saw": lost}, "--lang", "en")
+    assert (code, text.count("STOP NOT SENT")) == (4, 1)
+    assert "\n  fan, saw: STOP NOT SENT: the port is not open\n" in text
+
+
+def test_addresses_that_a_lost_port_left_unasked_are_not_called_without_reply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive may be there: a stop of the others alone is no success."""
+    transact, asked = Bus.transact, []
+
+    async def lose_the_port(bus: Bus, request: BusRequest) -> BusResult:
+        asked.append(request.station)
+        if len(asked) == 8:
+            simulated_bus_of(bus.port).unplug()
+            asyncio.get_running_loop().call_later(0.2, simulated_bus_of(bus.port).replug)
+        return await transact(bus, request)
+
+    monkeypatch.setattr(Bus, "transact", lose_the_port)
+    words = ["stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200"]
+    document = json.loads(CliRunner().invoke(cli, [*words, "--json"]).stdout)
+    assert document["lost"] and len(document["absent"]) + len(document["lost"]) == 29
+    asked.clear()
+    result = CliRunner().invoke(cli, [*words, "--lang", "en"], env={"COLUMNS": "200"})
+    assert result.exit_code == 4
+    assert f"The port was lost before {len(document['lost'])} other addresses had replied" in result.stdout
+
+
+def test_a_failed_write_is_printed_with_the_writes_that_were_not_sent(capsys: pytest.CaptureFixture[str]) -> None:
+    unsent = ("drives.write_unsent", {"notation": "F9.4", "value": 5, "unit": ""})
+    params = {"notation": "F1.10", "value": 1, "unit": ""}
+    outcome = Outcome(status=OutcomeStatus.UNKNOWN, key="drives.write_unknown", params=params, notes=(unsent,))
+    with pytest.raises(OutcomeUnknown) as caught:
+        raise_for_status(outcome)
+    report_error(caught.value)
+    printed = capsys.readouterr().err
+    assert "F1.10 = 1 was sent and could not be read back\n" in printed
+    assert "\n  not sent, because an earlier write did not succeed: F9.4 = 5\n" in printed

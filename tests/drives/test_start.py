@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drivebus.bus.messages import BusRequest
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import run
@@ -308,6 +309,62 @@ def test_a_running_drive_only_gets_its_new_frequency() -> None:
     outcome = start(bus, op, 12.0)
     assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
     assert outcome.status is OutcomeStatus.ACKNOWLEDGED
+
+
+def test_a_run_while_the_drive_decelerates_to_a_standstill_is_no_success() -> None:
+    """A new frequency is accepted and starts nothing: the motor stands, and exit code 0 would be untrue."""
+
+    def ends_its_ramp(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+        paper.state = sunfar.SunfarState.STOPPED
+        return paper.ok()
+
+    for on_command in (ends_its_ramp, None):
+        bus, op = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600, on_command=on_command))
+        outcome = start(bus, op, hz=20.0)
+        assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.run_while_decelerating")
+        assert "does not start a drive that is being stopped" in outcome.text("en")
+        assert len(bus.sent(sunfar.SunfarControl)) == 1
+
+
+def test_a_run_of_a_decelerating_drive_that_takes_its_new_frequency_up_is_acknowledged() -> None:
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600, on_command=starts))
+    outcome = start(bus, op, hz=20.0)
+    assert (outcome.status, outcome.key, outcome.notes) == (
+        OutcomeStatus.ACKNOWLEDGED,
+        "drives.setpoint_acknowledged",
+        (),
+    )
+
+
+def test_a_drive_that_decelerates_above_its_new_frequency_may_slow_down_to_it_or_stop() -> None:
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=3000))
+    outcome = start(bus, op, hz=20.0)
+    assert outcome.succeeded
+    assert outcome.notes == (("drives.still_decelerating", {"output_hz": 30.0}),)
+
+
+def test_a_decelerating_drive_that_falls_silent_after_its_new_frequency_has_an_unknown_outcome() -> None:
+    paper = FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600)
+
+    def falls_silent(station: FakeC320, request: sunfar.SunfarControl) -> Any:
+        station.silent = True
+        return station.ok()
+
+    paper.on_command = falls_silent
+    outcome = start(*c320(paper), hz=20.0)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.run_while_decelerating")
+
+
+def test_a_stop_supersedes_the_run_of_a_decelerating_drive() -> None:
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600))
+
+    def stop_after_the_frequency(request: BusRequest) -> None:
+        if isinstance(request.request, sunfar.SunfarControl):
+            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+
+    bus.on_request = stop_after_the_frequency
+    with pytest.raises(Superseded, match="newer stop"):
+        start(bus, op, hz=20.0)
 
 
 def test_a_running_drive_is_not_turned_round() -> None:

@@ -1,17 +1,19 @@
-"""Stop through a port that is lost: never called sent where no frame could leave."""
+"""Port that is lost during a stop, a start, a write or a status: nothing is called sent, or known, that is not."""
 
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from drivebus.bus import Bus
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.errors import StopUnconfirmed
+from drivebus.errors import OutcomeUnknown, PortLost, StopUnconfirmed, Superseded
+from drivebus.protocols.sunfar import SunfarWriteParameter
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.motor import Motor
+from drivebus.simulator.motor import Motor, OutputPhase
 from drivebus.simulator.port import SimulatedBus, simulated_bus_of
 from drivebus.testing.bus_script import ScriptedPort, silent_wire
 from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
@@ -115,5 +117,77 @@ def test_a_stop_whose_turn_on_the_bus_does_not_come_in_its_time_is_not_called_se
             assert keys == {"drives.stop_no_reply", "drives.stop_not_completed"}
             for outcome in outcomes:
                 assert bool(outcome.exchanges) is (outcome.key == "drives.stop_no_reply")
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_a_port_lost_before_the_start_frame_reports_that_no_start_was_sent(model: str) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await drive.status()
+            asyncio.get_running_loop().call_later(0.02, line_of(bench).unplug)
+            with pytest.raises(PortLost) as caught:
+                await drive.run(SAFE_HZ[model])
+            assert caught.value.key == "drives.start_not_sent_port"
+            assert str(caught.value) == f"no start was sent: sim://{model}@1 was unplugged"
+            assert bench.station().motor.phase is OutputPhase.OFF
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_a_port_lost_at_the_start_frame_is_not_called_a_newer_stop(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            start = Motor.run
+
+            def start_and_lose_the_port(motor: Motor, target_hz: float) -> None:
+                start(motor, target_hz)
+                line_of(bench).unplug()
+
+            monkeypatch.setattr(Motor, "run", start_and_lose_the_port)
+            with pytest.raises(Superseded) as caught:
+                await drive.run(SAFE_HZ[model])
+            assert caught.value.key == "drives.command_port_lost"
+            assert "it is unknown whether the drive executed it" in str(caught.value)
+            assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
+
+    run_virtual(scenario())
+
+
+def test_a_port_lost_after_a_write_is_its_reason_and_the_writes_after_it_are_named() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.status()
+            write = bench.bus.transact
+
+            async def lose_the_port_after_a_write(request: Any) -> Any:
+                result = await write(request)
+                if isinstance(request.request, SunfarWriteParameter):
+                    line_of(bench).unplug()
+                return result
+
+            bench.bus.transact = lose_the_port_after_a_write
+            with pytest.raises(OutcomeUnknown) as caught:
+                await drive.write({"F1.10": 1, "F9.4": 5})
+            assert caught.value.key == "drives.write_port_lost"
+            assert "was given to the port, and the port was lost" in str(caught.value)
+            assert [key for key, _ in caught.value.outcome.notes] == ["drives.write_unsent"]
+
+    run_virtual(scenario())
+
+
+def test_a_status_whose_port_is_lost_in_the_middle_is_an_error_and_no_state() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await drive.status()
+            asyncio.get_running_loop().call_later(0.3, line_of(bench).unplug)
+            with pytest.raises(PortLost):
+                await drive.status()
 
     run_virtual(scenario())

@@ -58,10 +58,20 @@ def from_os_error(error: OSError) -> ConfigurationError:
 
 
 def print_error(error: DrivebusError) -> None:
-    """Print the error and its remedy on standard error."""
-    _print_error_line(error_text(error))
+    """Print the error, the notes of its outcome and its remedy on standard error."""
+    sentence = error_text(error)
+    _print_error_line(sentence)
+    for note in _notes(error):
+        if note != sentence:
+            click.echo(output.wrap_for(note, sys.stderr, indent=2), err=True)
     if hint := error_hint(error):
         click.echo(output.wrap_for(hint, sys.stderr), err=True)
+
+
+def _notes(error: DrivebusError) -> list[str]:
+    """Return the notes of a failed command, such as writes that were not sent."""
+    outcome = getattr(error, "outcome", None)
+    return [output.text(key, **params) for key, params in outcome.notes] if outcome is not None else []
 
 
 def error_json(error: DrivebusError) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
@@ -49,4 +49,15 @@ def print_service_result(result: Json) -> ExitCode:
         }
     )
     output.print_text(output.wrap_for(text, sys.stdout))
+    unknown = {name: result["outcomes"][name].get("text") for name in drives["unknown"]}
+    print_reasons({name: text[output.language()] for name, text in unknown.items() if text})
     return exit_code(drives)
+
+
+def print_reasons(reasons: Mapping[str, str]) -> None:
+    """Print why stops are not confirmed, each reason once with its drives."""
+    names: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        names.setdefault(reason, []).append(name)
+    for reason, of in names.items():
+        output.print_text(output.wrap_for(f"{', '.join(of)}: {reason}", sys.stdout, indent=2))

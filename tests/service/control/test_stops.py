@@ -316,6 +316,24 @@ def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_po
     run(scenario())
 
 
+@pytest.mark.parametrize(("delay_s", "key"), [(0.06, "plant.stop_port_lost"), (0.5, "plant.stop_port_lost_after")])
+def test_a_port_lost_during_a_stop_is_reported_with_its_repetition_by_the_service(delay_s: float, key: str) -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            asyncio.get_running_loop().call_later(delay_s, bench.unplug)
+            with pytest.raises(StopUnconfirmed) as caught:
+                await kit.call("drive.stop", drive="fan-1")
+            assert caught.value.key == key
+            assert "The service sends it again when the port is open again" in str(caught.value)
+            bench.replug()
+            await asyncio.sleep(8)
+            assert kit.station("fan-1").motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
 def test_a_stop_on_a_bus_that_was_never_opened_is_not_promised_for_later() -> None:
     """Its repetition ends at once, because no port is opened again."""
 

@@ -260,7 +260,7 @@ def children(pid: int) -> list[int]:
 
 def test_stop_all_reports_a_missing_service(tmp_path: Path) -> None:
     found = command("stop", "--all", "--directory", str(tmp_path))
-    assert found.returncode == 1 and "nothing was stopped" in found.stderr
+    assert found.returncode == 4 and "nothing was stopped" in found.stderr
     assert command("stop", "--all").returncode == 2
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Awaitable, Mapping
+from collections.abc import Awaitable, Coroutine, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,17 @@ from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.stop_result import drives_by_status, exit_code, print_service_result, result_text
-from drivebus.errors import ConfigurationError, OutcomeUnknown, ServiceUnavailable, StopUnconfirmed
+from drivebus.cli.stop_result import drives_by_status, exit_code, print_reasons, print_service_result, result_text
+from drivebus.errors import (
+    ConfigurationError,
+    OutcomeUnknown,
+    PortError,
+    PortUnavailable,
+    ServiceUnavailable,
+    StopUnconfirmed,
+)
 from drivebus.types import Json
+from drivebus.values import Text
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -62,7 +70,10 @@ def _stop(
 
 def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model: bool) -> ExitCode:
     addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
-    remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
+    try:
+        remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
+    except ServiceUnavailable as error:
+        raise OutcomeUnknown("service.not_stopped", drive=given["drive"], why=error) from error
     if remote is None:
         _require("target", port)
         _require("model", given["model"])
@@ -78,7 +89,15 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
             drive.assume_model()
         return drive.quick_stop() if quick else drive.stop(wait=True)
 
-    return asyncio.run(run_command(target, stop))
+    return _run_stop(run_command(target, stop))
+
+
+def _run_stop(stop: Coroutine[Any, Any, ExitCode]) -> ExitCode:
+    """Run a stop on a port. Raises StopUnconfirmed where the port can't be opened."""
+    try:
+        return asyncio.run(stop)
+    except PortUnavailable as error:
+        raise StopUnconfirmed("bus_stop.not_sent", why=Text.per_language(error.text)) from error
 
 
 def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,7 +130,7 @@ def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
     addresses = given["addresses"] or _all_addresses(target)
     if given["dry_run"]:
         return _print_plan(target, addresses, broadcast=True)
-    return asyncio.run(_stop_addresses(target, addresses, find=given["addresses"] is None))
+    return _run_stop(_stop_addresses(target, addresses, find=given["addresses"] is None))
 
 
 def _all_addresses(target: Target) -> tuple[int, ...]:
@@ -127,18 +146,19 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool
     with record_port(target.open_port(), target.record) as port:
         async with Bus(port) as bus:
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
-            present = await _sweep(bus, drives) if find else drives
+            present, lost = await _sweep(bus, drives) if find else (drives, [])
             report = await stop_bus(bus, present)
-            absent = tuple(drive.address for drive in drives if drive not in present)
+            absent = tuple(drive.address for drive in drives if drive not in present and drive not in lost)
             for drive in drives:
                 drive.close()
-            return _print_report(report, absent, bus.now())
+            return _print_report(report, absent, tuple(drive.address for drive in lost), bus.now())
 
 
-async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
-    """Send the broadcast stop where the family has one, then one stop to each address; return drives that replied.
+async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive]]:
+    """Send the broadcast stop where the family has one, then one stop to each address.
 
-    Where a stop waits until its station answered as this model, each address is read instead.
+    Return the drives that replied, and those whose stop the port lost. Where a stop waits until its station answered
+    as this model, each address is read instead.
     """
     from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
     from drivebus.drives.dialects.base import StopMode
@@ -155,7 +175,7 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
                 retry_policy=RetryPolicy.BROADCAST,
             )
         )
-    present, started_at = [], bus.now()
+    present, lost, started_at = [], [], bus.now()
     with output.ProgressBar() as bar:
         for number, drive in enumerate(drives):
             check = drive.dialect.model_check()
@@ -165,28 +185,33 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> list[Drive]:
                 priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
                 retry_policy=RetryPolicy.IDEMPOTENT if check is None else RetryPolicy.READ,
             )
-            if (await bus.transact(request)).received:
+            result = await bus.transact(request)
+            if result.received:
                 present.append(drive)
+            elif isinstance(result.error, PortError):
+                lost.append(drive)
             spent_s = bus.now() - started_at
             bar.update(f"{drive.profile.model} {drive.address:3d}", spent_s, spent_s / (number + 1) * len(drives))
-    return present
+    return present, lost
 
 
 def _can_broadcast(profile: DriveProfile) -> bool:
     return "broadcast_stop" in profile.capabilities
 
 
-def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> ExitCode:
+def _print_report(report: StopReport, absent: tuple[int, ...], lost: tuple[int, ...], now: float) -> ExitCode:
     from drivebus.cli.formatting import exchange_json, outcome_json
 
     drives = drives_by_status({str(address): {"status": outcome.status} for address, outcome in report.outcomes})
-    text = result_text(drives, [output.text("bus_stop.absent", count=len(absent))] if absent else [])
+    notes = [output.text(f"bus_stop.{name}", count=len(of)) for name, of in (("absent", absent), ("lost", lost)) if of]
+    text = result_text(drives, notes)
     output.print_json(
         {
             "confirmed": [address for address, _ in report.outcomes if str(address) in drives["confirmed"]],
             "acknowledged": list(report.acknowledged),
             "unconfirmed": list(report.unconfirmed),
             "absent": list(absent),
+            "lost": list(lost),
             "text": text,
             "seconds": round(report.ended_at - report.started_at, 3),
             "broadcasts": [exchange_json(exchange) for exchange in report.broadcasts],
@@ -194,7 +219,9 @@ def _print_report(report: StopReport, absent: tuple[int, ...], now: float) -> Ex
         }
     )
     output.print_text(output.wrap_for(text, sys.stdout))
-    return exit_code(drives)
+    language = output.language()
+    print_reasons({str(address): each.text(language) for address, each in report.outcomes if not each.succeeded})
+    return ExitCode.UNKNOWN if lost else exit_code(drives)
 
 
 def _print_plan(
@@ -257,7 +284,7 @@ def _state_folder(plant: str | None, directory: str | None) -> Path:
 async def _request_stop(folder: Path) -> Json:
     """Send the stop and return its result.
 
-    Raises ServiceUnavailable if no service answers, StopUnconfirmed if it hangs or ends before it reports the result.
+    Raises StopUnconfirmed if no service answers, or it hangs or ends before it reports the result.
     """
     from drivebus.service.ipc.protocol import (
         MAX_MESSAGE_BYTES,
@@ -274,7 +301,7 @@ async def _request_stop(folder: Path) -> Json:
             reader, writer = await asyncio.open_unix_connection(short, limit=MAX_MESSAGE_BYTES)
         writer.write(STOP_REQUEST)
     except OSError as error:
-        raise ServiceUnavailable("stop_all.no_service", socket=socket) from error
+        raise StopUnconfirmed("stop_all.no_service", socket=socket) from error
     try:
         accepted = await asyncio.wait_for(reader.readline(), STOP_ACCEPT_TIMEOUT_S)
         line = await reader.readline() if accepted else b""

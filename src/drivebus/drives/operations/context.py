@@ -106,6 +106,7 @@ class OperationContext:
         self.has_sent_preparation = False  # the unlock and the words before every start
         self.stops_sent = 0  # stops that were given to the port
         self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
+        self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
         self.motion_seen = False  # at least one reading showed that the drive turns
@@ -147,6 +148,7 @@ class OperationContext:
         )
         result = yield from transact(bus_request)
         self.port_error = result.error if isinstance(result.error, PortLost) else None
+        self.port_loss = self.port_error or self.port_loss
         if moves:
             self.last_motion_result, self.may_be_running = result, was_running or bool(result.sent)
         if result.sent:
@@ -341,9 +343,12 @@ class OperationContext:
         return conditions.now
 
     def superseded_error(self) -> Superseded:
-        """Return the error of a command that a stop took the place of: nothing is resent."""
-        error = Superseded("drives.superseded")
-        error.outcome = self.outcome(OutcomeStatus.UNKNOWN, "drives.superseded")
+        """Return the error of a command that a stop, or the loss of the port, took the place of: nothing is resent."""
+        key, params = "drives.superseded", {}
+        if self.port_loss is not None:
+            key, params = "drives.command_port_lost", {"why": Text.per_language(self.port_loss.text)}
+        error = Superseded(key, **params)
+        error.outcome = self.outcome(OutcomeStatus.UNKNOWN, key, **params)
         return error
 
     def drive_status(self) -> DriveStatus:

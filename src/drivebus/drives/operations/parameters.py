@@ -33,7 +33,7 @@ from drivebus.errors import (
 )
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find_entry
-from drivebus.values import Reading, missing_reading
+from drivebus.values import Reading, Text, missing_reading
 
 READ_BACK_TRIES = 3
 READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated read-back
@@ -192,6 +192,9 @@ def _read_back(
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
     if error is not None and answered and may_become_unreachable(op.dialect, wanted):
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.write_unreachable", **params)
+    if op.port_error is not None:
+        why = Text.per_language(op.port_error.text)
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_port_lost", why=why, **params)
     if error is not None or raw is None:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **params)
     number = number_of(op.dialect, wanted.parameter, raw)

@@ -24,6 +24,7 @@ from drivebus.errors import (
     CapabilityError,
     DrivebusError,
     Expired,
+    PortLost,
     PreflightError,
     StartInhibited,
     Superseded,
@@ -60,12 +61,17 @@ def run(
     if will_wait and not dialect.can_confirm_speed():
         raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
     yield from op.start_clock()
-    yield from check_readiness(op)
-    word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
-    if op.derived.state.turning:
-        outcome = yield from _change_running_speed(op, frequency_hz, direction)
-    else:
-        outcome = yield from _start_from_standstill(op, actual_hz, direction, word)
+    try:
+        yield from check_readiness(op)
+        word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
+        if op.derived.state.turning:
+            outcome = yield from _change_running_speed(op, frequency_hz, direction)
+        else:
+            outcome = yield from _start_from_standstill(op, actual_hz, direction, word)
+    except PortLost as error:
+        if op.may_be_running:
+            raise
+        raise PortLost("drives.start_not_sent_port", why=Text.per_language(error.text)) from error
     return _note_unread_preconditions(op, outcome)
 
 
@@ -105,7 +111,36 @@ def _change_running_speed(
         raise StartInhibited("drives.turning", state=derived.state, direction=derived.direction)
     if derived.direction is None and direction is not None:
         raise StartInhibited("drives.turning_unknown_direction", direction=direction)
-    return (yield from set_frequency(op, frequency_hz))
+    stop_epoch = (yield from get_bus_conditions()).stop_epoch
+    outcome = yield from set_frequency(op, frequency_hz)
+    if derived.state is DriveState.DECELERATING and outcome.succeeded:
+        return (yield from _check_runs_on(op, outcome, frequency_hz, stop_epoch))
+    return outcome
+
+
+def _check_runs_on(
+    op: OperationContext, outcome: Outcome, frequency_hz: float, stop_epoch: int
+) -> DriveOperation[Outcome]:
+    """Check that a drive was not being stopped when it got its new frequency, which would not start it again.
+
+    While it is faster than the new frequency it may slow down to it or stop: a note says so.
+    """
+    until = (yield from get_bus_conditions()).now + START_CONFIRM_TIMEOUT_S
+    near_hz = speed_tolerance_hz(op, frequency_hz)
+    while True:
+        yield from wait(COMMAND_SETTLE_S)
+        yield from op.read_verified_state()
+        conditions = yield from get_bus_conditions()
+        if conditions.stop_epoch != stop_epoch:
+            raise op.superseded_error()
+        state, output = op.derived.state, _output_hz(op)
+        if state.driven:
+            return outcome
+        if state is DriveState.DECELERATING and output is not None and abs(output) > frequency_hz + near_hz:
+            return with_note(outcome, "drives.still_decelerating", output_hz=abs(output))
+        if state.output_off or conditions.now > until:
+            status = OutcomeStatus.UNKNOWN if state is DriveState.UNKNOWN else OutcomeStatus.FAILED
+            return op.outcome(status, "drives.run_while_decelerating", state=state)
 
 
 def _start_from_standstill(

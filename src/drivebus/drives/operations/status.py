@@ -12,7 +12,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import read_values
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.state import DerivedState, DriveState, DriveStatus
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Quality, Reading, missing_reading
 
@@ -89,7 +89,10 @@ CANONICAL_SIGNALS = {
 
 
 def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> DriveOperation[DriveStatus]:
-    """Read state and signals. Raises the error of the bus where the drive does not answer at all."""
+    """Read state and signals.
+
+    Raises the error of the bus where the drive does not answer at all, or the port is lost: nothing is known then.
+    """
     wanted = tuple(op.dialect.profile.signals) if names is None else names
     error = yield from op.read_verified_state()
     answered = error is None and bool(op.dialect.state_reads())
@@ -106,7 +109,7 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
     if not answered and error is None:
         error = yield from op.sync()
         answered = error is None
-    if not answered and error is not None:
+    if error is not None and (not answered or isinstance(error, PortLost)):
         raise error
     return complete_status(op.dialect, op.drive_status(), wanted)
 

@@ -282,11 +282,17 @@ class DriveCommands:
         return {"minimum_hz": low, "maximum_hz": high}
 
 
+_REPEATED_STOP_KEYS = {
+    f"drives.{name}": f"plant.{name}" for name in ("stop_not_sent_port", "stop_port_lost", "stop_port_lost_after")
+}
+"""Outcomes of a stop whose port is lost, to the same while the service waits for the port."""
+
+
 def repeated_stop(runtime: DriveRuntime, outcome: Outcome) -> Outcome:
-    """Return the outcome of a stop; one that a port withheld states that the service still repeats it."""
+    """Return the outcome of a stop; one whose port is lost states that the service still repeats it."""
     repeats = runtime.drive.stop_pending and not runtime.bus.is_closed
-    unsent = outcome.key == "drives.stop_not_sent_port"
-    return replace(outcome, key="plant.stop_not_sent_port") if unsent and repeats else outcome
+    key = _REPEATED_STOP_KEYS.get(outcome.key)
+    return replace(outcome, key=key) if key is not None and repeats else outcome
 
 
 def _check_limits_known(runtime: DriveRuntime) -> None:
