@@ -488,8 +488,7 @@ class BusCore:
         self._complete(prepared, error)
         if prepared.is_sync_probe:
             prepared.station.mark_suspect(now)
-            for waiting in self.scheduler.remove_if(lambda other: other.station is prepared.station):
-                self._complete(waiting, error)
+            self._fail_waiting(prepared.station, error)
         self._set_timer(now + prepared.gap_s)
 
     def _max_gap_s(self) -> float:
