@@ -94,8 +94,11 @@ def test_a_command_is_the_frame_of_its_source(line: dict[str, Any]) -> None:
         assert frame in sent
     else:
         assert dialect.profile.family == "modbus"
-        assert dialect.effect(frame) is not Effect.NONE
-        assert not (line["meaning"]["command"].startswith(("start", "jog")) and dialect.effect(frame) is Effect.STOP)
+        assert dialect.station_config.effect_of(frame) is not Effect.NONE
+        assert not (
+            line["meaning"]["command"].startswith(("start", "jog"))
+            and dialect.station_config.effect_of(frame) is Effect.STOP
+        )
 
 
 @pytest.mark.parametrize("line", [one for one in LINES if "setpoint_hz" in one["meaning"]], ids=lambda one: one["id"])
@@ -160,7 +163,7 @@ def test_a_write_of_command_and_frequency_at_once_counts_as_motion(line: dict[st
     message, reply = decoded(dialect.codec, line)
     assert {str(message.register + n): word for n, word in enumerate(message.values)} == line["meaning"]["writes"]
     assert reply.register == message.register
-    assert dialect.effect(bytes.fromhex(line["request"])) is Effect.MOTION
+    assert dialect.station_config.effect_of(bytes.fromhex(line["request"])) is Effect.MOTION
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda one: one["id"])

@@ -28,7 +28,7 @@ from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, LimitError, ProtocolError, StartInhibited
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
-from drivebus.protocols.codec import Codec, Effect
+from drivebus.protocols.codec import Codec
 from drivebus.protocols.dzb100 import (
     FREQUENCY_CODINGS,
     LAST_PARAMETER,
@@ -104,13 +104,10 @@ class Dzb100Dialect(Dialect):
             address=address,
             codec=self.codec,
             timing=timing,
-            effect_of=self.effect,
+            effect_of=frame_effect,
             sync_request=self._bus_sync_request,
             label=profile.model,
         )
-
-    def effect(self, frame: bytes) -> Effect:
-        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> Dzb100ReadParameter:
         request = Dzb100ReadParameter(self.address, 2 * n % (PARAMETER_COUNT + 1))

@@ -25,7 +25,7 @@ from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, ConfigurationError
 from drivebus.profiles.model import DriveProfile, Parameter
-from drivebus.protocols.codec import Codec, Effect
+from drivebus.protocols.codec import Codec
 from drivebus.protocols.sunfar import (
     VOLTAGE_CLASSES,
     MonitorIndexCoding,
@@ -113,15 +113,12 @@ class SunfarDialect(Dialect):
             address=address,
             codec=self.codec,
             timing=timing,
-            effect_of=self.effect,
+            effect_of=frame_effect,
             sync_request=self._bus_sync_request,
             label=profile.model,
             stop_request=self._control_request(SunfarOperation.STOP),
             longest_requests=(SunfarWriteParameter(address, 0, 0, 0),),
         )
-
-    def effect(self, frame: bytes) -> Effect:
-        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> SunfarReadParameter:
         tags = self._sync_tags[0::2] if len(self._sync_tags) >= MIN_TAGS_TO_SHARE else self._sync_tags

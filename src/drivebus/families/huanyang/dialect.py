@@ -75,13 +75,10 @@ class HuanyangDialect(Dialect):
             address=address,
             codec=self.codec,
             timing=timing,
-            effect_of=self.effect,
+            effect_of=frame_effect,
             sync_request=self._bus_sync_request,
             label=profile.model,
         )
-
-    def effect(self, frame: bytes) -> Effect:
-        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> HuanyangRequest:
         """Return a read of every other parameter of the profile: the reply names the parameter."""

@@ -67,13 +67,10 @@ class MitsubishiDialect(Dialect):
             address=address,
             codec=self.codec,
             timing=timing,
-            effect_of=self.effect,
+            effect_of=frame_effect,
             sync_request=self._bus_sync_request,
             label=profile.model,
         )
-
-    def effect(self, frame: bytes) -> Effect:
-        return frame_effect(frame)
 
     def _bus_sync_request(self, n: int) -> MitsubishiRequest:
         return self._read(SYNC_CODES[n % len(SYNC_CODES)])
