@@ -34,7 +34,12 @@ def test_systemd_waits_for_ready_watches_the_buses_and_leaves_time_to_stop_the_d
 
 
 def test_the_service_comes_before_other_work_of_the_machine_and_its_gateways() -> None:
-    """A stop does not wait for a compiler, nor does the page, which stops drives."""
+    """A stop does not wait for a compiler, nor does the page, which stops drives.
+
+    The nice level counts only among processes of one control group, the weight between those of services.
+    """
+    default_weight = 100
+    assert int(service()["CPUWeight"]) >= 10 * default_weight
     precedence = int(service()["Nice"])
     assert precedence < precedence + NICE_GATEWAY < 0
 
