@@ -10,8 +10,10 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
-# These folders hold to a real clock beside a browser, other programs or whole verbs: one test at a time.
-ALONE := tests/web/page tests/real tests/interop tests/ports tests/cli tests/web/api tests/web/live tests/system
+# These hold to a real clock beside a browser, or measure this machine: one test at a time.
+ALONE := tests/web/page tests/real tests/web/api tests/web/live tests/system/test_demo_dashboard.py
+# These hold to the real clock of slow buses and other programs: they wait nearly all the time, so three wait at once.
+WAITING := tests/cli tests/interop tests/ports
 # The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py
@@ -27,8 +29,9 @@ test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_R
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest -n auto --dist loadfile tests $(ALONE:%=--ignore %) $(DOCUMENTED:%=--ignore %)
+	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(WAITING) $(DOCUMENTED),--ignore $(each))
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
+	$(BIN)/python -m pytest -n 3 --dist loadfile $(WAITING)
 	$(BIN)/python -m pytest $(ALONE) $(DOCUMENTED:%=--ignore %)
 endif
 
