@@ -105,10 +105,11 @@ STATE_AFTER = """async ([entry, view]) => {
         ({"unconfirmed": ["x", "y"]}, {}, "because"),
     ],
 )
-def test_only_a_later_read_of_the_output_off_confirms_a_stop(visit: Any, entry: Any, view: Any, expected: str) -> None:
+def test_only_a_later_read_of_the_output_off_confirms_a_stop(
+    scripts: Any, entry: Any, view: Any, expected: str
+) -> None:
     """A start after the confirmation changes no result."""
-    page = visit("#/settings")
-    assert page.evaluate(STATE_AFTER, [entry, STOPPED | view]) == expected
+    assert scripts.evaluate(STATE_AFTER, [entry, STOPPED | view]) == expected
 
 
 def test_the_page_knows_the_states_with_the_output_off(scripts: Any) -> None:
@@ -116,27 +117,29 @@ def test_the_page_knows_the_states_with_the_output_off(scripts: Any) -> None:
     assert {*states} == {str(state) for state in DriveState if state.output_off}
 
 
-@pytest.mark.parametrize(
-    ("newer", "older", "left"),
-    [
-        ({"kind": "all", "id": None}, {"kind": "drive", "id": "fan-1"}, []),
-        ({"kind": "drive", "id": "fan-1"}, {"kind": "drive", "id": "fan-1"}, []),
-        ({"kind": "group", "id": "air"}, {"kind": "drive", "id": "fan-1"}, []),
-        ({"kind": "drive", "id": "pump-1"}, {"kind": "drive", "id": "fan-1"}, [1]),
-        ({"kind": "group", "id": "water"}, {"kind": "drive", "id": "fan-1"}, [1]),
-        ({"kind": "drive", "id": "fan-1"}, {"kind": "group", "id": "air"}, [1]),
-        ({"kind": "group", "id": "air"}, {"kind": "all", "id": None}, [1]),
-    ],
+REPLACED = (
+    (("all", None), ("drive", "fan-1"), []),
+    (("drive", "fan-1"), ("drive", "fan-1"), []),
+    (("group", "air"), ("drive", "fan-1"), []),
+    (("drive", "pump-1"), ("drive", "fan-1"), [1]),
+    (("group", "water"), ("drive", "fan-1"), [1]),
+    (("drive", "fan-1"), ("group", "air"), [1]),
+    (("group", "air"), ("all", None), [1]),
 )
-def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(
-    visit: Any, newer: Any, older: Any, left: list[int]
-) -> None:
+"""Newer stop, older stop without a confirmed result, and what of the older one is left."""
+
+
+def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(visit: Any) -> None:
     page = visit("#/fleet")
     page.route("**/stop", lambda route: route.fulfill(status=200, json={"outcomes": {}, "buses": {}}))
-    script = """async ([newer, older]) => {
+    script = """async (cases) => {
       const m = await import('/static/js/stops.js');
-      m.stops.value = [{ id: 1, what: older, phase: 'done', good: false, unconfirmed: [], text: () => '', time_ms: 1 }];
-      m.stop(newer.kind, newer.id);
-      return m.stops.value.slice(1).map(({ id }) => id);
+      const text = () => '';
+      return cases.map(([newer, [kind, id]]) => {
+        m.stops.value = [{ id: 1, what: { kind, id }, phase: 'done', good: false, unconfirmed: [], text, time_ms: 1 }];
+        m.stop(...newer);
+        return m.stops.value.slice(1).map((one) => one.id);
+      });
     }"""
-    assert page.evaluate(script, [newer, older]) == left
+    left = page.evaluate(script, [[newer, older] for newer, older, _ in REPLACED])
+    assert left == [expected for *_, expected in REPLACED]
