@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -71,6 +71,11 @@ class Text:
         return cls.from_mapping(
             {language: join((text.in_language(language) for text in texts), kind, language) for language in languages}
         )
+
+    @classmethod
+    def join_names(cls, names: Iterable[str]) -> Text:
+        """Return names, which are the same in every language, as one list."""
+        return cls.join([cls(name, name) for name in names], "items")
 
     def by_language(self) -> dict[str, str]:
         """Return the texts by the code of their language."""

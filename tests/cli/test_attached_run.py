@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from types import SimpleNamespace
 from typing import Any
 
@@ -85,7 +86,26 @@ def test_a_drive_that_turns_round_is_remarked_on(capsys: pytest.CaptureFixture[s
     reverse = DriveStatus(state=DriveState.RUNNING, direction=Direction.REVERSE)
     off = DriveStatus(state=DriveState.STOPPED)
     assert watch(reverse, off, off) is ExitCode.FAILED
-    assert "commanded forward, the drive reports reverse" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "commanded forward, the drive reports reverse" in shown
+    assert i18n.text("run.off_by_itself") in " ".join(shown.split())
+
+
+@pytest.mark.parametrize(
+    ("statuses", "is_off"),
+    [
+        ([DriveStatus(state=DriveState.STOPPED)] * 2, True),
+        ([DriveStatus(state=DriveState.FAULT, fault=Fault(9, "E009", Text("", "")))] * 2, False),
+        ([DriveStatus(state=DriveState.STOPPED), DriveStatus(state=DriveState.RUNNING)], False),
+    ],
+)
+def test_a_drive_is_called_off_by_itself_after_two_reads_in_a_row_without_a_trip(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, statuses: list[DriveStatus], is_off: bool
+) -> None:
+    monkeypatch.setattr(run, "STATUS_PERIOD_S", 0.0)
+    with contextlib.suppress(RuntimeError):  # no further status
+        watch(*statuses)
+    assert (i18n.text("run.off_by_itself") in " ".join(capsys.readouterr().out.split())) is is_off
 
 
 @pytest.mark.parametrize(

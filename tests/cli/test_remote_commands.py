@@ -132,6 +132,29 @@ def test_ctrl_c_stops_the_drive_of_an_attached_run_and_releases_its_lease(plant:
     assert (state(plant), rest(plant, "/drives/fan-1")["lease"]) == (DriveState.STOPPED, None)
 
 
+@pytest.mark.parametrize("by", ["bob", None])
+def test_an_attached_run_tells_a_stop_through_the_service_from_one_at_the_drive(
+    plant: RunningService, service: str, by: str | None
+) -> None:
+    """Regression: a stop by another user was called one of the keypad, the terminals or another master."""
+
+    async def stop() -> None:
+        if by is None:
+            plant.kit.station("fan-1").motor.stop()
+        else:
+            await plant.kit.call("drive.stop", remote_actor(by), drive="fan-1")
+
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
+    words = ("--frequency", "20", "--lang", "en")
+    with running_command("run", "--service", service, *FAN, *words) as process:
+        lines_until(process, lambda line: "Attached" in line)
+        plant.run_in_loop(stop)
+        shown = " ".join("".join(lines_until(process, lambda line: "no longer runs" in line)[-1:]).split())
+        assert process.wait(20) == ExitCode.FAILED
+    expected = i18n.text("run.off_by_itself") if by is None else i18n.text("run.stopped_by", actor=by)
+    assert shown.endswith(expected)
+
+
 @pytest.mark.parametrize(("kind", "stops"), [("trips", True), ("runs_on", False), ("unknown", None)])
 def test_what_the_service_does_not_know_of_a_communication_loss_is_null(kind: str, stops: bool | None) -> None:
     class Client:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.cli.commands import stop
@@ -62,10 +63,30 @@ def test_a_drive_that_cannot_report_is_acknowledged_and_a_plant_without_drives_i
     )
 
 
-def test_an_acknowledged_stop_is_never_called_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, text = stop_all(monkeypatch, {"fan": CONFIRMED, "saw": ACKNOWLEDGED}, "--lang", "en")
-    assert "NOT CONFIRMED" not in text and "acknowledged, the drive can't report it: saw" in text
-    assert "NOT CONFIRMED: there is no drive" in stop_all(monkeypatch, {}, "--lang", "en")[1]
+INHIBITED = "bus_stop.inhibited", ""
+
+
+@pytest.mark.parametrize("language", i18n.LANGUAGES)
+@pytest.mark.parametrize(
+    ("outcomes", "sentences"),
+    [
+        ({"a": CONFIRMED, "b": CONFIRMED}, [("bus_stop.confirmed", "ab"), INHIBITED]),
+        ({"a": ACKNOWLEDGED, "b": CONFIRMED}, [("bus_stop.confirmed", "b"), ("bus_stop.acknowledged", "a"), INHIBITED]),
+        ({"a": LOST, "b": {"status": "refused"}}, [("bus_stop.unknown", "ab"), INHIBITED]),
+        (
+            {"a": LOST, "b": ACKNOWLEDGED, "c": CONFIRMED},
+            [("bus_stop.confirmed", "c"), ("bus_stop.acknowledged", "b"), ("bus_stop.unknown", "a"), INHIBITED],
+        ),
+        ({}, [("bus_stop.no_drives", "")]),
+    ],
+)
+def test_each_drive_is_in_the_sentence_of_its_own_outcome_and_in_no_other(
+    monkeypatch: pytest.MonkeyPatch, outcomes: Json, sentences: list[tuple[str, str]], language: str
+) -> None:
+    """An acknowledged stop is not called unconfirmed, nor one that a drive rejected acknowledged."""
+    text = " ".join(stop_all(monkeypatch, outcomes, "--lang", language)[1].split())
+    expected = [i18n.text(key, language, addresses=i18n.join(names, "items", language)) for key, names in sentences]
+    assert text == i18n.join(expected, "sentences", language)
 
 
 @pytest.mark.parametrize("words", [("--address", "3"), ("--all",), ("--all", "--address", "3")])

@@ -22,6 +22,7 @@ from drivebus.errors import (
     Superseded,
     TargetNotReached,
 )
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import modbus, sunfar
 from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeC320, FakeModbus, PureBus, context_for, dialect_for, operation_for, reject_command
@@ -274,6 +275,8 @@ def test_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
     with pytest.raises(PreflightError) as caught:
         start(bus, op)
     assert caught.value.params["parameters"] == "F0.1"
+    unmet = {"notation": "F0.1", "found": 0, "keypad": bus.dialect.profile.preconditions[0].keypad}
+    assert caught.value.params["steps"] == bilingual_text("drives.precondition_unmet", **unmet)
     assert str(caught.value) == (
         "c320 at station 1 does not accept commands from the bus: F0.1 reads 0: Set F0.1 = 2 (frequency from RS485)."
     )
@@ -308,7 +311,44 @@ def test_a_running_drive_only_gets_its_new_frequency() -> None:
     bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     outcome = start(bus, op, 12.0)
     assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
-    assert outcome.status is OutcomeStatus.ACKNOWLEDGED
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.setpoint_acknowledged")
+
+
+def test_an_unanswered_frequency_that_no_read_shows_is_unknown() -> None:
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=lambda paper, request: None))
+    outcome = start(bus, op, 12.0)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.setpoint_unknown")
+
+
+@pytest.mark.parametrize(
+    ("shown", "status", "key"),
+    [
+        (1200, OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed"),
+        (1000, OutcomeStatus.FAILED, "drives.setpoint_differs"),
+        (None, OutcomeStatus.UNKNOWN, "drives.setpoint_unknown"),
+        (modbus.ExceptionReply(1, 3, 4), OutcomeStatus.ACKNOWLEDGED, "drives.setpoint_acknowledged"),
+    ],
+)
+def test_an_answered_frequency_is_judged_by_what_the_drive_shows_afterwards(
+    shown: Any, status: OutcomeStatus, key: str
+) -> None:
+    """It answers every write; then it shows this set frequency, falls silent, or rejects the read."""
+    paper = FakeModbus()
+
+    def station(request: Any) -> Any:
+        reads_setpoint = isinstance(request, modbus.ReadRegisters) and request.register == 0x3001
+        if not (reads_setpoint and paper.written) or isinstance(shown, int):
+            reply = paper(request)
+            paper.registers[0x3001] = shown if isinstance(shown, int) else 0
+            return reply
+        return shown
+
+    bus, op = vc660(paper)
+    paper.registers[0x3000] = 0x0009
+    bus.station = station
+    outcome = start(bus, op, 12.0)
+    assert (outcome.status, outcome.key) == (status, key)
+    assert outcome.params.get("found_hz") == (10.0 if status is OutcomeStatus.FAILED else None)
 
 
 def test_a_run_while_the_drive_decelerates_to_a_standstill_is_no_success() -> None:
@@ -495,9 +535,11 @@ def test_an_explicit_direction_on_df800_needs_its_calibration(direction: Directi
 
 def test_waiting_is_refused_where_nothing_shows_the_frequency() -> None:
     bus, op = df800(FakeModbus())
-    with pytest.raises(CapabilityError):
+    with pytest.raises(CapabilityError) as caught:
         bus.run(run(op, 10.0, None, will_wait=True))
+    assert caught.value.key == "drives.cannot_wait"
     assert not bus.requests
+    assert bus.run(run(op, 10.0, None)).key == "drives.start_acknowledged"
 
 
 def test_a_capability_that_the_model_lacks_is_refused_before_sending() -> None:

@@ -170,7 +170,7 @@ def assumed_models_texts(drives: list[DetectedDrive]) -> list[str]:
 def _assumed_text(address: str, models: tuple[str, ...], fits_partly: bool) -> str:
     if fits_partly:
         return output.text("scan.assumed_partly", address=address, models="/".join(models))
-    return output.text("scan.assumed", address=address, model=models[0], others=", ".join(models[1:]))
+    return output.text("scan.assumed", address=address, model=models[0], others=output.join(models[1:], "items"))
 
 
 def note_look_alikes(drives: list[DetectedDrive]) -> None:
@@ -272,9 +272,9 @@ def _note(drive: DetectedDrive) -> str:
     if len(models_by_step) <= 1:
         return output.text("scan.alike")
     steps = [
-        output.text("scan.share", models=", ".join(names))
+        output.text("scan.share", models=output.join(names, "items"))
         if hz is None
-        else output.text("scan.step", models=", ".join(names), step=f"{hz:g}")
+        else output.text("scan.step", models=output.join(names, "items"), step=f"{hz:g}")
         for hz, names in models_by_step.items()
     ]
     return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))

@@ -23,7 +23,11 @@ def drives_by_status(outcomes: Json) -> dict[str, list[str]]:
 
 def result_text(drives: dict[str, list[str]], notes: Iterable[str] = ()) -> str:
     """Format the drives by the status of their stop, and further sentences."""
-    parts = [output.text(f"bus_stop.{status}", addresses=", ".join(names)) for status, names in drives.items() if names]
+    parts = [
+        output.text(f"bus_stop.{status}", addresses=output.join(names, "items"))
+        for status, names in drives.items()
+        if names
+    ]
     return output.join([*(parts or [output.text("bus_stop.no_drives")]), *notes], "sentences")
 
 
@@ -60,4 +64,4 @@ def print_reasons(reasons: Mapping[str, str]) -> None:
     for name, reason in reasons.items():
         names.setdefault(reason, []).append(name)
     for reason, of in names.items():
-        output.print_text(output.wrap_for(f"{', '.join(of)}: {reason}", sys.stdout, indent=2))
+        output.print_text(output.wrap_for(f"{output.join(of, 'items')}: {reason}", sys.stdout, indent=2))

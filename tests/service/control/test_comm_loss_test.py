@@ -14,6 +14,7 @@ import pytest
 from drivebus import i18n
 from drivebus.drives import MemoryStore
 from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, Superseded, WaiverRequired
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
@@ -69,6 +70,14 @@ def events(kit: ServiceKit) -> list[str]:
     return [event["text"]["en"] for _, event in kit.service.plant.hub.items("events") if event["kind"] == "waiver"]
 
 
+def has_sentence(kit: ServiceKit, key: str, found: Json) -> bool:
+    """Return whether the newest event and the view of the fan state its test by this sentence."""
+    record = kit.service.plant.drives["fan-1"].comm_loss_record
+    assert record is not None
+    sentence = i18n.text(key, **record.message_params)
+    return events(kit)[-1] == sentence == found["text"]["en"]
+
+
 async def start(kit: ServiceKit) -> None:
     await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 
@@ -89,7 +98,7 @@ def test_a_drive_that_trips_in_the_silence_needs_no_waiver() -> None:
             assert (found["kind"], found["after_s"]) == ("trips", 19.0), "18 s, and the time of the next reply"
             assert found["tested"]["result"] == "trips" and found["tested"]["holds"]
             assert found["tested"]["parameters"] == {"F9.3": TRIP, "F9.4": 40}, "read again before the test"
-            assert found["tested"]["user"] == "eve"
+            assert found["tested"]["user"] == "eve" and has_sentence(kit, "plant.comm_loss_tested_trips", found)
             assert "试验" in found["text"]["zh"] and found["tested"]["fault"] in found["text"]["en"]
             await kit.call("drive.reset", drive="fan-1")
             await start(kit)
@@ -110,6 +119,7 @@ def test_a_drive_that_keeps_running_is_stopped_and_still_needs_a_waiver() -> Non
             assert not kit.station("fan-1").motor.energised, "the test stops the drive at its end"
             after_s = int(re.search(r"still ran after (\d+) s", found["text"]["en"])[1])  # type: ignore[index]
             assert after_s <= found["tested"]["silence_s"] < after_s + 1, "it says no longer time than was seen"
+            assert has_sentence(kit, "plant.comm_loss_tested_runs_on", found)
             with pytest.raises(WaiverRequired) as blocked:
                 await start(kit)
             assert blocked.value.key == "plant.waiver_needed_tested", "it was tested: another test alone helps nobody"
@@ -125,7 +135,8 @@ def test_a_tested_stop_without_a_fault_counts_and_a_drive_that_the_profile_trust
             set_keypad(kit, STOP, 3.0)
             await asyncio.sleep(8)
             await test_drive(kit)
-            assert (await comm_loss(kit))["tested"]["result"] == "stops"
+            found = await comm_loss(kit)
+            assert found["tested"]["result"] == "stops" and has_sentence(kit, "plant.comm_loss_tested_stops", found)
             dialect = kit.service.plant.drives["fan-1"].drive.dialect
             rule = replace(dialect.profile.comm_loss, trips_values=(0,))
             dialect.profile = replace(dialect.profile, comm_loss=rule)
@@ -168,8 +179,9 @@ def test_the_user_who_saw_the_motor_stop_ends_the_silence() -> None:
         async with running_service() as kit:
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
-            with pytest.raises(ServiceError, match="under way"):
+            with pytest.raises(ServiceError) as none:
                 await kit.call("comm_loss.test_read", drive="fan-1")
+            assert none.value.key == "plant.comm_loss_no_test"
             await begin(kit, silence_s=100.0)
             while kit.station("fan-1").motor.energised or (await comm_loss(kit))["test"]["phase"] != "silent":
                 await asyncio.sleep(0.5)
@@ -204,7 +216,8 @@ def test_a_test_that_was_disturbed_records_nothing_and_stops_the_drive(what: str
             await asyncio.sleep(15)
             found = await comm_loss(kit)
             assert found["tested"] is None and found["test"] is None and found["kind"] == "unknown"
-            assert any(text.startswith("no result of the communication-loss test") for text in events(kit))
+            (void,) = [text for text in events(kit) if text.startswith("no result of the communication-loss test")]
+            assert ("still ran after" in void and "the silence ended early" in void) is (what in ("read", "early"))
             assert not kit.station("fan-1").motor.energised
             assert (await kit.call("drives.get", drive="fan-1"))["state"] == "stopped", "it is polled again"
 
@@ -314,8 +327,11 @@ def test_a_changed_parameter_voids_the_test_until_it_reads_as_before() -> None:
             await change(kit, 100.0)
             found = await comm_loss(kit)
             assert not found["tested"]["holds"] and found["kind"] == "unknown"
-            with pytest.raises(WaiverRequired, match="no longer counts"):
+            with pytest.raises(WaiverRequired) as blocked:
                 await start(kit)
+            runtime = kit.service.plant.drives["fan-1"]
+            params = {"why": runtime.comm_loss.text} | runtime.comm_loss_record.message_params  # type: ignore[union-attr]
+            assert blocked.value.params["why"] == bilingual_text("plant.comm_loss_test_outdated", **params)
             await change(kit, 50.0)
             await start(kit)
 
@@ -339,7 +355,9 @@ def test_a_record_survives_a_restart_and_is_ignored_for_another_drive_of_its_nam
         async with running_service(store=store) as kit:
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
+            assert kit.drives_of_events("plant.comm_loss_discarded") == []
             await kit.call("comm_loss.discard", ENGINEER, drive="fan-1")
+            assert kit.drives_of_events("plant.comm_loss_discarded") == ["fan-1"]
             with pytest.raises(WaiverRequired):
                 await start(kit)
         assert store.get("comm-loss/fan-1") == ""
@@ -386,8 +404,9 @@ def test_a_test_needs_control_its_own_token_a_drive_at_rest_and_the_right_to_set
             await kit.call("lease.take", drive="fan-2")
             await kit.call("drive.run", drive="fan-2", frequency_hz=10.0)
             await asyncio.sleep(2)
-            with pytest.raises(ServiceError, match="stand still"):
+            with pytest.raises(ServiceError) as turning:
                 await kit.call("comm_loss.test", drive="fan-2", frequency_hz=10.0)
+            assert turning.value.key == "plant.comm_loss_not_at_rest"
             with pytest.raises(DrivebusError) as denied:
                 await kit.call("comm_loss.test", remote_actor("ann"), drive="fan-1", frequency_hz=10.0)
             assert denied.value.key == "plant.forbidden"
@@ -426,8 +445,9 @@ def test_a_stop_while_the_parameters_are_read_before_the_test_prevents_its_start
             await kit.call("drive.stop", drive="fan-1")
             with pytest.raises(Superseded):
                 await test
-            with pytest.raises(ServiceError, match="under way"):
+            with pytest.raises(ServiceError) as second:
                 await again
+            assert second.value.key == "plant.comm_loss_testing"
             assert kit.station("fan-1").motor.starts == 0 and (await comm_loss(kit))["test"] is None
 
     run(scenario())

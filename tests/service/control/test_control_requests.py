@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import ControlNotHeld, NotFound, PermissionDenied, ServiceError
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
@@ -22,6 +23,7 @@ from drivebus.service.control.control_requests import (
 from drivebus.service.control.leases import LEASE_TTL_S, ControlLeases
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
+from drivebus.values import Text
 from fixtures.service import DRIVES, ServiceKit, plant_config, remote_actor, running_service
 
 ANN, BOB, CYD = remote_actor("ann"), remote_actor("bob"), remote_actor("cyd")
@@ -288,6 +290,9 @@ def test_control_that_was_handed_over_to_a_session_that_is_gone_counts_as_releas
         text = "Fan 1 runs, and bob did not use the control that was handed over: no session has control"
         assert (alarm.title.en, alarm.text.en) == ("Control not taken over", text), "control was handed over, not lost"
         assert alarm.text.zh == "风机 1 正在运行，而 bob 未使用移交来的控制权：当前没有会话控制"
+        motion = bilingual_text("alarms.motion.running")
+        drive = Text("Fan 1", "风机 1")
+        assert alarm.text == bilingual_text("alarms.text.control_not_taken", drive=drive, motion=motion, owner="bob")
 
     played(scenario)
 

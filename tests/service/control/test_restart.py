@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.bus.trace import TraceKind
 from drivebus.drives import MemoryStore
 from drivebus.drives.context import DriveLimits
@@ -60,6 +61,11 @@ def test_a_drive_found_running_is_left_running_or_stopped_and_never_started(poli
             service = Service(chosen, replace(first.storage, settings=MemoryStore(), drives=MemoryStore()))
             async with service:
                 await asyncio.sleep(8)
+                texts = [alarm.text.en for alarm in service.plant.alarms.active() if alarm.cleared_ms is None]
+                running = i18n.text("alarms.text.running_at_start", drive="Fan 1")
+                stopped = i18n.text("plant.stopped_on_restart")
+                events = [event["text"]["en"] for _, event in service.plant.hub.items("events")]
+                assert (running in texts, stopped in events) == (policy is not OnRestart.STOP, policy is OnRestart.STOP)
                 kinds = {alarm.kind for alarm in service.plant.alarms.active() if alarm.cleared_ms is None}
                 if policy is OnRestart.STOP:
                     assert effects(service) <= {Effect.NONE, Effect.STOP}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,10 +10,13 @@ from typing import Any
 import pytest
 
 from drivebus.errors import DrivebusError
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.protocols import sunfar
 from drivebus.service.config.model import InterlockConfig
 from drivebus.service.control.start_blockers import check_start, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
+from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import ServiceKit, running_service
@@ -62,9 +66,9 @@ BLOCKERS = {
 }
 
 
-def blocker_keys(kit: ServiceKit) -> list[str]:
+def blocker_keys(kit: ServiceKit, id: str = "fan-1") -> list[str]:
     """Return the keys of the start blockers, after checking that the first one rejects a start."""
-    drive = kit.service.plant.drives["fan-1"]
+    drive = kit.service.plant.drives[id]
     blockers = list(start_blockers_json(kit.service.plant, drive))
     if not blockers:
         check_start(kit.service.plant, drive)
@@ -86,6 +90,41 @@ def test_each_start_blocker_alone_rejects_a_start(key: str) -> None:
             BLOCKERS[key](kit)
             assert blocker_keys(kit) == [key]
             kit.service.plant.state = "running"
+
+    run(scenario())
+
+
+class ForeignMaster:
+    """Second master on a simulated bus, which only sends."""
+
+    settings = None
+
+    def receive(self, data: bytes, line_errors: int) -> None: ...
+
+    def on_unplugged(self) -> None: ...
+
+
+def test_a_foreign_master_is_an_alarm_of_its_bus_while_starts_are_refused_there() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            await kit.grant_waivers()
+            wire, master = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port), ForeignMaster()
+            frame = sunfar.SunfarCodec().encode_request(sunfar.ReadMonitor(9, 1))
+            found = []
+            for requests, pause_s in ((0, 1), (20, 1), (0, 90)):
+                for _ in range(requests):
+                    wire.attach(master)
+                    wire.transmit(master, frame)
+                    await asyncio.sleep(0.37)
+                    wire.detach(master)
+                await asyncio.sleep(pause_s)
+                alarms = [one for one in kit.service.plant.alarms.active() if one.cleared_ms is None]
+                refused = ["drives.foreign_master" in blocker_keys(kit, drive) for drive in ("fan-1", "pump-1")]
+                found.append(([one.text for one in alarms if one.kind == "foreign_master"], refused))
+            bus = bilingual_text("plant.bus", id="a")
+            text = bilingual_text("alarms.text.foreign_master", bus=bus)
+            assert found == [([], [False, False]), ([text], [True, False]), ([], [False, False])]
 
     run(scenario())
 

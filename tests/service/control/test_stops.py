@@ -21,6 +21,7 @@ from drivebus.errors import (
     Superseded,
 )
 from drivebus.ports import open_port
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop, PlantConfig
 from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
@@ -228,7 +229,9 @@ def test_after_a_stop_of_everything_starts_stay_inhibited_until_released() -> No
             with pytest.raises(StartInhibited):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert "drives.start_inhibited" in [blocker["key"] for blocker in await blocked(kit, "fan-1")]
-            await kit.call("start_inhibit.release", drive="fan-1")
+            for _ in range(2):
+                await kit.call("start_inhibit.release", drive="fan-1")
+            assert kit.drives_of_events("plant.released") == ["fan-1"], "the second time nothing inhibited it"
             await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
 
     run(scenario())
@@ -244,8 +247,37 @@ def test_a_bus_stop_lists_a_drive_that_cannot_report_as_acknowledged() -> None:
             shown = {bus: (one["confirmed"], one["acknowledged"], one["unconfirmed"]) for bus, one in buses.items()}
             assert shown == {"a": (True, [], []), "b": (True, [], []), "c": (False, ["saw"], [])}
             assert "stop_unconfirmed" not in kinds(kit)
-            text = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")][-1]
-            assert "acknowledged by drives that can't report standstill: saw" in text
+            assert kit.drives_of_events("plant.did_stop_all_acknowledged", drives="saw") == [None]
+            assert kit.drives_of_events("plant.did_stop_all") == []
+
+    run(scenario())
+
+
+def test_the_event_of_each_command_says_what_was_sent_and_how_it_ended() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            answers = {
+                "plant.did_run": await kit.call("drive.run", drive="fan-1", frequency_hz=20.0),
+                "plant.did_set_frequency": await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=10.0),
+                "plant.did_stop": await kit.call("drive.stop", drive="fan-1"),
+                "plant.did_write": await kit.call("parameters.write", drive="fan-1", values={"F1.10": 1.0}),
+                "plant.did_jog": await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0),
+            }
+            for operation, params in (
+                ("drive.run", {"frequency_hz": 500.0}),
+                ("drive.set_frequency", {"frequency_hz": 500.0}),
+                ("drive.jog", {"frequency_hz": 500.0}),
+                ("parameters.write", {"values": {"F0.2": 700.0}}),
+            ):
+                with pytest.raises(LimitError):
+                    await kit.call(operation, drive="pump-1" if "values" not in params else "fan-2", **params)
+            for (key, answer), hz in zip(answers.items(), (20.0, 10.0, None, None, None), strict=True):
+                how = Text.from_mapping(answer["outcome"]["text"])
+                assert kit.drives_of_events(key, frequency_hz=hz, how=how) == ["fan-1"], key
+            kinds = ("command", "stop", "configuration")
+            events = [event["drive"] for event in kit.history.events if event["kind"] in kinds]
+            assert events == ["fan-1"] * len(answers), "a refused command did nothing"
 
     run(scenario())
 
@@ -371,6 +403,8 @@ def test_a_lost_client_triggers_the_policy_of_its_drive(policy: OnClientLost) ->
             assert state(kit, "fan-1").turning is held
             lost = [alarm.text.en for alarm in kit.service.plant.alarms.active() if alarm.kind == "control_lost"]
             assert lost == ["Fan 1 runs, and the session that had control is lost"] * held
+            assert kit.drives_of_events("plant.lease_lost", owner="ann") == ["fan-1"]
+            assert kit.drives_of_events("plant.stopped_client_lost", owner="ann") == ["fan-1"] * (not held)
 
     run(scenario())
 
@@ -384,6 +418,10 @@ def test_only_an_engineer_takes_a_lease_from_another_session() -> None:
                 await kit.call("lease.take", remote_actor("bob"), drive="fan-1")
             taken = await kit.call("lease.take", remote_actor("eve", Role.ENGINEER), drive="fan-1")
             assert taken["lease"]["owner"] == "eve"
+            assert kit.drives_of_events("plant.lease_taken", owner="ann") == ["fan-1"]
+            await kit.call("lease.release", remote_actor("eve", Role.ENGINEER), drive="fan-1")
+            await kit.call("lease.take", remote_actor("bob"), drive="fan-1")
+            assert kit.drives_of_events("plant.lease_taken", owner="eve") == [], "eve had released it"
 
     run(scenario())
 
@@ -399,10 +437,15 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(pol
             kit.station("fan-2").motor.run(20.0)
             await asyncio.sleep(3)
             stations = kit.station("fan-1"), kit.station("fan-2")
+            simulated_bus_of(kit.service.plant.drives["pump-1"].bus.port).unplug()
+            await asyncio.sleep(10)
             outcomes = await kit.service.stop()
             stopped = policy is OnServiceStop.STOP
             assert [*outcomes] == (["fan-1"] if stopped else [])
             assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
+            assert kit.drives_of_events("plant.held") == ([] if stopped else ["fan-1"])
+            assert kit.drives_of_events("plant.left_running") == ["fan-2"]
+            assert kit.drives_of_events("plant.left_unknown") == ["pump-1", "pump-2"]
 
     run(scenario())
 
@@ -644,14 +687,17 @@ def test_a_bus_that_cannot_be_opened_is_retried_and_affects_no_other() -> None:
             assert (await kit.call("buses.get", bus="a"))["problem"]["en"]
             found = await kit.call("plant.stop")
             assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"] and found["buses"]["b"]["confirmed"]
+            names = Text("fan-1, fan-2", "fan-1、fan-2")
+            assert kit.drives_of_events("plant.did_stop_all_but", drives=names) == [None]
             assert "port_lost" in kinds(kit)
             bench.replug()
             await asyncio.sleep(20)
             assert (await kit.call("drives.get", drive="fan-1"))["presence"] == "online"
             assert "port_lost" not in kinds(kit)
-            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-            assert sum("can't be opened" in text for text in texts) == 1
-            assert sum("bus a is open" in text for text in texts) == 1
+            texts = [event["text"]["en"] for event in kit.history.events]
+            assert sum("can't be opened, another attempt follows" in text for text in texts) == 1
+            title = {bus: bilingual_text("plant.bus", id=bus) for bus in "ab"}
+            assert [len(kit.drives_of_events("plant.bus_open", bus=title[bus])) for bus in "ab"] == [1, 0]
 
     run(scenario())
 

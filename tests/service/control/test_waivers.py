@@ -53,6 +53,8 @@ def test_a_waiver_of_another_drive_with_this_id_is_ignored_and_reported(changed:
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
         (text,) = waiver_events(kit)
         assert "does not apply" in text["en"] and BUSES[0].link in text["en"] and "不适用" in text["zh"]
+        recorded = {"model": "c320", "link": BUSES[0].link, "address": "1"}
+        assert kit.drives_of_events("plant.waiver_ignored", **recorded) == ["fan-1"]
         assert kit.station("fan-1").motor.starts == 0
 
     async def granted_again(kit: ServiceKit) -> None:
@@ -102,8 +104,14 @@ def test_a_stored_waiver_without_its_drive_is_ignored() -> None:
 
 
 def test_a_revoked_waiver_is_not_reported_as_that_of_another_drive() -> None:
+    async def granted(kit: ServiceKit) -> None:
+        await grant(kit)
+        assert kit.drives_of_events("plant.waived", reason="test bench") == ["fan-1"]
+        assert kit.drives_of_events("plant.unwaived") == []
+
     async def revoke(kit: ServiceKit) -> None:
         await kit.call("waiver.revoke", drive="fan-1")
+        assert kit.drives_of_events("plant.unwaived") == ["fan-1"]
         await rejected(kit)
 
     async def rejected(kit: ServiceKit) -> None:
@@ -113,7 +121,7 @@ def test_a_revoked_waiver_is_not_reported_as_that_of_another_drive() -> None:
 
     async def scenario() -> None:
         store = MemoryStore()
-        await run_service(plant_config(), store, grant)
+        await run_service(plant_config(), store, granted)
         await run_service(OTHER_DRIVES["address"], store, revoke)
         await run_service(plant_config(), store, rejected)
 

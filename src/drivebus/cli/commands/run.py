@@ -146,13 +146,22 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
         off = off + 1 if status.state.output_off else 0
         if status.fault is not None or off >= OUTPUT_OFF_COUNT:
             _end_line()
-            if status.fault is None:
-                output.print_message("run.off_by_itself")
-            else:
+            if status.fault is not None:
                 output.print_message("run.fault", fault=fault_text(status.fault))
+            elif stopped_by := _stopped_by(drive):
+                output.print_message("run.stopped_by", actor=stopped_by)
+            else:
+                output.print_message("run.off_by_itself")
             return ExitCode.FAILED
         await shutdown.wait(STATUS_PERIOD_S)
     return ExitCode.INTERRUPTED
+
+
+def _stopped_by(drive: Drive) -> str | None:
+    """Return who has requested a stop through the service since the start; None also without a service."""
+    from drivebus.cli.remote.drive import RemoteDrive
+
+    return drive.stopped_by if isinstance(drive, RemoteDrive) else None
 
 
 def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:

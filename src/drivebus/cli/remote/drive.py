@@ -74,6 +74,8 @@ class RemoteDrive:
         self._renewal: asyncio.Task[None] | None = None
         self._had_control_before = self._assume_model = False
         self._started_at: float | None = None
+        self.stopped_by: str | None = None
+        """Who has requested a stop since the last start, as of the newest status."""
 
     async def call(self, operation: Operation, **params: Any) -> Json:
         """Execute an operation on this drive."""
@@ -91,6 +93,7 @@ class RemoteDrive:
             await asyncio.sleep(STATE_POLL_PERIOD_S)
             now = RemoteBus.now()
             view = await self.call(DRIVES_GET)
+        self.stopped_by = view["last_stop"] and view["last_stop"]["actor"]
         return parse_status(view, now)
 
     def _state_is_older_than_start(self, view: Json, now: float) -> bool:

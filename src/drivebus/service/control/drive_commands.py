@@ -195,8 +195,10 @@ class DriveCommands:
         return {}
 
     def release_start(self, runtime: DriveRuntime, actor: Actor) -> None:
-        """Permit starts of one drive again. Raises ControlNotHeld."""
+        """Permit starts of one drive again, where a bus stop inhibits them. Raises ControlNotHeld."""
         self.require_control(runtime.id, actor)
+        if not runtime.bus.start_inhibited(runtime.config.address):
+            return
         runtime.bus.release_start([runtime.config.address])
         self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
 

@@ -20,6 +20,7 @@ from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
+from drivebus.values import Text
 
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
@@ -59,7 +60,7 @@ class StopCommands:
             key = "plant.did_stop_all_acknowledged"
         else:
             key = "plant.did_stop_all" if outcomes else "plant.did_stop_all_no_drives"
-        drives = ", ".join(unconfirmed or acknowledged)
+        drives = Text.join_names(unconfirmed or acknowledged)
         self.plant.publish_event("stop", None, key, actor=actor.name, drives=drives)
 
     def _count_report(self, runtimes: Sequence[DriveRuntime], report: StopReport) -> tuple[Json, Json]:

@@ -34,6 +34,7 @@ from drivebus.service.runtime.run_statistics import RunStatisticsStore
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.service.storage.settings import SETTINGS_FILE, StoredSettings
 from drivebus.types import Json
+from drivebus.values import Text
 
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
 """Alarms whose cause is logged by an event of its own."""
@@ -328,7 +329,7 @@ class Plant:
         """Raise an alarm while the limits of a drive are lost with their file, else clear it."""
         lost = [runtime.id for runtime in self.drives.values() if runtime.limits_lost]
         if lost:
-            self.raise_alarm(SystemAlarm.SETTINGS_LOST, subject=SETTINGS_FILE, drives=", ".join(lost))
+            self.raise_alarm(SystemAlarm.SETTINGS_LOST, subject=SETTINGS_FILE, drives=Text.join_names(lost))
         else:
             self.clear_alarm(SystemAlarm.SETTINGS_LOST, subject=SETTINGS_FILE)
 
