@@ -1,7 +1,6 @@
 """Reference of the sentences about a drive or a bus: when each is used, and the tests that show it.
 
-A test names a sentence if it has its key, or words that only this sentence has. For a sentence that no test names, the
-tests that use it are recorded by ``tests/fixtures/sentence_recorder.py``.
+A test names a sentence if it has its key, or words that only this sentence has.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ CONDITIONS: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parent / "sentences.json").read_text(encoding="utf-8")
 )
 """Key → condition in each language; a key that ends with ``*`` is for every key that begins so."""
-USED_IN: dict[str, str] = json.loads((Path(__file__).parent / "sentence_tests.json").read_text(encoding="utf-8"))
-"""Key → recorded test that uses the sentence."""
 OTHER_TEXTS: dict[str, Text] = {
     "about_no_drive": Text(
         "about files, users and programs, not about a drive or a bus", "关于文件、用户和程序，不涉及变频器或总线"
@@ -41,11 +38,6 @@ HEADS = {
     "sentence": Text("sentence", "语句"),
     "condition": Text("used when", "何时使用"),
     "proof": Text("test", "测试"),
-}
-KINDS_OF_PROOF = {
-    "named": Text("named by a test or the campaign `statements`", "有测试或验证 `statements` 指明的语句"),
-    "used": Text("used in a test that does not name it (in *italics*)", "在测试中用到但未指明的语句（*斜体*）"),
-    "none": Text("without a test", "没有测试的语句"),
 }
 CAMPAIGN = Text("campaign `statements`", "验证 `statements`")
 SHORTEST_WORDING = 10
@@ -90,10 +82,8 @@ def parts(root: Path, language: str) -> dict[str, str]:
         )
         for key in sentence_keys()
     ]
-    counts = [f"- {localized(KINDS_OF_PROOF[kind], language)}: {n}" for kind, n in proof_counts(root).items()]
     groups = [f"- {localized(why, language)}: {_group_keys(name)}" for name, why in OTHER_TEXTS.items()]
     return {
-        "counts": "\n".join(counts) + "\n",
         "sentences": table([localized(head, language) for head in HEADS.values()], rows),
         "others": "\n".join(groups) + "\n",
     }
@@ -123,18 +113,9 @@ def _without_names(sentence: str) -> str:
 
 
 def _proof_cell(key: str, root: Path, language: str) -> str:
-    named = proofs(root)[key]
-    if not named:
-        return f"*{_link(Proof(*USED_IN[key].split('::')))}*" if key in USED_IN else "–"
     campaign = localized(CAMPAIGN, language)
-    links = [campaign if one.file.startswith("verification/") else _link(one) for one in named]
+    links = [campaign if one.file.startswith("verification/") else _link(one) for one in proofs(root)[key]]
     return ", ".join(list(dict.fromkeys(links))[:MOST_LINKS])
-
-
-def proof_counts(root: Path) -> dict[str, int]:
-    """Return how many sentences have each kind of proof."""
-    kinds = ["named" if proofs(root)[key] else "used" if key in USED_IN else "none" for key in sentence_keys()]
-    return {kind: kinds.count(kind) for kind in KINDS_OF_PROOF}
 
 
 def _link(proof: Proof) -> str:

@@ -148,7 +148,8 @@ def test_a_removed_stations_polls_and_requests_end() -> None:
     script.submit(read_request(2), "busy")
     script.submit(read_request(1), "waiting")
     script._perform(script.core.remove_station(1, script.now))
-    assert script.results["waiting"][0].error is not None
+    assert script.results["waiting"][0].error.key == "bus.removed"
+    assert script.result("busy").error is None
     script.run_until(5)
     assert [frame[0] for frame in script.frames] == [2]
 

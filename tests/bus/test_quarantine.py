@@ -175,6 +175,30 @@ def test_the_reply_to_another_request_makes_the_station_suspect() -> None:
     assert script.core.stations[1].state.is_suspect and len(script.sent) == 2
 
 
+def test_an_offline_station_that_rejects_its_sync_probes_is_not_called_silent_until_one_counts() -> None:
+    station = FakeStation()
+    script = make_script(station)
+    station.alive = False
+    script.submit(read_request(), "lost")
+    script.result("lost")
+    inner, shown = wire_to(station), []
+
+    def refuses_loopbacks(frame: bytes, ended: float) -> Iterable[tuple[float, bytes]]:
+        error: Any = script.core.unusable_reply(1)
+        shown.append(error and error.key)
+        return (
+            [(ended + 0.02, CODEC.encode_reply(modbus.ExceptionReply(1, 8, 1)))]
+            if frame[1] == 8
+            else inner(frame, ended)
+        )
+
+    station.alive = True
+    script.wire = refuses_loopbacks
+    script.submit(read_request(), "next")
+    assert script.result("next").error is None
+    assert shown == [None, "bus.sync_rejected", "bus.sync_rejected", None]
+
+
 def counting() -> BusCore:
     """Return a bus with a DF800, whose sync probe differs from other reads only in its register count."""
     bus = BusCore(SETTINGS, echo="off")
@@ -204,11 +228,14 @@ def test_the_late_reply_to_a_users_read_is_not_taken_for_that_of_a_sync_probe() 
     script.receive(registers(7, 7), at=probe_at + 8 * CHARACTER_S + 0.01)
     script.run_until(probe_at + 0.09)
     assert script.core.stations[1].state.is_suspect
+    shown: Any = script.core.stations[1].unusable_reply
+    assert (shown.key, shown.params["seconds"]) == ("bus.sync_ambiguous", 5.0)
     station.alive = True
     script.run_until(probe_at + 5.0)
     assert len(script.sent) == 3, "a sync probe proves nothing while an older reply may match it"
     script.run_until(probe_at + 5.3)
     assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > probe_at + 5.0
+    assert script.core.stations[1].unusable_reply is None
 
 
 def test_a_read_that_waits_for_a_sync_probe_fails_at_once_where_no_other_can_prove_more_for_5_s(

@@ -172,9 +172,18 @@ def test_loopback_counts_what_the_drive_returns() -> None:
     found = run_json("loopback", *drive)
     assert (found["requests"], found["returned"], found["repetitions"], found["error"]) == (4, 4, 0, None)
     assert 0 < found["round_trip_ms"]["min"] <= found["round_trip_ms"]["mean"] <= found["round_trip_ms"]["max"]
-    assert (
-        "4 of 4 loop-backs returned unchanged" in CliRunner().invoke(cli, ["loopback", *drive, "--lang", "en"]).stdout
-    )
+    shown = " ".join(run_text("loopback", *drive, "--lang", "en").split())
+    assert shown.startswith(i18n.text("loopback.returned", returned=4, requests=4))
+
+
+def test_a_loopback_without_a_reply_has_no_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def loopback_test(drive: Drive, count: int) -> LoopbackReport:
+        return LoopbackReport(count, (), 0, errors.NoReply("bus.no_reply", station=3, milliseconds=56))
+
+    monkeypatch.setattr(Drive, "loopback_test", loopback_test)
+    words = ("sim://vc660@3", "--model", "vc660", "--address", "3", "--count", "4", "--lang", "en")
+    text = run_text("loopback", *words, code=1)
+    assert text.startswith(i18n.text("loopback.returned", returned=0, requests=4)) and "Round trip" not in text
 
 
 @pytest.mark.parametrize(
@@ -191,6 +200,10 @@ def test_loopback_names_its_repetitions_and_its_last_error_only_where_there_were
     text = run_text("loopback", *words, code=int(error is not None))
     repeated = f"Repeated because a reply was missing or damaged: {repetitions}."
     assert (repeated in text, "Repeated" in text) == (repetitions > 0, repetitions > 0)
+    returned = 4 - (error is not None)
+    times = {"low": 20.0, "mean": 20.0, "high": 20.0}
+    assert i18n.text("loopback.returned", returned=returned, requests=4) in text
+    assert i18n.text("loopback.times", **times) in text
     assert ("Last error: station 3: no reply within 56 ms" in text, "rror" in text) == (error is not None,) * 2
 
 
@@ -366,6 +379,7 @@ def test_ports_names_an_adapter_that_holds_bytes_back_and_the_remedy(
     noted = " ".join(result.stderr.split())
     assert "devices/ttyUSB7/latency_timer" in noted and "16 ms" in noted
     assert "ttyUSB8" not in noted and "ttyACM0" not in noted
+    assert "".join(i18n.text("ports.latency", device="ttyUSB7", ms=16).split()) in "".join(result.stderr.split())
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -456,6 +470,12 @@ def test_a_bus_stop_without_addresses_stops_the_present_drives_and_counts_the_ab
     found = run_json("stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200")
     assert found["confirmed"] == [1, 2]
     assert len(found["absent"]) == 29
+    assert found["text"].endswith(i18n.text("bus_stop.absent", count=29))
+
+
+def test_a_bus_stop_of_named_addresses_counts_no_other_address_as_absent() -> None:
+    found = run_json("stop", "--all", "sim://c320@1-2", "--model", "c320", "--address", "1-2", "--baud", "19200")
+    assert (found["absent"], found["text"]) == ([], i18n.text("bus_stop.confirmed", addresses="1, 2"))
 
 
 def test_an_e300_that_is_named_a_c320_is_not_run_ten_times_too_fast() -> None:
@@ -480,7 +500,15 @@ def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
     )
     assert {drive["setpoint_steps_hz"][model] for model in ("c320", "e300")} == {0.01, 0.1}
     text = run_text(*words, "--models", "c320", "--lang", "en")
-    assert "c320, c300 count 0.01 Hz; e300, e500, e550 count 0.1 Hz" in " ".join(text.split())
+    steps = [
+        i18n.text("scan.step", models=models, step=step)
+        for models, step in (("c320, c300", "0.01"), ("e300, e500, e550", "0.1"))
+    ]
+    shown = " ".join(text.split())
+    assert steps == ["c320, c300 count 0.01 Hz", "e300, e500, e550 count 0.1 Hz"] and "; ".join(steps) in shown
+    assert i18n.text("scan.no_valid_reply") not in shown
+    zh = " ".join(run_text(*words, "--models", "c320", "--lang", "zh").split())
+    assert i18n.text("scan.step", "zh", models="c320、c300", step="0.01") in zh
 
 
 def test_scan_without_models_names_a_drive_of_a_less_common_make() -> None:
@@ -502,3 +530,5 @@ def test_scan_fails_where_only_bytes_without_a_valid_reply_were_received() -> No
     words = ("scan", "sim://c320@3?drives=9600-8E1&line_quality=junk=1", *ONE_PROBE, "--encoding", "ascii")
     found = run_json(*words, code=1)["found"]
     assert found and not any(drive["valid_reply"] for drive in found)
+    text = run_text(*words, "--lang", "en", code=1)
+    assert text.count(i18n.text("scan.no_valid_reply")) == len(found)

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.cli import output
 from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
-from drivebus.cli.scanning import assumed_models_texts, print_scan
+from drivebus.cli.scanning import ScanProgressBar, assumed_models_texts, print_scan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
@@ -52,6 +52,18 @@ def test_a_word_of_bits_is_also_shown_in_hexadecimal() -> None:
     reading = Reading(value=10.0, unit="", raw=10)
     assert format_reading(reading, VC660.signals["input_terminals"]) == "10 (000AH)"
     assert format_reading(missing_reading("drives.no_answer"), VC660.signals["input_terminals"]) == "–"
+
+
+@pytest.mark.parametrize(
+    ("status", "key"),
+    [
+        (OutcomeStatus.CONFIRMED, "outcome.confirmed"),
+        (OutcomeStatus.ACKNOWLEDGED, "outcome.acknowledged"),
+    ],
+)
+def test_an_outcome_begins_with_its_own_status_in_words(status: OutcomeStatus, key: str) -> None:
+    text = outcome_text(Outcome(status=status, key="drives.stop_confirmed"))
+    assert text == i18n.text(key, text=i18n.text("drives.stop_confirmed"))
 
 
 def test_an_outcome_is_printed_once_with_further_notes_below() -> None:
@@ -169,13 +181,27 @@ def test_a_scan_says_once_that_addresses_sent_bytes_without_a_valid_reply(
     assert "9600 8N1" in joined and "19200 8N1" in joined and "ascii" in joined
 
 
-def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be() -> None:
-    def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:
-        return DetectedDrive(
-            models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=address,
-            fits_partly=fits_partly, settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
-        )  # fmt: skip
+def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:
+    return DetectedDrive(
+        models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=address,
+        fits_partly=fits_partly, settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
 
+
+def test_a_scan_names_each_drive_once_when_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    monkeypatch.setattr(output.ProgressBar, "print_above", lambda bar, line: lines.append(line))
+    progress = ScanProgress(total_s=1.0)
+    with ScanProgressBar() as bar:
+        for found in ([], [detected(1, "gd10")], [detected(9, "gd10", "gd20")], []):
+            progress.found += found
+            bar.on_progress(progress)
+    serial = {"settings": "9600 8N1", "encoding": "rtu"}
+    models = {1: "gd10", 9: "gd10/gd20"}
+    assert lines == [i18n.text("scan.found", models=models[each], address=each, **serial) for each in models]
+
+
+def test_a_model_that_is_assumed_is_named_with_what_else_it_may_be() -> None:
     alike = [detected(address, "shihlin_se2", "svd_p") for address in (2, 9)]
     assert assumed_models_texts([detected(1, "gd10"), *alike, detected(3, "vc660", fits_partly=True)]) == [
         "Address 2, 9: shihlin_se2 is assumed. The bus can't tell it from svd_p: see the name plate.",

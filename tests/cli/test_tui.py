@@ -410,7 +410,9 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
     assert result.exit_code == 0, result.output
     rows = [json.loads(text) for text in result.stdout.splitlines() if '"drives"' in text][-1]["drives"]
     assert [row["state"] for row in rows] == ["stopped", "stopped"]
-    assert "Address 9 (vc660) uses another protocol" in result.stderr
+    noted = " ".join(result.stderr.split())
+    assert i18n.text("monitor.left_out", address=9, models="vc660") in noted
+    assert noted.count("is left out") == 1
 
 
 def test_an_assumed_model_is_marked_in_the_table() -> None:

@@ -120,7 +120,8 @@ def test_a_coding_that_the_drive_does_not_show_stays_undetermined() -> None:
     """The keypad of this drive shows 0 Hz, not 12.3."""
     with blocking.open_bus("sim://dzb100@1?baud=9600") as bus:
         drive = blocking.Drive(bus, "dzb100", 1)
-        with pytest.raises(TargetNotReached):
+        with pytest.raises(TargetNotReached) as differs:
             drive.calibrate("query_coding", keypad_hz=12.3)
+        assert (differs.value.key, differs.value.params["word"]) == ("drives.coding_no_match", "0000H")
         with pytest.raises(StartInhibited):
             drive.calibrate("setpoint_coding")

@@ -252,6 +252,33 @@ def test_a_rejected_read_has_the_meaning_of_its_exception(code: int | None, reas
     assert dialect.decode_readings(request, modbus.ExceptionReply(1, 3, code), 0.0)["state"].reason == reason
 
 
+SUNFAR_REJECTIONS = {
+    1: "drives.sunfar_response_1",
+    2: "drives.sunfar_response_2",
+    3: "drives.sunfar_response_3",
+    4: "drives.sunfar_response_4",
+    6: "drives.sunfar_response_6",
+    7: "drives.sunfar_response_7",
+    8: "drives.sunfar_response_8",
+}
+
+
+@pytest.mark.parametrize("response", list(sunfar.SunfarResponse))
+def test_each_response_of_a_c320_but_the_accepting_one_is_named_as_its_rejection(
+    response: sunfar.SunfarResponse,
+) -> None:
+    found = dialect_for("c320").rejection(replace(c320_reply(sunfar.SunfarState.STOPPED), response=response))
+    assert (found and found.key) == SUNFAR_REJECTIONS.get(response)
+    assert found is None or (found.code == response and str(found.code) in i18n.text(found.key, "zh"))
+
+
+@pytest.mark.parametrize(("accepted", "key"), [(True, None), (False, "drives.dzb100_rejected"), (None, None)])
+def test_only_the_rejecting_reply_of_a_dzb100_is_named_a_rejection(accepted: bool | None, key: str | None) -> None:
+    """A reply to a query has no code."""
+    found = dialect_for("dzb100").rejection(dzb100.Dzb100Reply(head="C", address=1, index=1, data=0, accepted=accepted))
+    assert (found and found.key) == key
+
+
 @pytest.mark.parametrize("code", [6, 7, 8])
 def test_a_rejection_without_a_state_names_its_response_code(code: int) -> None:
     dialect: Any = dialect_for("c320")
@@ -337,7 +364,8 @@ def test_an_uncalibrated_dzb100_accepts_frequencies_below_the_cap(hz: float, wor
 def test_an_uncalibrated_dzb100_refuses_frequencies_above_the_cap(hz: float) -> None:
     with pytest.raises(LimitError) as caught:
         dialect_for("dzb100").setpoint_word(hz)
-    assert caught.value.params["cap"] == "0005H"
+    assert (caught.value.key, caught.value.params["cap"]) == ("drives.coding_cap", "0005H")
+    assert dialect_for("dzb100", setpoint_coding="hex-0.1").setpoint_word(hz) == round(hz * 10)
 
 
 @pytest.mark.parametrize(
@@ -543,12 +571,20 @@ def test_a_drive_at_the_broadcast_address_is_refused(model: str, address: int) -
 
 
 @pytest.mark.parametrize(
-    ("model", "options"),
-    [("c320", {"address": 32}), ("c320", {"encoding": "rtu"}), ("c320", {"options": {"colour": 1}})],
+    ("given", "key", "found"),
+    [
+        ({"address": 32}, "drives.address", 32),
+        ({"address": 31}, "drives.address_broadcast", 31),
+        ({"encoding": "rtu"}, "drives.encoding", "rtu"),
+        ({"options": {"colour": 1}}, "drives.option", "colour"),
+    ],
 )
-def test_an_address_encoding_or_option_unknown_to_the_model_is_refused(model: str, options: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError):
-        create_dialect(profiles.load(model), **({"address": 1} | options))
+def test_an_address_encoding_or_option_unknown_to_the_model_is_refused(
+    given: dict[str, Any], key: str, found: Any
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        create_dialect(profiles.load("c320"), **({"address": 1} | given))
+    assert (caught.value.key, caught.value.params["found"]) == (key, found)
 
 
 @pytest.mark.parametrize("model", profiles.models())

@@ -60,6 +60,7 @@ def test_no_frame_of_a_command_is_sent_an_hour_after_its_request(model: str) -> 
     asleep_over(bus, lambda ask: len(bus.requests) == 2)
     with pytest.raises(Expired) as caught:
         bus.run(COMMANDS[model](op))
+    assert caught.value.key == "drives.checks_timeout"
     assert caught.value.params["age_s"] > HOUR_S and caught.value.params["limit_s"] >= CHECKS_TIMEOUT_S
     assert len(bus.requests) >= 2 and not bus.effects()
 

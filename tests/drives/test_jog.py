@@ -71,7 +71,7 @@ def test_a_jog_begins_at_standstill() -> None:
 def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=reject_command))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
-    assert outcome.status is OutcomeStatus.REFUSED
+    assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.sunfar_response_1")
     assert operations(bus) == [sunfar.SunfarOperation.JOG_FORWARD_AT]
 
 
@@ -89,15 +89,27 @@ def test_a_jog_above_the_limit_or_without_a_frequency_where_it_needs_one_is_refu
     with pytest.raises(LimitError):
         bus.run(begin_jog(operation_for(bus.dialect), 51.0, FORWARD))
     dzb = PureBus(dialect=dialect_for("dzb100"), station=FakeC320())
-    with pytest.raises(CapabilityError):
+    with pytest.raises(CapabilityError) as caught:
         dzb.run(begin_jog(operation_for(dzb.dialect), None, FORWARD))
+    assert caught.value.key == "drives.jog_needs_frequency"
     assert not bus.requests and not dzb.requests
+
+
+def test_a_frequency_that_a_jog_can_not_carry_is_refused_with_the_keypad_as_its_place() -> None:
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={0x3000: 1, 1: 4}))
+    with pytest.raises(CapabilityError) as caught:
+        bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
+    assert caught.value.key == "drives.jog_frequency_keypad"
+    assert not bus.requests
+    assert bus.run(begin_jog(operation_for(bus.dialect), None, FORWARD)).key == "drives.jog_begun"
 
 
 @pytest.mark.parametrize("lease_s", [0.0, -1.0, MAX_JOG_LEASE_S + 0.001, float("nan"), float("inf")])
 def test_a_lease_is_above_zero_and_at_most_half_a_second(lease_s: float) -> None:
-    with pytest.raises(LimitError):
+    with pytest.raises(LimitError) as caught:
         check_jog_lease(lease_s)
+    assert caught.value.key == "drives.lease_too_long"
+    assert check_jog_lease(MAX_JOG_LEASE_S) == MAX_JOG_LEASE_S
 
 
 @pytest.mark.parametrize("model", [*MODELS, "c300", "e300", "e350", "e500", "e550"])

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import profiles
 from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
@@ -205,8 +206,9 @@ def test_dzb100_takes_a_frequency_only_while_it_runs() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
             drive = bench.drive()
-            with pytest.raises(StartInhibited):
+            with pytest.raises(StartInhibited) as caught:
                 await drive.set_frequency(0.3)
+            assert caught.value.key == "drives.frequency_with_run"
             await drive.run(0.5)
             await drive.set_frequency(0.3)
             assert (await drive.status()).readings["set_frequency"].value == 0.3
@@ -703,6 +705,24 @@ def test_a_monitor_takes_only_polled_values_from_a_command() -> None:
     run_virtual(scenario())
 
 
+@pytest.mark.parametrize(("model", "other"), [("c320", "dc_bus_voltage"), ("vc660", "output_current")])
+def test_only_what_was_never_read_is_called_not_read_yet(model: str, other: str) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            with drive.monitor(["output_frequency"]) as monitor:
+                assert monitor.status().reason == "drives.not_read"
+                await asyncio.sleep(5)
+                polled = monitor.status()
+            read = await drive.status(["output_frequency"])
+            for status in (polled, read):
+                assert status.state is DriveState.STOPPED and status.reason is None
+                assert status.readings["output_frequency"].reason != "drives.not_read"
+                assert status.readings[other].reason == "drives.not_read"
+
+    run_virtual(scenario())
+
+
 # --- calibration ------------------------------------------------------------------------------------------------
 
 
@@ -736,8 +756,9 @@ def test_the_codings_of_a_dzb100_are_calibrated_at_five_hertz_or_less(query: str
 
 async def check_undetermined(drive: Drive) -> None:
     """0005H is 0.05 Hz; in steps of 0.1 Hz that looks like a drive that ignores its start: nothing is determined."""
-    with pytest.raises(TargetNotReached):
+    with pytest.raises(TargetNotReached) as caught:
         await drive.calibrate("setpoint_coding")
+    assert caught.value.key == "drives.calibration_run_failed"
     assert drive.dialect.options["setpoint_coding"] == "unknown"
     with pytest.raises(LimitError):
         await drive.run(1.0)
@@ -776,8 +797,9 @@ def test_a_calibration_never_runs_faster_than_the_user_allows() -> None:
 def test_the_setpoint_coding_is_not_calibrated_before_the_query_coding() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
-            with pytest.raises(StartInhibited):
+            with pytest.raises(StartInhibited) as caught:
                 await bench.drive().calibrate("setpoint_coding")
+            assert caught.value.key == "drives.query_coding_first"
             assert not bench.station().running
 
     run_virtual(scenario())
@@ -835,5 +857,7 @@ def test_an_unpublished_communication_loss_behaviour_is_never_reported_as_a_stop
             report = await bench.drive().comm_loss_behaviour()
             assert report.stops_on_comm_loss is not True
             assert report.text("zh") != report.text("en")
+            published = profiles.load(model).comm_loss.time_notation is not None
+            assert (report.key == "drives.comm_loss_unpublished") is not published
 
     run_virtual(scenario())

@@ -27,6 +27,7 @@ from drivebus.errors import (
     CodeError,
     ConfigurationError,
     ConfirmationRequired,
+    DrivebusError,
     EepromBudgetExceeded,
     LimitError,
     NotPermitted,
@@ -208,26 +209,28 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "name", "value", "error"),
+    ("model", "name", "value", "error", "key"),
     [
-        ("c320", "F0.2", 700.0, LimitError),
-        ("c320", "F0.2", -1.0, LimitError),
-        ("dzb100", "77", 3.0, LimitError),
-        ("vc660", "F00.00", 1.0, CapabilityError),
-        ("vc660", "F00.03", 1.0, CapabilityError),
-        ("vc660", "3002H", 1.0, CapabilityError),
-        ("vc660", "0x200B", 1.0, CapabilityError),
-        ("c320", "F3.5", 1.0, CapabilityError),
-        ("c320", "output_frequency", 1.0, CapabilityError),
-        ("c320", "nonsense", 1.0, ProfileError),
+        ("c320", "F0.2", 700.0, LimitError, "drives.parameter_range"),
+        ("c320", "F0.2", -1.0, LimitError, "drives.parameter_range"),
+        ("c320", "F0.2", 30.004, LimitError, "drives.parameter_step"),
+        ("dzb100", "77", 3.0, LimitError, "drives.parameter_choice"),
+        ("vc660", "F00.00", 1.0, CapabilityError, "drives.not_writable"),
+        ("vc660", "F00.03", 1.0, CapabilityError, "drives.not_writable"),
+        ("vc660", "3002H", 1.0, CapabilityError, "drives.signal_not_written"),
+        ("vc660", "0x200B", 1.0, CapabilityError, "drives.register_not_listed"),
+        ("c320", "F3.5", 1.0, CapabilityError, "drives.not_described"),
+        ("c320", "output_frequency", 1.0, CapabilityError, "drives.signal_not_written"),
+        ("c320", "nonsense", 1.0, ProfileError, "profiles.unknown_name"),
     ],
 )
 def test_what_may_not_be_written_is_refused_before_sending(
-    model: str, name: str, value: float, error: type[Exception]
+    model: str, name: str, value: float, error: type[DrivebusError], key: str
 ) -> None:
     desk = Desk(model, FakeC320() if model == "c320" else FakeModbus())
-    with pytest.raises(error):
+    with pytest.raises(error) as caught:
         desk.write({name: value}, save=model == "dzb100")
+    assert caught.value.key == key
     assert not desk.bus.requests
 
 
@@ -359,8 +362,10 @@ def test_a_text_that_only_python_reads_as_a_number_is_no_value(text: str) -> Non
 
 @pytest.mark.parametrize("value", ["1772H", "FFFFH", "1e", "00AAH", "1_0", "２"])
 def test_a_word_outside_the_range_or_coding_of_its_parameter_is_rejected(value: str) -> None:
-    with pytest.raises(LimitError):
-        check_write(dialect_for("c320"), {"1772H": "F6.12", "FFFFH": "F6.12"}.get(value, "F1.10"), value)
+    beyond = value in ("1772H", "FFFFH")
+    with pytest.raises(LimitError) as caught:
+        check_write(dialect_for("c320"), "F6.12" if beyond else "F1.10", value)
+    assert caught.value.key == ("drives.parameter_range" if beyond else "drives.parameter_word")
 
 
 def with_group_sizes(model: str, folder: Path) -> str:
@@ -519,6 +524,12 @@ def test_an_unanswered_write_is_decided_by_reading_it() -> None:
     assert Desk("c320", Loses()).write({"F0.2": 30.0}).status is OutcomeStatus.CONFIRMED
 
 
+def test_no_value_is_nothing_to_write_and_one_is_not() -> None:
+    desk = Desk("c320", FakeC320())
+    assert desk.write({}).key == "drives.nothing_to_write" and not desk.bus.requests
+    assert desk.write({"F0.2": 30.0}).key == "drives.write_confirmed"
+
+
 def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
     class Dies(FakeC320):
         def __call__(self, request: Any) -> Any:
@@ -526,7 +537,8 @@ def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
             self.silent = self.silent or isinstance(request, sunfar.SunfarWriteParameter)
             return reply
 
-    assert Desk("c320", Dies()).write({"F0.2": 30.0}).status is OutcomeStatus.UNKNOWN
+    outcome = Desk("c320", Dies()).write({"F0.2": 30.0})
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.write_unknown")
 
 
 def test_a_refused_write_says_why() -> None:
@@ -660,10 +672,11 @@ def test_the_current_of_dzb100_is_uncertain_until_the_query_coding_is_known(
     assert (reading.quality, reading.value) == (quality, value)
 
 
-@pytest.mark.parametrize("code", [1, 2, 3, 4, 6])
+@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6])
 def test_an_exception_has_the_words_of_the_manual(code: int) -> None:
     rejection = dialect_for("vc660").rejection(modbus.ExceptionReply(1, 6, code))
     assert rejection is not None and rejection.code == code
+    assert (rejection.key == "drives.modbus_refused") is (code > 4)
     words = {1: "无效命令码", 2: "无效数据地址", 3: "无效参数值", 4: "命令执行失败"}
     text = i18n.text(rejection.key, "zh", code=code)
     assert words.get(code, "异常码") in text and str(code) in text
@@ -723,10 +736,10 @@ def test_a_file_store_keeps_values_and_replaces_the_file_as_a_whole(tmp_path: Pa
 def test_a_store_of_another_format_is_refused_and_never_overwritten(tmp_path: Path, text: str) -> None:
     path = tmp_path / "s.json"
     path.write_text(text)
-    with pytest.raises(ConfigurationError):
-        FileStore(path).get("a")
-    with pytest.raises(ConfigurationError):
-        FileStore(path).put("a", "1")
+    for access in (lambda: FileStore(path).get("a"), lambda: FileStore(path).put("a", "1")):
+        with pytest.raises(ConfigurationError) as caught:
+            access()
+        assert caught.value.key == "drives.store_unreadable"
     assert path.read_text() == text
 
 
@@ -890,4 +903,4 @@ def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytes
 def test_an_impossible_value_is_named_without_decimals_that_were_not_given() -> None:
     with pytest.raises(LimitError) as caught:
         check_write(dialect_for("vc660"), "2006H", 8.0)
-    assert caught.value.text("en") == "2006H can be 0 to 7; found 8"
+    assert (caught.value.key, caught.value.text("en")) == ("drives.parameter_range", "2006H can be 0 to 7; found 8")

@@ -104,3 +104,35 @@ def test_df800_shows_no_fault_so_its_reset_is_only_acknowledged() -> None:
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
     assert paper.written == [(0x2000, 0x0010)]
+
+
+def test_an_unanswered_reset_of_a_drive_that_shows_no_fault_is_unknown() -> None:
+    bus = PureBus(dialect=dialect_for("df800"), station=FakeModbus(on_command=lambda paper, word: False))
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.reset_unknown")
+
+
+@pytest.mark.parametrize(
+    ("after", "key"),
+    [
+        ([], "drives.reset_unknown"),
+        ([sunfar.SunfarState.STOPPED, sunfar.SunfarState.FAULT], "drives.reset_unknown"),
+        ([sunfar.SunfarState.STOPPED], "drives.reset_confirmed"),
+        ([sunfar.SunfarState.FAULT], "drives.fault_remains"),
+    ],
+)
+def test_a_reset_is_unknown_where_no_later_reads_agree(after: list[sunfar.SunfarState], key: str) -> None:
+    """The drive answers the reset; then it falls silent, flickers, or shows one state."""
+
+    def answers(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+        bus.station = flickers if after else lambda request: None
+        return paper.ok()
+
+    def flickers(request: Any) -> Any:
+        if isinstance(request, sunfar.ReadMonitor):
+            after.append(after.pop(0))
+        return FakeC320(state=after[-1], fault_code=5)(request)
+
+    bus = in_fault(on_command=answers)
+    outcome = bus.run(reset_fault(operation_for(bus.dialect)))
+    assert outcome.key == key

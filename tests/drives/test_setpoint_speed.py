@@ -47,8 +47,10 @@ def test_a_speed_is_never_more_than_the_frequency_that_was_asked_for(tmp_path: P
 def test_nothing_is_written_before_the_pole_pairs_are_given(tmp_path: Path) -> None:
     """With one pole pair for two the motor would turn twice as fast as the limits allow."""
     profile = speed_profile(tmp_path)
-    with pytest.raises(LimitError, match="pole_pairs=N"):
+    with pytest.raises(LimitError, match="pole_pairs=N") as caught:
         create_dialect(profile, 3).setpoint_word(10.0)
+    assert caught.value.key == "drives.pole_pairs_unknown"
+    assert create_dialect(profile, 3, options={"pole_pairs": 2}).setpoint_word(10.0)
 
     async def tell() -> None:
         port: Any = open_port("sim://gd10@3?line_quality=clean")

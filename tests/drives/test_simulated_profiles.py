@@ -16,8 +16,8 @@ from drivebus.bus import Bus
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.outcome import OutcomeStatus
-from drivebus.drives.state import DriveState
-from drivebus.errors import ConfigurationError, LimitError, PreflightError, TargetNotReached
+from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import ConfigurationError, LimitError, PreflightError, StartInhibited, TargetNotReached
 from drivebus.ports import open_port
 from drivebus.profiles.model import DriveProfile
 from drivebus.protocols import modbus
@@ -121,8 +121,9 @@ def test_nothing_is_sent_while_the_maximum_frequency_is_unknown(word: int) -> No
     async def tell() -> None:
         async with simulated_drive("skf8000") as (drive, station):
             station.keypad_set(0xF00A, word)
-            with pytest.raises(PreflightError, match="P0-10"):
+            with pytest.raises(PreflightError, match="P0-10") as caught:
                 await drive.run(5.0)
+            assert caught.value.key == "drives.maximum_unknown"
             assert station.setpoint_word == station.command == 0
 
     story(tell)
@@ -142,12 +143,14 @@ def test_a_stated_maximum_caps_the_frequency_until_it_is_confirmed(tmp_path: Pat
     """At most 5 Hz under 320 Hz, the largest maximum of the model: word 156."""
     dialect: Any = create_dialect(stated_profile(tmp_path), 3)
     assert dialect.setpoint_word(0.78) == 156
-    with pytest.raises(LimitError, match="maximum_frequency"):
+    with pytest.raises(LimitError, match="maximum_frequency") as capped:
         dialect.setpoint_word(0.79)
+    assert capped.value.key == "drives.share_cap"
     confirmed: Any = create_dialect(stated_profile(tmp_path), 3, options={"maximum_frequency": 50})
-    assert confirmed.setpoint_word(25.0) == 5000
-    with pytest.raises(LimitError):
+    assert (confirmed.setpoint_word(25.0), confirmed.setpoint_word(50.0)) == (5000, 10000)
+    with pytest.raises(LimitError) as above:
         confirmed.setpoint_word(50.1)
+    assert (above.value.key, above.value.params["limit_hz"]) == ("drives.above_drive_maximum", 50)
 
 
 @pytest.mark.parametrize(("value", "allowed"), [(0, True), (50, True), (24, False), (1, False), (321, False)])
@@ -158,8 +161,9 @@ def test_a_confirmed_maximum_is_one_that_the_drive_can_be_set_to(tmp_path: Path,
     if allowed:
         create_dialect(profile, 3, options={"maximum_frequency": value})
         return
-    with pytest.raises(ConfigurationError, match="25 … 320"):
+    with pytest.raises(ConfigurationError, match="25 … 320") as caught:
         create_dialect(profile, 3, options={"maximum_frequency": value})
+    assert caught.value.key == "drives.option_value"
 
 
 @pytest.mark.parametrize("frequency_hz", [0.03, 7.14, 33.33, 49.99])
@@ -225,6 +229,47 @@ def test_a_running_drive_gets_a_corrected_word_at_once_where_its_maximum_was_cha
             change_the_maximum_with_the_next_setpoint(station, 10000)
             assert (await drive.set_frequency(20.0)).succeeded
             assert station.setpoint_word == 2000
+
+    story(tell)
+
+
+def test_a_running_drive_whose_maximum_changes_with_each_word_gets_no_third_one() -> None:
+    async def tell() -> None:
+        async with simulated_drive("skf8000", profile=without_set_frequency("skf8000")) as (drive, station):
+            await drive.run(10.0)
+            words = [8000, 10000]
+            handle = station.handle_request
+
+            def changed(message: Any, codec: Any) -> Any:
+                if isinstance(message, modbus.WriteRegister) and message.register == 0x1000:
+                    station.keypad_set(0xF00A, words.pop())
+                return handle(message, codec)
+
+            station.handle_request = changed
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.set_frequency(20.0)
+            assert caught.value.key == "drives.maximum_changed" and words == []
+            assert (caught.value.params["before_hz"], caught.value.params["now_hz"]) == (100, 80)
+
+    story(tell)
+
+
+def test_a_drive_whose_direction_is_not_reported_is_not_turned_round_while_it_runs() -> None:
+    async def tell() -> None:
+        async with simulated_drive("vf51") as (drive, station):
+            await drive.run(10.0, Direction.REVERSE)
+            await settle(drive)
+            word = station.setpoint_word
+            for direction in Direction:
+                with pytest.raises(StartInhibited) as caught:
+                    await drive.run(20.0, direction)
+                assert caught.value.key == "drives.turning_unknown_direction"
+            assert station.setpoint_word == word
+            assert (await drive.run(20.0)).succeeded, "without a direction it is a new frequency only"
+            assert station.setpoint_word == 2 * word
+            await drive.stop()
+            await settle(drive)
+            assert (await drive.run(10.0, Direction.FORWARD)).succeeded
 
     story(tell)
 

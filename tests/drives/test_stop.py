@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
+from drivebus import profiles
 from drivebus.bus import TraceEvent, TraceKind
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.bus.station import Station
+from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import StopUnconfirmed, Superseded
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Motor
@@ -285,6 +289,20 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
         assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 
+@pytest.mark.parametrize(("key", "output_hz"), [("drives.reported_at", 25.0), ("drives.reported", None)])
+def test_a_stop_without_effect_names_the_last_report_with_a_frequency_only_where_one_was_read(
+    key: str, output_hz: float | None
+) -> None:
+    profile = profiles.load("vc660")
+    hidden = () if output_hz is not None else ("output_frequency",)
+    profile = replace(profile, signals={name: one for name, one in profile.signals.items() if name not in hidden})
+    registers = {0x3000: 0x0009, 0x3002: 2500}
+    bus = PureBus(dialect=create_dialect(profile, 1), station=FakeModbus(registers=registers))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert outcome.params["found"] == bilingual_text(key, state=DriveState.RUNNING, output_hz=output_hz)
+    assert outcome.key == "drives.stop_unconfirmed"
+
+
 def test_each_lower_reading_is_progress_where_a_verified_state_takes_longer_than_the_timeout() -> None:
     """A DZB100 that decelerates from 30 Hz within 3 s and has no readable ramp, on a bus with many other drives."""
 
@@ -335,7 +353,8 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
             return super().__call__(request)
 
     bus = PureBus(dialect=dialect_for("df800"), station=Refuses())
-    assert "the drive rejected the request" in bus.run(stop(operation_for(bus.dialect))).text("en")
+    silent = bus.run(stop(operation_for(bus.dialect)))
+    assert silent.key == "drives.stop_rejected" and "the drive rejected the request" in silent.text("en")
     running = PureBus(dialect=dialect_for("vc660"), station=Refuses(registers={0x3000: 0x0009}))
     outcome = running.run(stop(operation_for(running.dialect)))
     assert outcome.key == "drives.stop_rejected_running"

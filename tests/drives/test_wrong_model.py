@@ -132,8 +132,9 @@ def test_no_frequency_of_a_model_is_written_to_a_station_that_answers_as_another
 
     async def scenario() -> None:
         async with foreign_drive("ms300", "gd10") as (drive, station):
-            with pytest.raises(StartInhibited, match="station 3 does not answer as a ms300"):
+            with pytest.raises(StartInhibited, match="station 3 does not answer as a ms300") as caught:
                 await drive.set_frequency(20.0)
+            assert caught.value.key == "drives.model_unconfirmed"
             assert station.command == station.setpoint_word == 0
 
     run(scenario())

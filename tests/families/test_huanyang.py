@@ -21,7 +21,6 @@ from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import (
     AddressError,
     CapabilityError,
-    CodeError,
     DrivebusError,
     EchoError,
     PreflightError,
@@ -127,16 +126,40 @@ def test_a_flipped_bit_is_detected(request_: HuanyangRequest, data: st.DataObjec
     assert hy.frame_effect(bytes(frame)) is Effect.MOTION
 
 
-def test_a_reply_to_another_number_frequency_or_function_is_rejected() -> None:
-    read, setpoint = hy.read_parameter(1, 5), hy.set_frequency(1, 5000)
-    with pytest.raises(EchoError, match="number 6"):
-        CODEC.decode_reply(read, CODEC.encode_reply(HuanyangReply(1, 1, 6, 0)))
-    with pytest.raises(EchoError, match="4999"):
-        CODEC.decode_reply(setpoint, CODEC.encode_reply(HuanyangReply(1, 5, 0, 4999)))
-    with pytest.raises(CodeError, match="function 01H"):
-        CODEC.decode_reply(setpoint, CODEC.encode_reply(HuanyangReply(1, 1, 5, 0)))
-    with pytest.raises(CodeError, match="status item 19"):  # as the manual's example of a reply is printed
-        CODEC.decode_reply(hy.read_status(1, 0), bytes.fromhex("01 04 03 13 88 89 A6 2D"))
+READ, SETPOINT = hy.read_parameter(1, 5), hy.set_frequency(1, 5000)
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply", "key", "words"),
+    [
+        (READ, CODEC.encode_reply(HuanyangReply(1, 1, 6, 0)), "huanyang.index", "number 6"),
+        (READ, CODEC.encode_reply(HuanyangReply(1, 1, 6, accepted=False)), "huanyang.index", "number 6"),
+        (SETPOINT, CODEC.encode_reply(HuanyangReply(1, 5, 0, 4999)), "huanyang.frequency", "4999"),
+        (SETPOINT, CODEC.encode_reply(HuanyangReply(1, 1, 5, 0)), "huanyang.reply_function", "function 01H"),
+        # as the manual's example of a reply is printed
+        (hy.read_status(1, 0), bytes.fromhex("01 04 03 13 88 89 A6 2D"), "huanyang.item", "status item 19"),
+        (READ, bytes.fromhex("01 06"), "huanyang.function", "06H"),
+        (READ, bytes.fromhex("01 01 04"), "huanyang.length", "length 4"),
+        (READ, bytes.fromhex("01 81 02"), "huanyang.length", "length 2"),
+    ],
+)
+def test_a_reply_that_does_not_fit_its_request_is_rejected_with_what_differs(
+    request_: HuanyangRequest, reply: bytes, key: str, words: str
+) -> None:
+    with pytest.raises(ProtocolError, match=words) as caught:
+        CODEC.decode_reply(request_, reply)
+    assert caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("frame", "key"),
+    [("01 06", "huanyang.function"), ("01 81 01", "huanyang.function"), ("01 01 02", "huanyang.length")],
+)
+def test_a_request_of_an_unknown_function_or_length_is_rejected(frame: str, key: str) -> None:
+    """A station never rejects a request by the form of a rejected reply."""
+    with pytest.raises(ProtocolError) as caught:
+        CODEC.decode_request(bytes.fromhex(frame))
+    assert caught.value.key == key
 
 
 @pytest.mark.parametrize("more", ["87", "87 04 01"])
@@ -309,7 +332,8 @@ def test_a_reverse_start_is_described_with_its_hazard(language: str, moves: str)
     found = describe_frame("huanyang_hy", CODEC.encode_request(hy.control(4, hy.RUN_REVERSE)))
     assert (found.valid, found.fields["name"]) == (True, "run_reverse")
     ((key, params),) = found.hazards
-    assert moves in i18n.text(key, language, **params)
+    assert key == "huanyang.moves" and moves in i18n.text(key, language, **params)
+    assert describe_frame("huanyang_hy", CODEC.encode_request(hy.control(4, hy.STOP))).hazards == ()
 
 
 def test_the_reply_to_a_control_is_described_as_state_bits() -> None:

@@ -22,9 +22,11 @@ from drivebus.errors import (
     AddressError,
     CapabilityError,
     ChecksumError,
+    CodeError,
     DrivebusError,
     DriveRejected,
     EchoError,
+    HeaderError,
     ProtocolError,
     StartInhibited,
 )
@@ -125,10 +127,16 @@ def test_a_flipped_bit_is_detected(request_: MitsubishiRequest, data: st.DataObj
 
 def test_a_reply_of_another_form_station_or_sum_is_rejected() -> None:
     read, write = MitsubishiRequest(1, fr.OUTPUT_FREQUENCY), MitsubishiRequest(1, fr.SET_FREQUENCY, 100)
-    with pytest.raises(EchoError):
-        CODEC.decode_reply(read, CODEC.encode_reply(MitsubishiReply(1)))
-    with pytest.raises(EchoError):
-        CODEC.decode_reply(write, CODEC.encode_reply(MitsubishiReply(1, 0, 4)))
+    for request_, form in ((read, MitsubishiReply(1)), (write, MitsubishiReply(1, 0, 4))):
+        with pytest.raises(EchoError) as caught:
+            CODEC.decode_reply(request_, CODEC.encode_reply(form))
+        assert caught.value.key == "mitsubishi.reply_form"
+    with pytest.raises(HeaderError) as other:
+        CODEC.decode_reply(read, CODEC.encode_request(read))
+    assert other.value.key == "mitsubishi.reply_header"
+    with pytest.raises(CodeError) as unknown:
+        CODEC.decode_request(bytes((fr.ENQ,)) + b"01550")
+    assert unknown.value.key == "mitsubishi.code"
     with pytest.raises(ProtocolError):
         CODEC.decode_reply(read, CODEC.encode_reply(MitsubishiReply(1, 0x82, 2)) + b"\x06\x30")
     with pytest.raises(AddressError):
@@ -213,7 +221,9 @@ def test_a_reverse_start_is_described_with_its_hazard(language: str, moves: str)
     found = describe_frame("fr_e500", CODEC.encode_request(MitsubishiRequest(4, fr.RUN_COMMAND, fr.RUN_REVERSE)))
     assert (found.valid, found.fields["name"]) == (True, "run_reverse")
     ((key, params),) = found.hazards
-    assert moves in i18n.text(key, language, **params)
+    assert key == "mitsubishi.moves" and moves in i18n.text(key, language, **params)
+    stop = MitsubishiRequest(4, fr.RUN_COMMAND, fr.STOP)
+    assert describe_frame("fr_e500", CODEC.encode_request(stop)).hazards == ()
     reply = describe_frame("fr_e500", bytes.fromhex("02 30 31 31 37 37 30 03 33 30"))
     assert reply.fields["data"] == 0x1770
 

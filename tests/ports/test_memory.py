@@ -76,8 +76,9 @@ async def test_unplug_is_reported_once_and_the_port_opens_again_after_plug() -> 
     left.unplug()
     left.unplug()
     assert (len(a.lost), len(b.lost)) == (1, 1)
-    with pytest.raises(PortUnavailable):
+    with pytest.raises(PortUnavailable) as caught:
         await left.open(a)
+    assert caught.value.key == "ports.memory-unplugged"
     left.plug()
     await left.open(a)
     left.write(b"x")

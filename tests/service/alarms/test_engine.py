@@ -9,8 +9,9 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.errors import NotFound
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
-from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
+from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY, signal_name
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
 from drivebus.values import Quality, Text
 from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
@@ -44,6 +45,18 @@ def run(alarms: AlarmEngine, *views: tuple[float, object]) -> list[str]:
 def test_a_threshold_raises_after_its_delay_to_the_tick_and_clears_below_its_hysteresis() -> None:
     steps = [(n / 10, current(11.0)) for n in range(32)] + [(4.0, current(9.0)), (5.0, current(8.0))]
     assert run(engine(HIGH), *steps) == ["3 raised overload", "5 cleared overload"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "key"),
+    [(AlarmKind.ABOVE, 10.5, "alarms.text.above"), (AlarmKind.BELOW, 9.5, "alarms.text.below")],
+)
+def test_an_alarm_of_a_limit_states_the_value_that_passed_it_and_on_which_side(
+    kind: AlarmKind, value: float, key: str
+) -> None:
+    (change,) = engine(replace(HIGH, kind=kind, delay_s=0.0)).observe(current(value), 0, 0)
+    params = {"drive": FAN.title, "value": value, "unit": "A", "threshold": 10, "signal": signal_name("output_current")}
+    assert change.alarm.text == bilingual_text(key, **params)
 
 
 def test_a_value_equal_to_the_threshold_raises_nothing() -> None:

@@ -16,6 +16,7 @@ from drivebus.drives import MemoryStore
 from drivebus.errors import NotFound
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms.log import AlarmLog
+from drivebus.service.api.errors import localized
 from drivebus.service.app import Service
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.incidents import IncidentStore
@@ -167,11 +168,24 @@ def test_acknowledged_and_shelved_alarms_are_in_the_log_after_a_restart(tmp_path
             with pytest.raises(NotFound):
                 await kit.call("alarm.acknowledge", remote_actor(), alarm="a99")
             assert kit.trail.outcomes("alarm.acknowledge") == ["requested", "done", "requested", "alarms.unknown"]
+            expected = (
+                ("plant.alarm_raised", None),
+                ("plant.alarm_shelved", "ann"),
+                ("plant.alarm_unshelved", None),
+                ("plant.alarm_acknowledged", "ann"),
+            )
+            text = Text.from_mapping(alarm["text"])
+            about = [one for one in kit.history.events if one["kind"] == "alarm" and text.zh in one["text"]["zh"]]
+            assert [(one["text"], one["actor"]) for one in about] == [
+                (localized(key, {"text": text}), actor) for key, actor in expected
+            ]
         async with service_with_logs(tmp_path) as kit:
             (again,) = await faults(kit)
             assert (again["id"], again["acknowledged_by"], again["incident"]) == (alarm["id"], "ann", alarm["incident"])
+            assert kit.drives_of_events("plant.alarm_cleared", text=text) == []
             await asyncio.sleep(5)
             assert await faults(kit) == []
+            assert kit.drives_of_events("plant.alarm_cleared", text=text) == ["fan-1"]
             logged = [
                 item for item in (await kit.call("alarms.history", drive="fan-1"))["items"] if item["kind"] == "fault"
             ]

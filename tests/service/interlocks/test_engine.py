@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.service.interlocks.engine import STARTUP_GRACE_S, InterlockEngine
 from drivebus.service.live.views import DriveView, SignalView
@@ -99,6 +100,13 @@ def test_an_interlock_blocks_starts_before_its_first_evaluation() -> None:
     assert blocking(engine, "fan") == ["flow"] and engine.tripped_stops("fan") == []
     assert 'interlock "flow"' in blocker_text(engine, "en") and "“flow”" in blocker_text(engine, "zh")
     assert "not read yet" in blocker_text(engine, "en")
+    assert engine.violations("fan")[0].reasons == (bilingual_text("interlocks.not_looked"),)
+    engine.evaluate(views(), 0.0)
+    assert engine.violations("fan") == []
+    engine.evaluate(views("stopped"), 1.0)
+    found = bilingual_text("interlocks.found", name="pump.state", value="stopped")
+    require = "pump.state == running"
+    assert engine.violations("fan")[0].reasons == (bilingual_text("interlocks.reason", require=require, found=found),)
 
 
 def test_a_restart_trips_no_interlock_before_its_values_were_read() -> None:

@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.cli.commands import serve
 from drivebus.cli.errors import ExitCode
 from drivebus.errors import ConfigurationError
@@ -51,7 +52,8 @@ def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest
     async def ended(
         setting: Any, *, without: Any, address_output: str, log_format: str, on_ready: Any
     ) -> dict[str, Any]:
-        return {"fan-1": None, "fan-2": {"status": "confirmed"}}
+        kept = {"fan-2": {"status": "confirmed"}, "fan-3": {"status": "acknowledged"}}
+        return {"fan-1": None, **kept, "fan-4": {"kind": "StopUnconfirmed"}}
 
     lines: list[str] = []
     monkeypatch.setattr("drivebus.service.process.main.run_service", ended)
@@ -59,7 +61,7 @@ def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest
         logging_setup.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}")
     )
     assert asyncio.run(serve._run(plant_config(), (), "text")) is ExitCode.UNKNOWN
-    assert len(lines) == 1 and lines[0].startswith("fan-1 ")
+    assert lines == [f"{drive} {i18n.text('serve.unconfirmed', drive=drive)}" for drive in ("fan-1", "fan-4")]
 
 
 def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
