@@ -30,7 +30,13 @@ class BoundedListener(socket.socket):
         self._is_proxy = is_proxy
         self._open: list[tuple[socket.socket, str | None]] = []
         """Connections with the network of their client; None: of this machine or a trusted proxy."""
+        self.closed_count = 0  # connections that were closed at once
         self._reserve = os.open(os.devnull, os.O_RDONLY)
+
+    @property
+    def open_count(self) -> int:
+        """Number of connections that are open."""
+        return sum(one.fileno() >= 0 for one, _ in self._open)
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return the next connection within the limits; close those beyond. Raises BlockingIOError, OSError."""
@@ -50,6 +56,7 @@ class BoundedListener(socket.socket):
                 self._open.append((connection, network))
                 return connection, address
             connection.close()
+            self.closed_count += 1
         raise BlockingIOError
 
     def close(self) -> None:
@@ -62,6 +69,7 @@ class BoundedListener(socket.socket):
         self._close_reserve()
         try:
             super().accept()[0].close()
+            self.closed_count += 1
         finally:
             self._reserve = os.open(os.devnull, os.O_RDONLY)
 

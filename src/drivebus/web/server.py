@@ -18,7 +18,12 @@ from drivebus.errors import ConfigurationError
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.loopback import is_loopback
 from drivebus.web.gateway import WebConfig
-from drivebus.web.listener import MAX_CONNECTIONS, BoundedListener
+from drivebus.web.listener import (
+    MAX_CONNECTIONS,
+    MAX_CONNECTIONS_PER_ADDRESS,
+    OVERLOAD_CONNECTIONS,
+    BoundedListener,
+)
 from drivebus.web.middleware.connection_limits import LimitedHttpProtocol, LimitedWebSocketProtocol
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 
@@ -29,7 +34,8 @@ TLS_HANDSHAKE_TIMEOUT_S = 10.0  # as for the headers of a request
 TLS_SHUTDOWN_TIMEOUT_S = 2.0  # a client that does not answer the end of TLS
 SHUTDOWN_GRACE_S = 2  # for requests under way when the process ends
 MAX_WEBSOCKET_MESSAGE_BYTES = 64 * 1024
-_CHECK_INTERVAL_S = 0.5  # of the address and the certificate
+CLOSED_REPORT_INTERVAL_S = 60.0  # of the log line about connections beyond the limits: a flood does not fill the log
+_CHECK_INTERVAL_S = 0.5  # of the address, the certificate and the limits
 
 
 def listen_host(web: WebConfig, auth: AuthService) -> str:
@@ -106,6 +112,7 @@ class HttpServer:
         server = EmbeddedServer(server_config(self.app, None if tls is None else tls.context))
         scheme = "http" if self.web.certificate is None else "https"
         self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
+        closed = ClosedConnectionsLog(listener)
         serving = asyncio.create_task(server.serve([listener]))
         try:
             while not self._ending.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
@@ -113,9 +120,34 @@ class HttpServer:
                     await asyncio.wait_for(self._ending.wait(), _CHECK_INTERVAL_S)
                 if tls is not None:
                     tls.follow_files()
+                closed.report(asyncio.get_running_loop().time())
         finally:
             server.should_exit = True
             await serving
+
+
+class ClosedConnectionsLog:
+    """Log of the connections that a listener closes beyond its limits, at most one line a minute."""
+
+    def __init__(self, listener: BoundedListener) -> None:
+        self._listener = listener
+        self._reported_count = 0
+        self._reported_at = -CLOSED_REPORT_INTERVAL_S
+
+    def report(self, now: float) -> None:
+        """Log the connections that were closed since the last line. ``now``: monotonic seconds."""
+        count = self._listener.closed_count
+        if count == self._reported_count or now - self._reported_at < CLOSED_REPORT_INTERVAL_S:
+            return
+        LOG.warning(
+            "%d connections were closed at once: %d are open, and the limit is %d, of one address %d; "
+            "the page may be out of reach, `drivebus stop --all PLANT.toml` is not",
+            count - self._reported_count,
+            self._listener.open_count,
+            MAX_CONNECTIONS + OVERLOAD_CONNECTIONS,
+            MAX_CONNECTIONS_PER_ADDRESS,
+        )
+        self._reported_count, self._reported_at = count, now
 
 
 class TlsContext:
@@ -190,7 +222,7 @@ def _tls_context(web: WebConfig) -> ssl.SSLContext:
     return context
 
 
-def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> socket.socket:
+def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> BoundedListener:
     """Return a listening socket. Raises ConfigurationError for an address that is in use or not of this machine."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

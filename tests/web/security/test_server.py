@@ -30,6 +30,7 @@ from drivebus.web.gateway import WebConfig
 from drivebus.web.listener import BoundedListener, limited_network
 from drivebus.web.middleware import connection_limits
 from drivebus.web.server import (
+    ClosedConnectionsLog,
     EmbeddedServer,
     HttpServer,
     TlsContext,
@@ -467,6 +468,24 @@ def test_connections_beyond_the_limit_are_closed_as_soon_as_they_are_accepted(fe
     again = accepted_by(few_connections)
     assert len(again) == 1
     close_all(*clients, *late, *taken, *again)
+
+
+def test_connections_that_were_closed_are_logged_once_a_minute_however_many_there_are(
+    few_connections: BoundedListener, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A page out of reach is otherwise a riddle: the log of the service says nothing of the flood."""
+    log = ClosedConnectionsLog(few_connections)
+    log.report(100.0)
+    clients, taken = [], []
+    for now in (100.5, 101.0, 159.0, 161.0, 300.0):
+        if now < 160.0:
+            clients += connections_to(few_connections, 5)
+            taken += accepted_by(few_connections)
+        log.report(now)
+    lines = [record.getMessage() for record in caplog.records]
+    assert [line.partition(" connections")[0] for line in lines] == ["1", "10"]
+    assert "were closed at once: 4 are open" in lines[0] and "stop --all" in lines[0]
+    close_all(*clients, *taken)
 
 
 def test_one_client_does_not_take_every_connection(
