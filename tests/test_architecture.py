@@ -66,3 +66,52 @@ def test_a_record_of_more_than_five_fields_is_keyword_only(tree: str) -> None:
             if is_record and not keyword_only and len(fields := positional_fields(record)) > 5:
                 wide.append(f"{path.relative_to(ROOT)}: {record.name}({', '.join(fields)})")
     assert wide == []
+
+
+def calls(source: str) -> list[tuple[str, set[str]]]:
+    """Return the dotted name of each call in a module, and its keywords that are not False."""
+    return [
+        (
+            ast.unparse(node.func),
+            {str(one.arg) for one in node.keywords if ast.unparse(one.value) != "False"},
+        )
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call)
+    ]
+
+
+def shell_calls(source: str) -> list[str]:
+    """Return the calls that hand a text to a shell."""
+    ends = ("system", "popen", "getoutput", "getstatusoutput", "create_subprocess_shell", "subprocess_shell")
+    return [name for name, keywords in calls(source) if name.rpartition(".")[2] in ends or "shell" in keywords]
+
+
+def product_modules() -> list[str]:
+    found = [file.read_text(encoding="utf-8") for file in sorted((ROOT / "src" / "drivebus").rglob("*.py"))]
+    assert len(found) > 400
+    return found
+
+
+def test_no_child_process_is_started_through_a_shell() -> None:
+    """A path or an option with ``; reboot`` is then one argument of the program, and nothing else."""
+    for found in ("os.system(x)", "subprocess.run(x, shell=True)", "asyncio.create_subprocess_shell(x)", "os.popen(x)"):
+        assert shell_calls(found) != []
+    assert shell_calls("subprocess.run([x], shell=False)") == []
+    modules = product_modules()
+    assert [name for source in modules for name in shell_calls(source)] == []
+    starts = [name for source in modules for name, _ in calls(source) if name.endswith("create_subprocess_exec")]
+    assert len(starts) >= 5, "the calls are found"
+
+
+def hash_functions(source: str) -> set[str]:
+    """Return the names that a module takes from ``hashlib``."""
+    tree = ast.parse(source)
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == "hashlib"]
+    used = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    names = {alias.name for node in imported for alias in node.names}
+    return names | {node.attr for node in used if ast.unparse(node.value) == "hashlib"}
+
+
+def test_only_a_collision_resistant_hash_function_is_used() -> None:
+    assert hash_functions("import hashlib\nhashlib.md5(b'')\nfrom hashlib import sha1") == {"md5", "sha1"}
+    assert {name for source in product_modules() for name in hash_functions(source)} == {"sha256"}

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +16,9 @@ from drivebus.errors import InvalidParameters, NotFound
 from drivebus.service.api.operations.history import TimeRangeParams, TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import FLUSH_INTERVAL_S, Historian
+from drivebus.service.historian.postgres import PostgresConnection
+from drivebus.service.historian.sqlite import SqliteConnection
+from drivebus.service.historian.store import EventQuery
 from drivebus.service.live.views import Sample
 from drivebus.testing import virtual_time
 from drivebus.values import Quality, Text
@@ -164,6 +168,42 @@ async def test_documents_are_stored_replaced_and_deleted(database: HistoryDataba
         historian.put_document("cases", "fan-1", [])
     async with database.historian() as historian:
         assert await historian.documents("statistics") == {"fan-1": {"starts": 2}}
+
+
+async def test_a_value_of_a_query_is_never_a_part_of_its_statement(
+    database: HistoryDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names with quotes come back as they were given, and no statement has one of them."""
+    hostile = "fan'; DROP TABLE tag; --\" OR 1=1.\\"
+    statements: list[str] = []
+
+    def recorded(original: Any) -> Any:
+        def call(self: Any, statement: str, *values: Any) -> Any:
+            statements.append(statement)
+            return original(self, statement, *values)
+
+        return call
+
+    for kind in (SqliteConnection, PostgresConnection):
+        for name in ("fetch", "execute", "execute_many"):
+            monkeypatch.setattr(kind, name, recorded(getattr(kind, name)))
+    async with database.historian() as historian:
+        historian.set_labels({hostile: ("Hz", Text(hostile, hostile))})
+        historian.append(samples([1.0, 2.0], tag=hostile))
+        event = {"id": hostile, "time_ms": NOON_MS, "kind": hostile, "drive": hostile}
+        historian.put_event(event)
+        for id in (hostile, "other"):
+            historian.put_document(hostile, id, {"starts": 1})
+        await historian.flush()
+        historian.put_document(hostile, "other", None)
+    async with database.historian() as historian:
+        shown = await trend(historian, NOON_MS, NOON_MS + 10_000, tag=hostile)
+        wanted = EventQuery(from_ms=0, to_ms=2 * NOON_MS, drive=hostile, before=None, limit=9)
+        events = await historian.queries._on_reader_thread(lambda: historian.queries._reader.store.events(wanted))
+        documents = await historian.documents(hostile)
+    assert (shown["mean"], [one.drive for one in events]) == ([1.0, 2.0], [hostile])
+    assert documents == {hostile: {"starts": 1}}
+    assert len(statements) > 20 and [one for one in statements if "DROP TABLE tag" in one] == []
 
 
 async def test_unknown_and_invalid_values_are_refused(database: HistoryDatabase) -> None:
