@@ -136,13 +136,20 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
 
 
 def system_alarm(
-    id: str, kind: SystemAlarm, drive: str, name: Text, now_ms: int, subject: str, params: Mapping[str, Any]
+    id: str,
+    kind: SystemAlarm,
+    drive: str,
+    name: Text,
+    now_ms: int,
+    subject: str,
+    params: Mapping[str, Any],
+    sentence: str | None = None,
 ) -> Alarm:
     """Return an alarm that the service itself raises.
 
-    ``sentence`` among ``params`` is the end of the keys of its title and text, else its kind.
+    ``sentence``: last part of the i18n keys of its title and text, where it is not that of its kind.
     """
-    sentence = params.get("sentence", kind)
+    sentence = sentence or str(kind)
     numbers = {key: formatted_number(value) for key, value in params.items()}
     named = {"drive": name, "subject": subject, "bus": subject, "reason": ""} | numbers
     return Alarm(
@@ -288,11 +295,21 @@ class AlarmEngine:
         return [change for key in self._shelves.expired(now) for change in self._unshelve(key)]
 
     def raise_alarm(
-        self, kind: SystemAlarm, drive: str, now_ms: int, *, subject: str = "", **params: Any
+        self,
+        kind: SystemAlarm,
+        drive: str,
+        now_ms: int,
+        *,
+        subject: str = "",
+        sentence: str | None = None,
+        **params: Any,
     ) -> list[AlarmChange]:
-        """Raise a system alarm unless it is raised already. ``params`` are the parameters of its sentence."""
+        """Raise a system alarm unless it is raised already.
+
+        ``sentence`` as in ``system_alarm``; ``params`` are the parameters of that sentence.
+        """
         name = self._titles.get(drive, Text(drive, drive))
-        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, subject, params)
+        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, subject, params, sentence)
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
     def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, subject: str = "") -> list[AlarmChange]:

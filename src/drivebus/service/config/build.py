@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.dialects.base import Dialect
 from drivebus.errors import ProfileError
 from drivebus.ports.url import PortUrl
+from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of, with_sufficient_interval
 from drivebus.service.config.gateways import installed_gateways
@@ -100,7 +101,7 @@ def is_model_path(model: str) -> bool:
     return model.endswith(".toml") or "/" in model or "\\" in model
 
 
-def plant_config(parsed: ParsedPlant, source: str) -> PlantConfig:
+def plant_config(parsed: ParsedPlant, source: str, warnings: Iterable[Diagnostic]) -> PlantConfig:
     """Build the configuration of a plant that has passed every check."""
     file = parsed.file
     buses = tuple(bus_config(file, id) for id in file.bus)
@@ -118,6 +119,7 @@ def plant_config(parsed: ParsedPlant, source: str) -> PlantConfig:
         gateways=tuple(_gateways(parsed)),
         users=parsed.resolve_path(file.plant.users) if file.plant.users else None,
         source=source,
+        warnings=tuple(warnings),
     )
 
 

@@ -9,7 +9,6 @@ import copy
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +107,7 @@ def _parse(
         raise config_error(_with_lines(found, text, source))
     assert parsed is not None
     warnings = _with_lines(list(check_buses.interval_warnings(parsed)), text, source)
-    return replace(build.plant_config(parsed, source), warnings=tuple(warnings))
+    return build.plant_config(parsed, source, warnings)
 
 
 def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:

@@ -224,7 +224,7 @@ class PlantConfig:
     source: str = ""
     """File from which it was loaded."""
     warnings: tuple[Diagnostic, ...] = field(default=(), compare=False)
-    """Values of the file that are valid and hardly meant."""
+    """Values of the file that are valid and probably a mistake."""
 
     def drive(self, id: str) -> DriveConfig:
         """Return a drive. Raises KeyError."""

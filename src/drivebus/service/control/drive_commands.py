@@ -287,7 +287,7 @@ class DriveCommands:
 _REPEATED_STOP_KEYS = {
     f"drives.{name}": f"plant.{name}" for name in ("stop_not_sent_port", "stop_port_lost", "stop_port_lost_after")
 }
-"""Outcomes of a stop whose port is lost, to the same while the service waits for the port."""
+"""Key of the outcome of a stop whose port is lost → key with which it also says that the service repeats the stop."""
 
 
 def repeated_stop(runtime: DriveRuntime, outcome: Outcome) -> Outcome:

@@ -285,9 +285,9 @@ class Plant:
         if log:
             log_event(event)
 
-    def raise_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "", **params: Any) -> None:
-        """Raise a system alarm."""
-        self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), subject=subject, **params))
+    def raise_alarm(self, kind: SystemAlarm, drive: str = "", **params: Any) -> None:
+        """Raise a system alarm. ``params`` as for ``AlarmEngine.raise_alarm``."""
+        self.publish_alarms(self.alarms.raise_alarm(kind, drive, self.wall_ms(), **params))
 
     def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
         """Clear a system alarm; there may be none."""
