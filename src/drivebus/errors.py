@@ -204,7 +204,7 @@ class LimitError(DriveError):
 
 
 class ConfirmationRequired(DriveError):
-    """The user must confirm this write, nothing was sent.
+    """The user must confirm this write; nothing was sent.
 
     It may move the motor, make the drive unreachable, or end its control by the bus.
     """
