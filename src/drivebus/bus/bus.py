@@ -82,7 +82,7 @@ class Bus:
         self._reopening: asyncio.Task[None] | None = None
         self._pausable_port = port if isinstance(port, PausableReader) else None
         self._read_at = inf
-        """When the reply of the open transaction may be complete; its bytes wait in the kernel until then."""
+        """Monotonic seconds until which received bytes wait in the kernel: the reply may be complete then."""
         self._spins_gaps = self._spinning = False
         self._pauses_reader = False
 
@@ -342,7 +342,7 @@ class Bus:
         self._spinning = False
 
     def _pause_or_resume_reader(self) -> None:
-        """Leave bytes in the kernel that come too early to complete the reply."""
+        """Leave bytes in the kernel until they may complete the reply; read all others as they come."""
         assert self._pausable_port is not None
         transaction = self.core.transaction
         self._read_at = inf

@@ -114,7 +114,7 @@ class StationHealth:
     suspect: bool
     """A late reply may be on its way: reads wait for a sync probe."""
     reads_wait_until: float
-    """Monotonic seconds until which no read of a suspect station is sent, and no sync probe; 0.0 for another one."""
+    """Monotonic seconds before which a suspect station gets no read and no sync probe; 0.0 for any other station."""
     foreign_master: bool
     """Another master sends requests on this bus."""
     duplicate_address: bool

@@ -111,7 +111,7 @@ class Transaction:
         """Bytes that may belong to a reply, valid or not."""
         self.last_byte_at: float | None = None
         self.bytes_needed = 1
-        """Bytes until the next decoding; 1 until the first read, so also where that was the whole reply."""
+        """Bytes until the next decoding; 1 before the first read, and after it where it was the whole reply."""
         self.message: object = None
         self.message_size = 0
         self.needs_silence = False

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 DELAY_STEP_S = 20e-6
 """Correction by one reply: less than a tenth of a character at 38,400 baud."""
-SCATTER_S = 0.5e-3
+MAX_SCATTER_S = 0.5e-3
 """Longest time after the usual delay at which a reply still raises it. Where delays scatter by more (an adapter that
 delivers every 16 ms), it settles near the shortest ones, so that few replies are read late."""
 
@@ -36,5 +36,5 @@ class UsualDelay:
             self._decrease_s *= 2
         else:
             self._decrease_s = DELAY_STEP_S
-            if delay_s < self.seconds + SCATTER_S:
+            if delay_s < self.seconds + MAX_SCATTER_S:
                 self.seconds += DELAY_STEP_S

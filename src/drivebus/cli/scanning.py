@@ -167,10 +167,10 @@ def assumed_models_texts(drives: list[DetectedDrive]) -> list[str]:
     return [_assumed_text(output.join(alike, "items"), *key) for key, alike in addresses.items()]
 
 
-def _assumed_text(address: str, models: tuple[str, ...], fits_partly: bool) -> str:
+def _assumed_text(addresses: str, models: tuple[str, ...], fits_partly: bool) -> str:
     if fits_partly:
-        return output.text("scan.assumed_partly", address=address, models="/".join(models))
-    return output.text("scan.assumed", address=address, model=models[0], others=output.join(models[1:], "items"))
+        return output.text("scan.assumed_partly", address=addresses, models="/".join(models))
+    return output.text("scan.assumed", address=addresses, model=models[0], others=output.join(models[1:], "items"))
 
 
 def note_look_alikes(drives: list[DetectedDrive]) -> None:
@@ -299,7 +299,7 @@ def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
 
 
 def _unreadable_rows(found: list[DetectedDrive]) -> list[list[str]]:
-    """Return a row for the addresses that sent bytes without a valid reply in the same encodings and settings."""
+    """Return the rows of addresses that sent bytes without a valid reply: one for all that were tried alike."""
     tried: dict[int, list[DetectedDrive]] = {}
     for drive in found:
         tried.setdefault(drive.address, []).append(drive)

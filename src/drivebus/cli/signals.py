@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 _SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT")
-"""SIGHUP: terminal closed; SIGBREAK: the same on Windows; SIGQUIT: Ctrl-\\, which would end it without a stop."""
+"""SIGHUP: terminal closed; SIGBREAK: the same on Windows; SIGQUIT: Ctrl-\\, which would leave the motor on."""
 _SUSPEND_SIGNAL = "SIGTSTP"
 """Ctrl-Z, which would suspend the command while its motor turns on unwatched."""
 

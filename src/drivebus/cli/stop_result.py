@@ -59,9 +59,9 @@ def print_service_result(result: Json) -> ExitCode:
 
 
 def print_reasons(reasons: Mapping[str, str]) -> None:
-    """Print why stops are not confirmed, each reason once with its drives."""
-    names: dict[str, list[str]] = {}
+    """Print why stops are not confirmed, each reason once with its drives. ``reasons``: by drive."""
+    drives: dict[str, list[str]] = {}
     for name, reason in reasons.items():
-        names.setdefault(reason, []).append(name)
-    for reason, of in names.items():
-        output.print_text(output.wrap_for(f"{output.join(of, 'items')}: {reason}", sys.stdout, indent=2))
+        drives.setdefault(reason, []).append(name)
+    for reason, names in drives.items():
+        output.print_text(output.wrap_for(f"{output.join(names, 'items')}: {reason}", sys.stdout, indent=2))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from drivebus import i18n
-from drivebus.profiles import model as m
+from drivebus.profiles.model import Evidence
 from drivebus.profiles.schema import evidence_kind
 from drivebus.values import Text
 
@@ -16,17 +16,17 @@ _LIST = rf"{_PAGE}(?:(?:, | and | to ){_PAGE})*"
 _PAGES = re.compile(rf"(?P<manual>\bmanual )?\b(?:page (?P<page>{_PAGE})|pages (?P<pages>{_LIST}))(?P<colon>: )?")
 
 
-def parse_evidence(lines: Mapping[str, str]) -> m.Evidence:
-    """Split lines such as ``manual §4.2`` by language into kind and source."""
+def parse_evidence(lines: Mapping[str, str]) -> Evidence:
+    """Return kind and source of lines such as ``manual §4.2``, one for each language."""
     kind = evidence_kind(next(iter(lines.values())))
     sources = {language: line.partition(" ")[2] for language, line in lines.items()}
     if "en" in sources:
         sources = {language: translate_pages(sources["en"], language) for language in i18n.LANGUAGES} | sources
-    return m.Evidence(cast("Any", kind), Text.from_mapping(sources))
+    return Evidence(cast("Any", kind), Text.from_mapping(sources))
 
 
 def translate_pages(source: str, language: str) -> str:
-    """Return an English source with its page numbers, such as "manual pages 3 and 4", in another language."""
+    """Return an English source with its mentions of pages, such as "manual pages 3 and 4", in ``language``."""
     return source if language == "en" else _PAGES.sub(lambda found: _pages(found, language), source)
 
 

@@ -148,7 +148,7 @@ def evidence_kind(line: str) -> str:
 
 
 def is_assumed(evidence: Mapping[str, str]) -> bool:
-    """Whether evidence names no source."""
+    """Return whether evidence is of the kind ``assumed``."""
     return all(evidence_kind(line) == "assumed" for line in evidence.values())
 
 

@@ -158,7 +158,7 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
 
 
 def _stopped_by(drive: Drive) -> str | None:
-    """Return who has requested a stop through the service since the start; None also without a service."""
+    """Return the user who requested a stop through the service after the start; None also without a service."""
     from drivebus.cli.remote.drive import RemoteDrive
 
     return drive.stopped_by if isinstance(drive, RemoteDrive) else None

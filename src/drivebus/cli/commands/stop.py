@@ -203,8 +203,8 @@ def _print_report(report: StopReport, absent: tuple[int, ...], lost: tuple[int, 
     from drivebus.cli.formatting import exchange_json, outcome_json
 
     drives = drives_by_status({str(address): {"status": outcome.status} for address, outcome in report.outcomes})
-    notes = [output.text(f"bus_stop.{name}", count=len(of)) for name, of in (("absent", absent), ("lost", lost)) if of]
-    text = result_text(drives, notes)
+    uncovered = {"bus_stop.absent": absent, "bus_stop.lost": lost}
+    text = result_text(drives, [output.text(key, count=len(found)) for key, found in uncovered.items() if found])
     output.print_json(
         {
             "confirmed": [address for address, _ in report.outcomes if str(address) in drives["confirmed"]],

@@ -75,7 +75,7 @@ class RemoteDrive:
         self._had_control_before = self._assume_model = False
         self._started_at: float | None = None
         self.stopped_by: str | None = None
-        """Who has requested a stop since the last start, as of the newest status."""
+        """User who requested a stop after the last start, as of the newest status; None: no stop was requested."""
 
     async def call(self, operation: Operation, **params: Any) -> Json:
         """Execute an operation on this drive."""

@@ -59,8 +59,8 @@ class Rejection:
         return bilingual_text(self.key, code=self.code)
 
     @property
-    def is_of_one_code(self) -> bool:
-        """Whether the sentence is that of one code of the manual, and so needs no parameter."""
+    def explains_code(self) -> bool:
+        """Whether the sentence is the meaning of this one code in the manual, and so needs no parameter."""
         return self.code is not None and self.key.endswith(f"_{self.code}")
 
 
@@ -238,10 +238,10 @@ class Dialect(ABC):
     def names_parameter(self, reply: Any) -> bool:
         """Return whether the reply to a parameter read has every field that it should repeat (C320: not in a fault)."""
 
-    def read_rejection(self, reply: Any) -> str:
-        """Return why a rejected read has no value: with the meaning of the drive's code where the manual has one."""
+    def read_rejection_key(self, reply: Any) -> str:
+        """Return the i18n key of the reason why a rejected read has no value: the meaning of its code, if published."""
         rejection = self.rejection(reply)
-        return rejection.key if rejection is not None and rejection.is_of_one_code else "drives.read_refused"
+        return rejection.key if rejection is not None and rejection.explains_code else "drives.read_refused"
 
     def parameter_reading(self, parameter: Parameter, raw: int, at: float | None) -> Reading:
         """Return the reading of a parameter's raw word."""

@@ -266,7 +266,7 @@ class ModbusDialect(Dialect):
             return {}
         read = request_span(request)
         if not isinstance(reply, RegisterValues | BitValues):
-            return self._rejected_readings(read, self.read_rejection(reply))
+            return self._rejected_readings(read, self.read_rejection_key(reply))
         values = reply_values(request, reply)
         found: dict[str, Reading] = {}
         for locator in values:

@@ -177,7 +177,7 @@ class SunfarDialect(Dialect):
             return self._monitor_readings(request.expected_item, reply, at) if known else {}
         if reply.state is None:
             refused = isinstance(request, ReadMonitor)
-            return {"state": missing_reading(self.read_rejection(reply))} if refused else {}
+            return {"state": missing_reading(self.read_rejection_key(reply))} if refused else {}
         found = {
             "state": Reading(
                 value=reply.state.name.lower(),
@@ -200,7 +200,7 @@ class SunfarDialect(Dialect):
         index = monitor_index(item or 0, self._index_coding)
         signals = [] if index is None else self._signals.get(index, [])
         if reply.response != 0 or reply.data is None:
-            return {signal.name: missing_reading(self.read_rejection(reply), signal.unit) for signal in signals}
+            return {signal.name: missing_reading(self.read_rejection_key(reply), signal.unit) for signal in signals}
         found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if reply.item is not None:
             return found

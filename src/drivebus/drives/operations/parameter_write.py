@@ -60,11 +60,8 @@ def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWri
     if raw is None or number is None:
         raise LimitError("drives.parameter_word", notation=parameter.notation, value=shown)
     nearest = number_of(dialect, parameter, raw)
-    if (
-        word is None
-        and nearest is not None
-        and not isclose(nearest, number, abs_tol=10.0 ** -(parameter.scale.decimals + 3))
-    ):
+    rounding = 10.0 ** -(parameter.scale.decimals + 3)  # of binary fractions: a thousandth of the last digit shown
+    if word is None and nearest is not None and not isclose(nearest, number, abs_tol=rounding):
         nearest_shown = display_value(parameter, nearest, nearest)
         raise LimitError("drives.parameter_step", notation=parameter.notation, value=shown, nearest=nearest_shown)
     if parameter.choices_complete and not _is_described(parameter, raw):
@@ -103,13 +100,13 @@ def display_value(parameter: Parameter, value: float | str, number: float) -> fl
 def confirmation_needed(dialect: Dialect, wanted: ParameterWrite) -> ConfirmationRequired | None:
     """Return why the user must confirm a write.
 
-    It may move the motor, the drive may not be reached after it, or it no longer obeys the bus.
+    It may move the motor, the drive may not be reached after it, or the bus no longer controls the drive.
     """
     params = {"notation": wanted.parameter.notation, "value": wanted.value}
     if not may_become_unreachable(dialect, wanted):
         if may_move(dialect, wanted):
             return ConfirmationRequired("drives.confirm_inputs", **params)
-        needed = _values_for_the_bus(dialect, wanted)
+        needed = _bus_control_values(dialect, wanted)
         return ConfirmationRequired("drives.confirm_source", **params, needed=needed) if needed is not None else None
     if _role(dialect.profile, wanted.parameter) == "address":
         return ConfirmationRequired("drives.confirm_address", **params, address=wanted.raw, present=dialect.address)
@@ -122,8 +119,11 @@ def may_become_unreachable(dialect: Dialect, wanted: ParameterWrite) -> bool:
     return role in SERIAL_ROLES or (role == "address" and wanted.raw != dialect.address)
 
 
-def _values_for_the_bus(dialect: Dialect, wanted: ParameterWrite) -> str | None:
-    """Return the values with which the drive obeys the bus, None unless a precondition is written to another one."""
+def _bus_control_values(dialect: Dialect, wanted: ParameterWrite) -> str | None:
+    """Return the values with which the bus controls the drive; None unless this write sets such a parameter to another.
+
+    Such a parameter is a precondition of the profile.
+    """
     parameter = wanted.parameter
     for precondition in dialect.profile.preconditions:
         if precondition.notation == parameter.notation and wanted.raw not in precondition.accepted:

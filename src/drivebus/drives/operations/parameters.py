@@ -76,9 +76,12 @@ def _read_parameter(op: OperationContext, parameter: Parameter) -> DriveOperatio
 
 
 def _missing_reason(op: OperationContext, reply: Any) -> str:
-    """Return why a reply has no value. In a fault a C320 replies 0 also to a read that it did not execute."""
+    """Return the i18n key of the reason why a reply has no value.
+
+    In a fault a C320 replies 0 also to a read that it did not execute.
+    """
     is_named = op.dialect.names_parameter(reply) or op.dialect.rejection(reply) is not None
-    return op.dialect.read_rejection(reply) if is_named else "drives.item_not_echoed"
+    return op.dialect.read_rejection_key(reply) if is_named else "drives.item_not_echoed"
 
 
 def write_values(
