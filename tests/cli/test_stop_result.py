@@ -19,6 +19,7 @@ from drivebus.cli.main import cli
 from drivebus.cli.remote import client
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import OutcomeUnknown
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.types import Json
 
@@ -28,7 +29,10 @@ LOST = {"code": "bus.no_reply", "kind": "NoReply"}
 
 
 def stop_all(monkeypatch: pytest.MonkeyPatch, outcomes: Json, *words: str) -> tuple[int, str]:
-    """Stop everything by each way, with this answer of the service; return the one exit code and the one output."""
+    """Stop everything by each way, with this answer of the service; return the one exit code and the one output.
+
+    The address of the service, which the command for the release names, is replaced by SERVICE.
+    """
     answer: Json = {"buses": {"a": {"took_s": 0.5}} if outcomes else {}, "outcomes": outcomes}
 
     async def request_stop(folder: Any) -> Json:
@@ -37,7 +41,9 @@ def stop_all(monkeypatch: pytest.MonkeyPatch, outcomes: Json, *words: str) -> tu
     monkeypatch.setattr(stop, "_request_stop", request_stop)
     monkeypatch.setattr(client, "call_once", lambda *given: answer)
     results = [CliRunner().invoke(cli, ["stop", "--all", *way, *words]) for way in WAYS]
-    (found,) = {(result.exit_code, result.stdout) for result in results}
+    services = [str(socket_path(Path("state"), SERVICE_SOCKET)), WAYS[1][1]]
+    texts = [result.stdout.replace(service, "SERVICE") for result, service in zip(results, services, strict=True)]
+    (found,) = {(result.exit_code, text) for result, text in zip(results, texts, strict=True)}
     return found
 
 
@@ -85,7 +91,10 @@ def test_each_drive_is_in_the_sentence_of_its_own_outcome_and_in_no_other(
 ) -> None:
     """An acknowledged stop is not called unconfirmed, nor one that a drive rejected acknowledged."""
     text = " ".join(stop_all(monkeypatch, outcomes, "--lang", language)[1].split())
-    expected = [i18n.text(key, language, addresses=i18n.join(names, "items", language)) for key, names in sentences]
+    expected = [
+        i18n.text(key, language, addresses=i18n.join(names, "items", language), service="SERVICE")
+        for key, names in sentences
+    ]
     assert text == i18n.join(expected, "sentences", language)
 
 
@@ -148,3 +157,10 @@ def test_a_failed_write_is_printed_with_the_writes_that_were_not_sent(capsys: py
     printed = capsys.readouterr().err
     assert "F1.10 = 1 was sent and could not be read back\n" in printed
     assert "\n  not sent, because an earlier write did not succeed: F9.4 = 5\n" in printed
+
+
+def test_a_stop_of_everything_names_the_whole_command_that_releases_the_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The state directory of the plant file does not say by itself where the service listens."""
+    code, text = stop_all(monkeypatch, {"fan": CONFIRMED}, "--lang", "en")
+    assert code == 0
+    assert "`drivebus release --service SERVICE --all`" in text.replace("\n", " ")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Iterable, Mapping
 
@@ -36,11 +37,15 @@ def exit_code(drives: dict[str, list[str]]) -> ExitCode:
     return ExitCode.UNKNOWN if drives["unknown"] or not any(drives.values()) else ExitCode.DONE
 
 
-def print_service_result(result: Json) -> ExitCode:
-    """Print the answer of a service to a stop of all its drives; return the exit code."""
+def print_service_result(result: Json, service: str) -> ExitCode:
+    """Print the answer of a service to a stop of all its drives; return the exit code.
+
+    ``service``: its URL or socket, for the command that releases the starts.
+    """
     drives = drives_by_status(result["outcomes"])
     durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
-    text = result_text(drives, [output.text("bus_stop.inhibited")] if result["outcomes"] else [])
+    release = output.text("bus_stop.inhibited", service=shlex.quote(service))
+    text = result_text(drives, [release] if result["outcomes"] else [])
     output.print_json(
         {
             "confirmed": drives["confirmed"],

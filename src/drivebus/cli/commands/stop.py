@@ -262,12 +262,16 @@ def _stop_service(service: str) -> ExitCode:
         result = call_once(service, PLANT_STOP.name, {})
     except ServiceUnavailable as error:
         raise OutcomeUnknown("service.not_stopped", drive=service, why=error) from error
-    return print_service_result(result)
+    return print_service_result(result, service)
 
 
 def _stop_local_service(plant: str | None, directory: str | None) -> ExitCode:
     """Stop every drive of a service on this machine, through the socket that accepts nothing else."""
-    return print_service_result(asyncio.run(_request_stop(_state_folder(plant, directory))))
+    from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
+
+    folder = _state_folder(plant, directory)
+    result = asyncio.run(_request_stop(folder))
+    return print_service_result(result, str(socket_path(folder, SERVICE_SOCKET)))
 
 
 def _state_folder(plant: str | None, directory: str | None) -> Path:
