@@ -163,6 +163,18 @@ def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_released(plant:
     assert plant.state() == "stopped"
 
 
+def test_jog_names_what_the_drive_does_on_a_communication_loss_before_the_first_key(plant: Plant) -> None:
+    """The dead-man timer is in the program: behind a lost adapter nothing but the drive itself ends the jog."""
+    with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
+        terminal.wait_for("ends the jog")
+        printed = " ".join(terminal.output.split())
+        reaction, _, how = printed.partition("Hold the space bar")
+        assert "communication loss" in reaction
+        assert "only the drive's own communication-loss time ends the jog" in how
+        terminal.press("q")
+        assert terminal.exit_code() == 0
+
+
 def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")

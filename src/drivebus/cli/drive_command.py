@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import copy
+import sys
 from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -130,6 +131,16 @@ def print_outcome(outcome: Outcome, now: float, *, stream: bool = False, **more:
     output.print_json(more | outcome_json(outcome, now), stream=stream)
     output.print_text(outcome_text(outcome))
     return outcome_exit_code(outcome)
+
+
+async def print_comm_loss(drive: Drive) -> None:
+    """Print the drive's own reaction to a communication loss, before a motion that it alone may have to end."""
+    report = await drive.comm_loss_behaviour()
+    text = report.text(output.language())
+    output.print_json(
+        {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
+    )
+    output.print_text(output.wrap_for(text, sys.stdout))
 
 
 def single_step_plan(purpose: str, requests: Callable[[DryRun], Any], *notes: str) -> Callable[..., ExitCode]:

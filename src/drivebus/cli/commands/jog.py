@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command
+from drivebus.cli.drive_command import drive_command, print_comm_loss
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
         raise ConfigurationError("jog.no_terminal")
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
+            await print_comm_loss(drive)
             with raw_keyboard() as keys:
                 output.print_message("jog.how")
                 await _until_quit(bus, drive, keys, shutdown, frequency)

@@ -11,7 +11,7 @@ import click
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, nothing_moved, print_outcome
+from drivebus.cli.drive_command import drive_command, nothing_moved, print_comm_loss, print_outcome
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             if detach:
-                await _print_comm_loss(drive)
+                await print_comm_loss(drive)
             try:
                 code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
             except OSError:  # the terminal or the pipe is gone
@@ -210,16 +210,6 @@ async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
     outcome = await stopping
     stopped = print_outcome(outcome, bus.now(), event="stopped", stream=True)
     return code if stopped is ExitCode.DONE else stopped
-
-
-async def _print_comm_loss(drive: Drive) -> None:
-    """Print the drive's own reaction to a communication loss, before a detached start."""
-    report = await drive.comm_loss_behaviour()
-    text = report.text(output.language())
-    output.print_json(
-        {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
-    )
-    output.print_text(output.wrap_for(text, sys.stdout))
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
