@@ -62,7 +62,7 @@ def test_an_uncertain_stretch_is_its_own_line_that_reaches_its_good_neighbours(s
 
 
 def test_two_tags_keep_their_own_moments_and_gaps(scripts: Any) -> None:
-    """A moment at which only another tag was read is no gap (undefined); a gap stays null."""
+    """A moment at which only another tag was read is no gap (undefined), unless it is beside a gap (null)."""
     one = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
     other = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
     call = (
@@ -70,7 +70,18 @@ def test_two_tags_keep_their_own_moments_and_gaps(scripts: Any) -> None:
     )
     found = module(scripts, "columns", call)
     assert found[0] == [0, 1000, 2000]
-    assert found[3] == [1, "none", 2] and found[7] == ["none", None, 5]
+    assert found[3] == [1, "none", 2] and found[7] == [None, None, 5]
+
+
+def test_no_line_is_drawn_through_a_gap_at_the_moments_of_another_tag(scripts: Any) -> None:
+    """Regression: after a trip a line fell slowly to 0 Hz, while nothing was known for a minute."""
+    gap = {"t": [0, 2000, 8000], "min": [45, None, 0], "mean": [45, None, 0], "max": [45, None, 0], "q": [0, 2, 0]}
+    other = {"t": [1000, 4000, 6000, 9000], "min": [5] * 4, "mean": [5] * 4, "max": [5] * 4, "q": [0] * 4}
+    columns = f"m.table(['a', 'b'], {json.dumps({'a': gap, 'b': other})})"
+    found = module(scripts, "columns", f"{columns}.map((c) => c.map((v) => v === undefined ? 'none' : v))")
+    assert found[0] == [0, 1000, 2000, 4000, 6000, 8000, 9000]
+    assert found[3] == [45, None, None, None, None, 0, "none"]
+    assert found[1] == [45, "none", None, "none", "none", 0, "none"], "its band knows the moments of its own tag"
 
 
 def test_live_values_follow_the_last_stored_sample_and_a_lost_connection_is_a_gap(scripts: Any) -> None:
@@ -319,6 +330,21 @@ def test_gestures_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
     page.locator(".trend-plot").press("Backspace")
     expect(window).to_have_text(re.compile("· 1 h$"))
     expect(following).to_have_attribute("aria-pressed", "true")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_window_without_values_says_so_and_names_no_resolution(visit: Any, language: str) -> None:
+    """Regression: before the first sample each point was "1 h or more", in a window of 3 min."""
+    expect = expecting()
+    page = visit(f"#/history?tags={STEADY}", language=language)
+    summary, empty = page.locator(".trend-summary"), i18n.text("page.trend_empty", language)
+    expect(summary).to_contain_text(i18n.text("page.points_1s", language))
+    for _ in range(3):
+        page.locator(".trend-plot").press("PageUp")
+    expect(summary).to_contain_text(empty)
+    expect(summary).not_to_contain_text(i18n.text("page.points_1h", language))
+    page.locator(".trend-plot").press("End")
+    expect(summary).not_to_contain_text(empty)
 
 
 def test_two_cursors_show_the_time_between_two_moments(stage: Stage, visit: Any) -> None:

@@ -226,23 +226,20 @@ function nearest(plot, column, at) {
 /** A sample between two gaps has no line: it is drawn as a point, so that it is not lost. */
 function isolatedPoints(plot, column, show) {
   if (show) return null;
-  const values = plot.data[column];
-  const uncertain = plot.data[column + 1];
+  const [high, , values, uncertain] = plot.data.slice(column - 2, column + 2);
   const [first, last] = plot.series[0].idxs ?? [0, values.length - 1];
   const isGap = (at) => values[at] === null && (uncertain[at] ?? null) === null;
   const alone = [];
   for (let at = first; at <= last; at += 1) {
-    if (values[at] !== null && values[at] !== undefined && beside(values, at, -1, isGap) && beside(values, at, 1,
-      isGap)) {
-      alone.push(at);
-    }
+    const isKnown = values[at] !== null && values[at] !== undefined;
+    if (isKnown && beside(high, at, -1, isGap) && beside(high, at, 1, isGap)) alone.push(at);
   }
   return alone;
 }
 
-/** Is the neighbour that belongs to this tag a gap? Times of other tags are undefined here. */
-function beside(values, at, way, isGap) {
+/** Is the neighbour that belongs to this tag a gap? Times of other tags are undefined in its column of highest values. */
+function beside(high, at, way, isGap) {
   let other = at + way;
-  while (other >= 0 && other < values.length && values[other] === undefined) other += way;
-  return other < 0 || other >= values.length || isGap(other);
+  while (other >= 0 && other < high.length && high[other] === undefined) other += way;
+  return other < 0 || other >= high.length || isGap(other);
 }

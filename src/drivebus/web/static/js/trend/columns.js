@@ -9,6 +9,11 @@ import { isWhole } from "./units.js";
 
 export const COLUMNS = 4;
 
+/** How `uPlot.join` treats the nulls of time and columns. A gap of a line lasts from the last known value to the next one,
+ * also at the times of other tags: a line through them would show a value where none is known. */
+const [RETAIN, EXPAND] = [1, 2];
+const GAPS = [RETAIN, RETAIN, RETAIN, EXPAND, EXPAND];
+
 /** @returns {{t: number[], high, low, good, uncertain}} columns of one tag. A word has no mean: where a point stands for
  * several of its values it has a band without a line. */
 export function split({ t, min, mean, max, q }, { isWord = false } = {}) {
@@ -38,7 +43,7 @@ export function table(tags, series, words = []) {
     const { t, high, low, good, uncertain } = split(series[tag] ?? EMPTY_SERIES, { isWord: words.includes(tag) });
     return [t, high, low, good, uncertain];
   });
-  return parts.length ? uPlot.join(parts) : [[]];
+  return parts.length ? uPlot.join(parts, parts.map(() => GAPS)) : [[]];
 }
 
 /** Series of a tag without samples. */

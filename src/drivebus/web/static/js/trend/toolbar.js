@@ -2,6 +2,7 @@
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { Button, Choice } from "../ui.js";
+import { summary } from "./columns.js";
 import { duration, moment } from "./labels.js";
 import { SPANS_S, panned } from "./window.js";
 
@@ -36,11 +37,14 @@ const tool = (key, sign, act, disabled = false) => html`<${Button} key=${key} cl
 
 /** Summary of the window: its begin, end and length, and the resolution of its points. */
 function Shown({ view, source }) {
-  const { from, to } = view.window.value;
-  const resolution = source.resolution.value;
+  const window = view.window.value;
+  const { from, to } = window;
+  source.series.value; // with the live samples, which are no signal, in `whole`
+  const isEmpty = source.fetched !== null && Object.values(source.whole()).every((one) => summary(one, window) === null);
+  const points = isEmpty ? "page.trend_empty" : source.resolution.value && `page.points_${source.resolution.value}`;
   const length = duration(to - from, (unit) => t(`page.unit_${unit}`));
   return html`<span class="trend-window">${moment(from)} – ${moment(to)} · ${length}</span>
-    ${resolution && html` <span>${t(`page.points_${resolution}`)}</span>`}
+    ${points && html` <span>${t(points)}</span>`}
     ${" "}<span class="trend-state" role="status">${source.state.value === "loading" && source.fetched === null
       ? t("page.loading") : ""}${source.error.value ? t("page.trend_failed",
         { why: source.error.value.sentence }) : ""}</span>`;
