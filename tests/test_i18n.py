@@ -289,6 +289,27 @@ def test_the_page_and_the_command_line_close_the_same_gaps() -> None:
     assert all(letters.fullmatch(letter) for letter in "风，（") and not any(map(letters.match, "a8 "))
 
 
+SENTENCES = {"text", "print_message", "print_note", "bilingual_text", "localized", "publish_event", "raise_alarm"}
+"""Functions whose keywords are the parameters of a sentence."""
+
+
+def lists_joined_by_hand(source: str) -> list[str]:
+    """Return the parameters of sentences that are joined with the comma of one language."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    sentences = [call for call in calls if ast.unparse(call.func).rpartition(".")[2] in SENTENCES]
+    found = [ast.unparse(keyword) for call in sentences for keyword in call.keywords]
+    return [one for one in found if "', '.join(" in one]
+
+
+def test_a_list_in_a_sentence_has_the_mark_of_its_language() -> None:
+    """Chinese puts 、 between names: ``i18n.join``, ``output.join``, ``Text.join_names``."""
+    assert lists_joined_by_hand("output.text('x', names=', '.join(found) or '-')") != []
+    files = sorted(Path(i18n.__file__).parents[1].rglob("*.py"))
+    assert len(files) > 400
+    assert {file.name: found for file in files if (found := lists_joined_by_hand(file.read_text("utf-8")))} == {}
+    assert Text.join_names(["fan-1", "fan-2"]) == Text("fan-1, fan-2", "fan-1、fan-2")
+
+
 def test_only_a_language_with_unspaced_letters_is_searched_for_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rule ran on each English sentence too, with letters that never match."""
     searched: list[str] = []

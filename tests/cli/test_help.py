@@ -105,7 +105,7 @@ def test_the_locale_chooses_the_language_without_the_option() -> None:
         (["status", "--modle", "c320"], "没有选项 --modle"),
         (["status", "sim://c320@1", "--model", "c320"], "缺少 --address"),
         (["status", "sim://c320@1", "--model", "c320", "--address", "300"], "收到 300"),
-        (["status", "sim://c320@1", "--model", "c320", "--address", "1", "--encoding", "x"], "ascii, hex, rtu"),
+        (["status", "sim://c320@1", "--model", "c320", "--address", "1", "--encoding", "x"], "ascii、hex、rtu"),
     ],
 )
 def test_a_usage_error_is_in_the_users_language_and_exits_with_2(words: list[str], text: str) -> None:

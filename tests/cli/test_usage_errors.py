@@ -168,7 +168,7 @@ def test_an_unknown_user_is_an_error_before_the_password_is_entered(plant: Path)
 
 
 def test_the_error_of_an_unknown_choice_lists_the_choices() -> None:
-    assert "应为：bash, zsh, fish 之一" in run_words(["completion", "tcsh"]).output
+    assert "应为：bash、zsh、fish 之一" in run_words(["completion", "tcsh"]).output
     assert "expected one of bash, zsh, fish" in run_words(["completion", "tcsh"], "en").output
 
 

@@ -42,7 +42,7 @@ class Choice(click.Choice[str]):
         try:
             return super().convert(value, param, ctx)
         except click.BadParameter:
-            expected = output.text("cli.expect.one_of", choices=", ".join(self.choices))
+            expected = output.text("cli.expect.one_of", choices=output.join(self.choices, "items"))
             self.fail(output.text("cli.found_expected", found=value, expected=expected), param, ctx)
 
 

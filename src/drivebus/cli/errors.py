@@ -105,7 +105,7 @@ def error_text(error: DrivebusError) -> str:
         from drivebus import profiles
 
         name = error.params["file"]
-        near = ", ".join(profiles.similar_models(name)) or "-"
+        near = output.join(profiles.similar_models(name), "items") or "-"
         return output.text("cli.no_such_model", name=name, near=near)
     return error.text(output.language())
 
@@ -143,7 +143,7 @@ def usage_text(error: click.ClickException) -> str:
 
 def _with_suggestions(key: str, name: str, possibilities: list[str] | None) -> str:
     sentence = output.text(key, name=name)
-    guess = [output.text("cli.did_you_mean", names=", ".join(possibilities))] if possibilities else []
+    guess = [output.text("cli.did_you_mean", names=output.join(possibilities, "items"))] if possibilities else []
     return output.join([sentence, *guess], "sentences")
 
 

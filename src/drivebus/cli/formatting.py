@@ -133,7 +133,7 @@ def warning_text(status: DriveStatus) -> str:
     word = status.readings.get("warning_word")
     if word is None or not word.raw or word.quality is Quality.BAD:
         return ""
-    bits = ", ".join(str(bit) for bit in range(16) if word.raw >> bit & 1)
+    bits = output.join((str(bit) for bit in range(16) if word.raw >> bit & 1), "items")
     return output.text("status.warning_bits", bits=bits, word=f"{word.raw:04X}H")
 
 

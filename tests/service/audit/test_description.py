@@ -89,6 +89,8 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             "拒绝：审计记录无法写入 引风机：运行",
         ),
         (record("lease.take", "fan-3", drive="fan-3"), "Take control of Flue gas fan", "取得引风机的控制权"),
+        (record("lease.take", "fan-9", drive="fan-9"), "Take control of fan-9", "取得 fan-9 的控制权"),
+        (record("drive.stop", "fan-9", drive="fan-9"), "Bus stop of fan-9", "停止 fan-9（总线停止）"),
         (
             record("start_inhibits.release", drives=["fan-3", *(f"m-{n}" for n in range(29))]),
             "Release the start inhibits of 30 drives (Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 24 more)",

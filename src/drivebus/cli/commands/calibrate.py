@@ -108,8 +108,8 @@ def _print_result(session: CalibrationSession, step: CalibrationStep, found: Cal
         if step.observation_question is not None:
             output.print_message("calibrate.unseen")
         else:
-            candidates = ", ".join(found.candidates)
-            output.print_message("calibrate.open", option=step.option, codings=candidates, words=", ".join(words))
+            codings, shown = output.join(found.candidates, "items"), output.join(words, "items")
+            output.print_message("calibrate.open", option=step.option, codings=codings, words=shown)
         return ExitCode.FAILED
     stored = session.bus.port.url.partition(":")[0] not in VOLATILE_SCHEMES
     output.print_json({"event": "calibrated", "options": found.options, "stored": stored, "words": words}, stream=True)

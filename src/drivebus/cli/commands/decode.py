@@ -129,7 +129,7 @@ def field_text(name: str, value: Any) -> str:
         ]
         return output.join(pairs, "phrases")
     if isinstance(value, list | tuple):
-        return ", ".join(field_text(name, each) for each in value)
+        return output.join((field_text(name, each) for each in value), "items")
     return str(output.to_json_value(value)) if not isinstance(value, str | int | float) else str(value)
 
 

@@ -144,13 +144,13 @@ def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> Dr
     if chosen is not None:
         return DriveAnswer(drive.address, chosen, encoding=drive.encoding)
     note = "plant_init.undecided" if has_choice else "plant_init.unlike"
-    output.print_note(note, link=port, address=drive.address, models=", ".join(drive.models))
+    output.print_note(note, link=port, address=drive.address, models=output.join(drive.models, "items"))
     return DriveAnswer(drive.address, "", encoding=drive.encoding, candidates=drive.models)
 
 
 def _ask_model(drive: DetectedDrive) -> str | None:
     """Ask which of the models that the bus can't tell apart the drive is; None where the user leaves it open."""
-    models = ", ".join(drive.models)
+    models = output.join(drive.models, "items")
     question = output.text("plant_init.ask_alike", address=drive.address, models=models)
     while answer := click.prompt(question, default="", show_default=False, err=True).strip():
         if answer in drive.models:

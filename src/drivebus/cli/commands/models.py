@@ -39,7 +39,7 @@ def _table(found: list[dict[str, Any]]) -> str:
             row["model"],
             row["maker"],
             row["title"],
-            ", ".join(row["encodings"]),
+            output.join(row["encodings"], "items"),
             f"{row['serial']['baud']} {row['serial']['format']}",
             row["grade"],
         ]

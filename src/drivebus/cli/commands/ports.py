@@ -36,7 +36,7 @@ def ports_table(found: list[PortInfo]) -> str:
 
 
 def _users(port: PortInfo) -> str:
-    held = ", ".join(f"{holder.name} ({holder.pid})" for holder in port.users)
+    held = output.join((f"{holder.name} ({holder.pid})" for holder in port.users), "items")
     return held or output.text("ports_command.free" if _is_accessible(port.device) else "ports_command.forbidden")
 
 

@@ -116,13 +116,13 @@ def _expected(question: Question, answers: dict[str, str]) -> str:
     params: dict[str, object] = {}
     match question.kind:
         case "choice":
-            params["choices"] = ", ".join(question.choices)
+            params["choices"] = output.join(question.choices, "items")
         case "number":
             params["low"], params["high"] = (f"{bound:g}" for bound in question.span)
         case "rejected_read":
             params["most"], params["high"] = most_registers(answers), MAX_READ
         case "neighbour":
-            known = ", ".join(f"{register:04X}H" for register in sorted(readable_registers(answers)))
+            known = output.join((f"{register:04X}H" for register in sorted(readable_registers(answers))), "items")
             params["registers"] = known or output.text("profile_new.any_register")
     return output.text(f"profile_new.expect_{question.kind}", **params)
 

@@ -94,7 +94,10 @@ def _tokens(plant: str) -> None:
     tokens = user_file_of(load(plant)).read().tokens
     output.print_json({"tokens": [_token_json(token) for token in tokens]})
     head = [output.text(f"user_command.{column}") for column in ("token_id", "name", "label", "rights", "expires")]
-    rows = [[token.id, token.user, token.name, ", ".join(token.rights), _day(token.expires_ms)] for token in tokens]
+    rows = [
+        [token.id, token.user, token.name, output.join(token.rights, "items"), _day(token.expires_ms)]
+        for token in tokens
+    ]
     output.print_text(output.fitted_table(head, rows)) if tokens else output.print_message("user_command.no_tokens")
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
 from drivebus.types import Json
+from drivebus.values import Text
 
 if TYPE_CHECKING:
     from drivebus.errors import DrivebusError
@@ -35,7 +36,7 @@ def print_results(outcomes: Mapping[str, Json], verb: str, done_key: str, nothin
     for drive in done:
         output.print_json({verb: drive}, stream=True)
     if done:
-        output.print_message(done_key, drive=", ".join(done))
+        output.print_message(done_key, drive=output.join(done, "items"))
     elif not refused:
         output.print_json({verb: None}, stream=True)
         output.print_message(nothing_key)
@@ -56,5 +57,5 @@ def grouped_errors(errors: Mapping[str, Json]) -> list[tuple[list[str], Drivebus
         groups.setdefault(alike, ([], error))[0].append(drive)
     for drives, error in groups.values():
         if "drive" in error.params:
-            error.params = error.params | {"drive": ", ".join(drives)}
+            error.params = error.params | {"drive": Text.join_names(drives)}
     return list(groups.values())

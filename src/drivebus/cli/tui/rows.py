@@ -106,7 +106,7 @@ class BusRow:
     def errors_text(self) -> str:
         """Format the counters that are not zero."""
         counts = [f"{error_kind_text(kind)} {count}" for kind, count in self.errors.items() if count]
-        return ", ".join(counts) or output.text("live.no_errors")
+        return output.join(counts, "phrases") or output.text("live.no_errors")
 
     def to_json(self) -> dict[str, Any]:
         return {

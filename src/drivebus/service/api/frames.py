@@ -70,7 +70,7 @@ def _field_text(name: str, value: Any, language: str) -> str:
 
 def _value_text(name: str, value: Any, language: str) -> str:
     if isinstance(value, dict):
-        return ", ".join(_field_text(inner, one, language) for inner, one in value.items())
+        return i18n.join((_field_text(inner, one, language) for inner, one in value.items()), "phrases", language)
     if isinstance(value, list | tuple):
         return " ".join(_value_text(name, one, language) for one in value)
     text = labels.value_text(name, value, language)

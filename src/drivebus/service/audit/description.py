@@ -54,11 +54,6 @@ def action_name(what: str) -> Text:
     return bilingual_text(key) if i18n.known(key) else Text(what, what)
 
 
-def _spaced(name: str) -> str:
-    """Return a name for a Chinese sentence, which has a space beside Latin letters and digits."""
-    return " " * name[:1].isascii() + name + " " * name[-1:].isascii()
-
-
 def _key(prefix: str, what: str) -> str:
     return prefix + re.sub("[.-]", "_", what)
 
@@ -67,8 +62,7 @@ def _action(item: Json, titles: Titles) -> Text:
     params = item["params"] if isinstance(item.get("params"), dict) else {}
     details = Text.join([*_details(params)], "phrases")
     done = _done_to(item["what"], _subject(item, params, titles))
-    more = bilingual_text("audit.details", details=details) if details.en else Text("", "")
-    return Text(done.en + more.en, done.zh + more.zh)
+    return bilingual_text("audit.details", done=done, details=details) if details.en else done
 
 
 def _done_to(what: str, subject: Text) -> Text:
@@ -77,8 +71,7 @@ def _done_to(what: str, subject: Text) -> Text:
         return action_name(what)
     key = _key("audit.on_", what)
     if i18n.known(key):
-        found = bilingual_text(key, subject=Text(subject.en, _spaced(subject.zh)))
-        return Text(found.en, found.zh.strip().replace(" （", "（"))
+        return bilingual_text(key, subject=subject)
     return bilingual_text("audit.sentence", action=action_name(what), subject=subject)
 
 
@@ -152,7 +145,7 @@ def _role(role: Any) -> Any:
     if not i18n.known(key):
         return role
     name = bilingual_text(key)
-    return Text(name.en.lower(), name.zh)
+    return Text.from_mapping(name.by_language() | {"en": name.en.lower()})
 
 
 def _outcome(item: Json) -> Text | None:

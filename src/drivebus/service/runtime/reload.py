@@ -35,6 +35,7 @@ from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.configuration_check import ConfigurationCheck, difference_json
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
+from drivebus.values import Text
 
 RESTART_ONLY = frozenset({"id", "directory", "history", "audit", "users"})
 """Settings of the whole plant that take effect at the next start only."""
@@ -78,7 +79,7 @@ class ConfigReload:
         names = difference_json(change)
         later = sorted(RESTART_ONLY & change.others.keys())
         key = "plant.reloaded_but" if later else "plant.reloaded"
-        self.plant.publish_event("configuration", None, key, actor=actor.name, restart=", ".join(later))
+        self.plant.publish_event("configuration", None, key, actor=actor.name, restart=Text.join_names(later))
         return {"difference": names, "restart": later}
 
     def close(self) -> None:
@@ -94,7 +95,7 @@ class ConfigReload:
         lost = [id for id in _leaving_drives(change) if id in self.plant.drives]
         turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
         if turning:
-            raise ServiceError("plant.reload_turning", drives=", ".join(turning))
+            raise ServiceError("plant.reload_turning", drives=Text.join_names(turning))
 
     # --- applying -----------------------------------------------------------------------------------------------
 
