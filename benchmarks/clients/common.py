@@ -16,13 +16,13 @@ REPLY_DELAY_S = float(sys.argv[6]) if len(sys.argv) > 6 else None
 REGISTERS = 4
 
 
-def _compute() -> None:
+def _compute_forever() -> None:
     while True:
         json.loads(json.dumps(list(range(100))))
 
 
-if os.environ.get("BUSY_THREAD"):
-    threading.Thread(target=_compute, daemon=True).start()
+if os.environ.get("BUSY_THREAD"):  # set by ``benchmarks.harness.run_client``
+    threading.Thread(target=_compute_forever, daemon=True).start()
 
 
 def is_wrong_reply(station: int, register: int, values: Any) -> bool:
