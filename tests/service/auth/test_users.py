@@ -231,6 +231,24 @@ def test_a_broken_edit_of_the_user_file_prevents_no_stop_and_is_not_overwritten(
     assert file.read() == repaired
 
 
+def test_a_user_file_that_is_removed_while_the_service_runs_prevents_no_stop_and_begins_no_set_up(
+    tmp_path: Path,
+) -> None:
+    """Without its users the page would refuse every stop, and the next visitor with the set-up secret take over."""
+    file = UserFile(tmp_path / "users.json")
+    assert file.read() == UserDatabase(), "there was none yet"
+    before = file.change(lambda database: database.with_user(ADMIN))
+    file.read()
+    kept = file.path.read_bytes()
+    file.path.unlink()
+    assert file.read() == before
+    with pytest.raises(ConfigurationError, match="No such file"):
+        file.change(lambda database: database.with_token(TOKEN))
+    assert not file.path.exists()
+    file.path.write_bytes(kept)
+    assert file.change(lambda database: database.with_token(TOKEN)).tokens == (TOKEN,)
+
+
 def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> None:
     def add(n: int) -> None:
         UserFile(tmp_path / "users.json").change(lambda database: database.with_user(replace(ADMIN, name=f"u{n}")))

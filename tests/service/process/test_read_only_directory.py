@@ -1,4 +1,4 @@
-"""Lock and sockets of a service whose state directory cannot be written."""
+"""Lock and sockets of a service whose state directory cannot be written, or is emptied while it runs."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
+from drivebus.cli.commands import stop
 from drivebus.errors import ConfigurationError
 from drivebus.service.ipc import protocol
+from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import (
     SERVICE_SOCKET,
     STOP_SOCKET,
@@ -22,7 +24,8 @@ from drivebus.service.ipc.protocol import (
 )
 from drivebus.service.process import lock, main
 from drivebus.service.process.lock import single_instance
-from fixtures.service import running_service
+from fixtures.receiver import wait_until
+from fixtures.service import LOCAL, running_service
 
 
 @pytest.fixture
@@ -51,6 +54,34 @@ async def test_the_sockets_move_to_the_runtime_folder_and_back(tmp_path: Path, r
         async with main._service_sockets(kit.service, missing):
             assert sorted(path.name for path in folder.iterdir()) == [SERVICE_SOCKET, STOP_SOCKET]
         assert not folder.exists()
+
+
+async def test_a_socket_that_is_removed_is_there_again_and_a_stop_finds_the_service(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A cleaner of old files, or a state directory that is emptied: the stop said that no service runs."""
+    monkeypatch.setattr(main, "SOCKET_CHECK_INTERVAL_S", 0.01)
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        folder = Path(name) / "state"
+        folder.mkdir(mode=0o700)
+        async with running_service() as kit, main._service_sockets(kit.service, folder):
+            client = SocketClient(folder / SERVICE_SOCKET)
+            await client.call("plant.get", {}, LOCAL)
+            connection = client._writer
+            for path in folder.iterdir():
+                path.unlink()
+            folder.rmdir()
+            await wait_until(lambda: len(caplog.messages) == 2)
+            await asyncio.sleep(0.05)
+            assert len([line for line in caplog.messages if "is missing: No such file or directory" in line]) == 2
+            folder.mkdir(mode=0o700)
+            await wait_until(lambda: (folder / STOP_SOCKET).is_socket() and (folder / SERVICE_SOCKET).is_socket())
+            assert len([line for line in caplog.messages if "was removed; it is there again" in line]) == 2
+            assert (await stop._request_stop(folder))["outcomes"]
+            await client.call("plant.get", {}, LOCAL)
+            assert client._writer is connection, "an open connection goes on"
+            await client.close()
+        assert list(folder.iterdir()) == []
 
 
 @pytest.mark.parametrize("reason", [errno.EROFS, errno.ENOSPC, errno.EDQUOT])

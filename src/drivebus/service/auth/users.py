@@ -166,7 +166,7 @@ class UserFile:
     """File of the user database, private to its owner. Programs may share it: each change re-reads it under a lock.
 
     Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
-    one. After a successful read later read errors are ignored: a broken edit must not prevent a stop.
+    one. After a successful read later read errors are ignored: a broken edit or a removed file must not prevent a stop.
     """
 
     def __init__(self, path: Path) -> None:
@@ -186,8 +186,10 @@ class UserFile:
     def _read_if_changed(self) -> UserDatabase:
         try:
             state = self.path.stat()
-        except FileNotFoundError:
-            return UserDatabase()
+        except FileNotFoundError as error:
+            if self._file_state is None:
+                return UserDatabase()
+            raise self._unusable_error(str(error)) from error
         except OSError as error:
             raise self._unusable_error(str(error)) from error
         fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)

@@ -41,8 +41,10 @@ class SocketServer:
         self._connections: set[asyncio.Task[None]] = set()
 
     async def open(self) -> None:
-        """Raises OSError."""
-        self._server = await listen_unix(self.path, self._connected)
+        """Listen, also again where the socket was removed; connections that are open go on. Raises OSError."""
+        before, self._server = self._server, await listen_unix(self.path, self._connected)
+        if before is not None:
+            before.close()
 
     async def close(self) -> None:
         """Disconnect every client; pending requests are cancelled."""
@@ -184,8 +186,10 @@ class StopServer:
         self._stops = 0
 
     async def open(self) -> None:
-        """Raises OSError."""
-        self._server = await listen_unix(self.path, self._connected)
+        """Listen, also again where the socket was removed; connections that are open go on. Raises OSError."""
+        before, self._server = self._server, await listen_unix(self.path, self._connected)
+        if before is not None:
+            before.close()
 
     async def close(self) -> None:
         await close_server(self._server, self.path)

@@ -33,6 +33,7 @@ from drivebus.service.process.tuning import raise_file_limit, relax_gc
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
+SOCKET_CHECK_INTERVAL_S = 2.0  # a socket that was removed is missing for so long at most
 TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -80,26 +81,49 @@ async def _service_sockets(service: Service, directory: Path) -> AsyncIterator[N
     """
     async with AsyncExitStack() as stack:
         try:
-            await _listen(service, directory, stack)
+            servers = await _listen(service, directory, stack)
             remove_runtime_folders(directory)
         except OSError as error:
             await stack.aclose()
             try:
                 folder = create_runtime_folder(directory)
                 stack.callback(remove_runtime_folders, directory)
-                await _listen(service, folder, stack)
+                servers = await _listen(service, folder, stack)
             except OSError as failure:
                 reason = failure.strerror or str(failure)
                 raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from failure
             LOG.error("no socket in %s: %s; the sockets are in %s", directory, error.strerror or error, folder)
+        restoring = asyncio.create_task(_restore_sockets(servers))
+        stack.callback(restoring.cancel)
         yield
 
 
-async def _listen(service: Service, folder: Path, stack: AsyncExitStack) -> None:
+async def _listen(service: Service, folder: Path, stack: AsyncExitStack) -> tuple[SocketServer, StopServer]:
     """Open both sockets. Raises OSError."""
-    for server in (SocketServer(service, folder / SERVICE_SOCKET), StopServer(service, folder / STOP_SOCKET)):
+    servers = SocketServer(service, folder / SERVICE_SOCKET), StopServer(service, folder / STOP_SOCKET)
+    for server in servers:
         await server.open()
         stack.push_async_callback(server.close)
+    return servers
+
+
+async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
+    """Open each socket that was removed again: without them a stop on this machine finds no service."""
+    missing: set[Path] = set()
+    while True:
+        await asyncio.sleep(SOCKET_CHECK_INTERVAL_S)
+        for server in servers:
+            if server.path.is_socket():
+                continue
+            try:
+                await server.open()
+            except OSError as error:
+                if server.path not in missing:
+                    LOG.error("the socket %s is missing: %s", server.path, error.strerror or error)
+                missing.add(server.path)
+            else:
+                LOG.warning("the socket %s was removed; it is there again", server.path)
+                missing.discard(server.path)
 
 
 async def _reload(service: Service) -> None:
