@@ -10,6 +10,7 @@ import pytest
 from drivebus.bus.messages import BusRequest
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.setpoint import SETPOINT_READ_TRIES
 from drivebus.drives.operations.start import run
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction
@@ -349,6 +350,26 @@ def test_an_answered_frequency_is_judged_by_what_the_drive_shows_afterwards(
     outcome = start(bus, op, 12.0)
     assert (outcome.status, outcome.key) == (status, key)
     assert outcome.params.get("found_hz") == (10.0 if status is OutcomeStatus.FAILED else None)
+
+
+def test_a_set_frequency_that_only_the_last_read_shows_is_neither_confirmed_nor_called_another_one() -> None:
+    """Regression: "12.0 Hz was sent, the drive reports 12.0 Hz as its set frequency"."""
+    paper = FakeModbus(registers={0x3001: 1000})
+    reads = 2 * SETPOINT_READ_TRIES
+
+    def station(request: Any) -> Any:
+        nonlocal reads
+        reply = paper(request)
+        if isinstance(request, modbus.ReadRegisters) and request.register == 0x3001 and paper.written:
+            reads -= 1
+            return modbus.RegisterValues(1, 3, (1000 if reads else 1200,))
+        return reply
+
+    bus, op = vc660(paper)
+    paper.registers[0x3000] = 0x0009
+    bus.station = station
+    outcome = start(bus, op, 12.0)
+    assert (outcome.status, outcome.key, reads) == (OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", 0)
 
 
 def test_a_run_while_the_drive_decelerates_to_a_standstill_is_no_success() -> None:

@@ -8,6 +8,7 @@ from drivebus.drives.operations.preflight import ensure_preflight, recheck_maxim
 from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand
+from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, PreflightError, StartInhibited
 
@@ -78,9 +79,19 @@ def read_back_setpoint(op: OperationContext, word: int, frequency_hz: float, ans
         yield from wait(SETPOINT_READ_PAUSE_S)
     if matches:
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=frequency_hz)
+    if matches is False and _newest_read_matches(op, word, frequency_hz):  # one read alone proves nothing
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", frequency_hz=frequency_hz)
     if matches is False:
         found = op.reading_pairs.latest["set_frequency"].value
         return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=found)
     if answered and error is None:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.setpoint_acknowledged", frequency_hz=frequency_hz)
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", frequency_hz=frequency_hz)
+
+
+def _newest_read_matches(op: OperationContext, word: int, frequency_hz: float) -> bool:
+    """Return whether the newest read shows the frequency that was sent, whatever the one before it shows."""
+    newest = ReadingPairs()
+    for _ in range(VERIFICATION_ROUNDS):
+        newest.add({"set_frequency": op.reading_pairs.latest["set_frequency"]})
+    return op.dialect.setpoint_matches(newest, word, frequency_hz) is True
