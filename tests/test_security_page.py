@@ -65,6 +65,34 @@ def test_every_key_of_the_state_directory_is_on_the_page(page: str) -> None:
         assert f"`{file}`" in text
 
 
+def page_scripts() -> dict[str, str]:
+    folder = ROOT / "src" / "drivebus" / "web" / "static" / "js"
+    found = {file.name: file.read_text(encoding="utf-8") for file in folder.rglob("*.js")}
+    assert len(found) > 90
+    return found
+
+
+def test_the_page_stores_preferences_in_the_browser_and_nothing_else() -> None:
+    scripts = page_scripts()
+    storage = re.compile(r"localStorage|sessionStorage|indexedDB|document\.cookie|\bcaches\.")
+    assert [name for name, text in scripts.items() if storage.search(text)] == ["preferences.js"]
+    names = {name for text in scripts.values() for name in re.findall(r'\bsavePreference\((\w+|"\w+")', text)}
+    assert {name.strip('"') for name in names} == {
+        "name",  # the definition
+        "language", "theme", "fleet", "history", "sound", "gesture_help", "takeovers",
+    }  # fmt: skip
+
+
+def test_passwords_can_be_pasted_and_filled_in_by_a_password_manager() -> None:
+    scripts = page_scripts()
+    inputs = [
+        tag for text in scripts.values() for tag in re.findall(r"<input[^>]*?type=\"password\".*?/>", text, re.DOTALL)
+    ]
+    assert len(inputs) >= 4
+    assert [tag for tag in inputs if not re.search(r"autocomplete=(\$\{|\"(current|new)-password)", tag)] == []
+    assert [name for name, text in scripts.items() if re.search("onpaste|[\"']paste[\"']", text, re.IGNORECASE)] == []
+
+
 def test_a_token_outlives_a_new_password_and_rests_while_its_user_is_disabled(tmp_path: Path) -> None:
     """It belongs to a program; the page says so, and how to withdraw it."""
     auth = AuthService(tmp_path)

@@ -71,6 +71,18 @@ async def test_no_text_of_a_drive_becomes_a_formula(database: HistoryDatabase) -
     assert export.escape_formula("Hz") == "Hz"
 
 
+@pytest.mark.parametrize("layout", ["long", "wide"])
+async def test_the_name_of_a_file_has_nothing_but_a_resolution_and_a_day(
+    database: HistoryDatabase, layout: str
+) -> None:
+    """It stands in a header: a name of a client or a drive could end the header or name a folder."""
+    async with database.historian() as historian:
+        await fill(historian)
+        wanted = export_params(tags=[TAGS[1]], layout=layout, timezone="Asia/Shanghai")
+        found = await historian.queries.export(wanted)
+    assert found["file"] == f"history-raw{'-wide' * (layout == 'wide')}-2026-01-01.csv"
+
+
 async def test_rollups_are_exported_with_their_number_of_values(database: HistoryDatabase) -> None:
     async with database.historian() as historian:
         await fill(historian)

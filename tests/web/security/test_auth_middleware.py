@@ -127,6 +127,23 @@ def test_a_read_is_answered_from_any_link_and_is_readable_by_no_other_page(tmp_p
     run(scenario())
 
 
+@pytest.mark.parametrize("name", ["token", "access_token", "authorization", "session", "drivebus_session"])
+def test_no_secret_in_an_address_is_a_credential(name: str, tmp_path: Path) -> None:
+    """Addresses are in logs and in the history of browsers."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        secret = await harness.token("operator", "view")
+        cookie = (await harness.log_in("operator")).cookies["drivebus_session"]
+        by_header = await harness.client(authorization=f"Bearer {secret}").get("/api/v1/drives")
+        assert by_header.status_code != 401
+        for value in (secret, f"Bearer {secret}", cookie):
+            answer = await harness.client().get("/api/v1/drives", params={name: value})
+            assert answer.status_code == 401
+
+    run(scenario())
+
+
 def test_a_login_with_an_old_cookie_needs_no_csrf_token(tmp_path: Path) -> None:
     """A closed page has lost its CSRF token, but the browser still has the cookie."""
     harness = WebAppHarness(tmp_path)
