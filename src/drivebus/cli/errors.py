@@ -61,17 +61,12 @@ def print_error(error: DrivebusError) -> None:
     """Print the error, the notes of its outcome and its remedy on standard error."""
     sentence = error_text(error)
     _print_error_line(sentence)
-    for note in _notes(error):
+    outcome = getattr(error, "outcome", None)
+    for note in outcome.note_texts(output.language()) if outcome is not None else ():
         if note != sentence:
             click.echo(output.wrap_for(note, sys.stderr, indent=2), err=True)
     if hint := error_hint(error):
         click.echo(output.wrap_for(hint, sys.stderr), err=True)
-
-
-def _notes(error: DrivebusError) -> list[str]:
-    """Return the notes of a failed command, such as writes that were not sent."""
-    outcome = getattr(error, "outcome", None)
-    return [output.text(key, **params) for key, params in outcome.notes] if outcome is not None else []
 
 
 def error_json(error: DrivebusError) -> dict[str, Any]:

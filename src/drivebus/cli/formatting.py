@@ -192,7 +192,7 @@ def outcome_json(outcome: Outcome, now: float) -> Json:
     return {
         "outcome": str(outcome.status),
         "text": outcome.text(output.language()),
-        "notes": [output.text(key, **params) for key, params in outcome.notes],
+        "notes": outcome.note_texts(output.language()),
         "evidence": [exchange_json(exchange) for exchange in outcome.exchanges],
         "status": status_json(outcome.drive_status, now) if outcome.drive_status else None,
     }
@@ -212,6 +212,6 @@ def exchange_json(exchange: FrameExchange) -> Json:
 def outcome_text(outcome: Outcome) -> str:
     """Format the outcome of a command that succeeded, and its notes; any other outcome is raised as an error."""
     text = outcome.text(output.language())
-    notes = [note for key, params in outcome.notes if (note := output.text(key, **params)) != text]
+    notes = [note for note in outcome.note_texts(output.language()) if note != text]
     result = output.wrap_for(output.text(f"outcome.{outcome.status}", text=text), sys.stdout)
     return "\n".join([result, *(output.wrap_for(note, sys.stdout, indent=2) for note in notes)])

@@ -59,6 +59,10 @@ class Outcome:
         """Return the sentence in ``language`` ("en" or "zh")."""
         return i18n.text(self.key, language, **self.params)
 
+    def note_texts(self, language: str = "en") -> list[str]:
+        """Return the sentences of ``notes`` in ``language``."""
+        return [i18n.text(key, language, **params) for key, params in self.notes]
+
     def __str__(self) -> str:
         return f"{self.status}: {self.text()}"
 

@@ -73,7 +73,7 @@ def decode_frame(
 ) -> Any:
     """Return the message of bytes that are exactly one frame. Raises ProtocolError for all others.
 
-    A response is that to the frame ``request``, without one that to the ``fitting_request`` of its bytes.
+    A response is decoded as the reply to ``request``, or without one as the reply to ``fitting_request(data)``.
     """
     if direction == "request":
         return whole_message(codec.decode_request(data), data)

@@ -44,6 +44,7 @@ class DriveRow:
     """Whether the bus can't tell the model from others; the name then has a question mark behind the model."""
 
     def name_text(self) -> str:
+        """Return the name, with a question mark behind an assumed model."""
         return self.name.replace(self.model, f"{self.model}?", 1) if self.is_model_assumed else self.name
 
     def cell(self, signal: str) -> str:

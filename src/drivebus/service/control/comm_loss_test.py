@@ -43,7 +43,7 @@ from drivebus.types import Json
 CHECK_INTERVAL_S = 0.1  # how often the conditions of the test are checked
 TURNING_TIME_S = 3.0  # the motor turns this long before the silence, so that its user sees that it turns
 ACCELERATION_TIMEOUT_S = 60.0  # the drive runs steadily within this time
-OFF_TIME_S = 5.0  # a drive whose output is off for so long after its start has stopped by itself
+OUTPUT_OFF_TIMEOUT_S = 5.0  # a drive whose output is off for this long after its start has stopped by itself
 LAST_POLLS_S = 0.5  # polls that were under way when polling ended are answered by then
 READ_TIMEOUT_S = 120.0  # an adapter that was pulled is plugged in again within this time
 READ_RETRY_INTERVAL_S = 0.5  # between two reads after the silence
@@ -221,7 +221,7 @@ class CommLossTests:
             state = runtime.status().state
             steady_since = None if state is not DriveState.RUNNING else now() if steady_since is None else steady_since
             off_since = None if not state.output_off else now() if off_since is None else off_since
-            if off_since is not None and now() - off_since >= OFF_TIME_S:
+            if off_since is not None and now() - off_since >= OUTPUT_OFF_TIMEOUT_S:
                 raise ServiceError("plant.comm_loss_off_before", drive=runtime.id)
             if now() > timeout:
                 raise ServiceError("plant.comm_loss_not_turning", drive=runtime.id)
