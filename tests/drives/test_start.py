@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +27,18 @@ from drivebus.errors import (
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import modbus, sunfar
 from drivebus.protocols.codec import Effect
-from fixtures.drives import FakeC320, FakeModbus, PureBus, context_for, dialect_for, operation_for, reject_command
+from fixtures.drives import (
+    SAFE_HZ,
+    FakeC320,
+    FakeModbus,
+    PureBus,
+    SimulatedDrives,
+    context_for,
+    dialect_for,
+    operation_for,
+    reject_command,
+    run_virtual,
+)
 
 ON_320 = sunfar.SunfarOperation.RUN_FORWARD_AT
 
@@ -414,6 +426,40 @@ def test_a_decelerating_drive_that_falls_silent_after_its_new_frequency_has_an_u
     paper.on_command = falls_silent
     outcome = start(*c320(paper), hz=20.0)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.run_while_decelerating")
+
+
+@pytest.mark.parametrize("ramp_s", [10, 40])
+@pytest.mark.parametrize("model", ["vc660", "c320"])
+def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_frequency(
+    model: str, ramp_s: int
+) -> None:
+    """A VC660 reports *running* down to standstill: only its falling output frequency shows the stop."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model, query=f"ramp={ramp_s}") as bench:
+            drive, hz = bench.drive(), SAFE_HZ[model]
+            await drive.run(hz, wait=True)
+            bench.station().motor.stop()
+            await asyncio.sleep(0.2 * ramp_s * hz / 50)
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.run(hz)
+            assert caught.value.key == "drives.run_while_decelerating"
+
+    run_virtual(scenario())
+
+
+def test_a_drive_that_slows_down_to_a_lower_frequency_is_run_at_a_higher_one() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660", query="ramp=10") as bench:
+            drive = bench.drive()
+            await drive.run(40.0, wait=True)
+            await drive.run(10.0)
+            await asyncio.sleep(2)
+            outcome = await drive.run(8.0)
+            assert "drives.still_decelerating" in [key for key, _ in outcome.notes]
+            assert (await drive.run(30.0)).status is OutcomeStatus.CONFIRMED
+
+    run_virtual(scenario())
 
 
 def test_a_stop_supersedes_the_run_of_a_decelerating_drive() -> None:

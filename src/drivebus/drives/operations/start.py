@@ -16,7 +16,7 @@ from drivebus.drives.operations.preflight import ensure_preflight, recheck_maxim
 from drivebus.drives.operations.preparation import prepare_start
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
-from drivebus.drives.operations.stop import stop
+from drivebus.drives.operations.stop import reported_text, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand, state_inhibit
 from drivebus.drives.state import Direction, DriveState, DriveStatus
@@ -112,8 +112,9 @@ def _change_running_speed(
     if derived.direction is None and direction is not None:
         raise StartInhibited("drives.turning_unknown_direction", direction=direction)
     stop_epoch = (yield from get_bus_conditions()).stop_epoch
+    slows_down = derived.state is DriveState.DECELERATING or _output_falls(op)
     outcome = yield from set_frequency(op, frequency_hz)
-    if derived.state is DriveState.DECELERATING and outcome.succeeded:
+    if slows_down and outcome.succeeded:
         return (yield from _check_runs_on(op, outcome, frequency_hz, stop_epoch))
     return outcome
 
@@ -133,14 +134,22 @@ def _check_runs_on(
         conditions = yield from get_bus_conditions()
         if conditions.stop_epoch != stop_epoch:
             raise op.superseded_error()
-        state, output = op.derived.state, _output_hz(op)
-        if state.driven:
+        state, output = op.derived.state, abs(_output_hz(op) or 0.0)
+        falls = state is DriveState.DECELERATING or _output_falls(op)
+        if state.driven and (not falls or abs(output - frequency_hz) <= near_hz):
             return outcome
-        if state is DriveState.DECELERATING and output is not None and abs(output) > frequency_hz + near_hz:
-            return with_note(outcome, "drives.still_decelerating", output_hz=abs(output))
+        if falls and output > frequency_hz + near_hz:
+            return with_note(outcome, "drives.still_decelerating", output_hz=output)
         if state.output_off or conditions.now > until:
             status = OutcomeStatus.UNKNOWN if state is DriveState.UNKNOWN else OutcomeStatus.FAILED
-            return op.outcome(status, "drives.run_while_decelerating", state=state)
+            return op.outcome(status, "drives.run_while_decelerating", found=reported_text(state, _output_hz(op)))
+
+
+def _output_falls(op: OperationContext) -> bool:
+    """Return whether the output frequency fell between the last two readings: some drives report *running* then."""
+    pair = op.reading_pairs.pair("output_frequency")
+    values = [abs(one.value) for one in pair or () if isinstance(one.value, int | float)]
+    return len(values) == 2 and values[1] < values[0]
 
 
 def _start_from_standstill(

@@ -197,7 +197,7 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
         return op.outcome(OutcomeStatus.UNKNOWN, key, why=why)
     state, output_hz = reports.newest.state, reports.output_hz
     params = {
-        "found": _reported_text(state, output_hz),
+        "found": reported_text(state, output_hz),
         "reads": reports.count,
         "failures": reports.failures,
         "state": state,
@@ -225,11 +225,11 @@ def _port_lost_outcome(op: OperationContext, error: PortLost) -> Outcome:
     newest = op.state_reports.newest
     if newest is None:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_port_lost", **params)
-    params["found"] = _reported_text(newest.state, op.state_reports.output_hz)
+    params["found"] = reported_text(newest.state, op.state_reports.output_hz)
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_port_lost_after", **params)
 
 
-def _reported_text(state: DriveState, output_hz: float | None) -> Text:
+def reported_text(state: DriveState, output_hz: float | None) -> Text:
     """Format ``running at 25.0 Hz``, without a frequency that the drive does not report as good."""
     return bilingual_text(
         "drives.reported" if output_hz is None else "drives.reported_at", state=state, output_hz=output_hz
