@@ -403,7 +403,7 @@ def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path)
         assert found == {
             "setup": False,
             "user": "operator",
-            "rights": ["operate", "stop", "view"],
+            "rights": ["view", "stop", "operate"],
             "session": session.id,
             "role": "operator",
             "csrf": session.csrf,
@@ -413,7 +413,7 @@ def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path)
         }
         harness.clock.now += SESSION_IDLE_TIMEOUT_S + 60
         found = await done(client, "POST", "/session/activity")
-        assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["stop", "view"])
+        assert (found["idle"], found["idle_in_s"], found["rights"]) == (True, 0.0, ["view", "stop"])
         token = harness.client(authorization=f"Bearer {await harness.token('operator', 'view')}")
         session = await done(token, "GET", "/session")
         assert (session.keys(), session["user"]) == ({*no_user, "session"}, "operator/t")

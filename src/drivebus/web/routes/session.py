@@ -17,6 +17,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential
 from drivebus.service.auth.devices import device_cookie_name
 from drivebus.service.auth.errors import TooManyAttempts
+from drivebus.service.auth.rights import Right
 from drivebus.service.auth.service import LoginResult
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.service.live.views import text_json
@@ -155,7 +156,8 @@ def _session_json(context: WebContext, credential: Credential | None) -> Json:
     if credential is None:
         return found
     actor = credential.actor
-    found |= {"user": actor.name, "rights": sorted(actor.rights), "session": actor.session}
+    rights = [right for right in Right if right in actor.rights]  # in their order, from reading to administering
+    found |= {"user": actor.name, "rights": rights, "session": actor.session}
     if not isinstance(credential, SessionCredential):
         return found
     session, now = credential.session, auth.clock()
