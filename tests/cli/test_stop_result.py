@@ -110,6 +110,33 @@ def test_a_stop_whose_port_can_not_be_opened_is_called_not_sent_and_ends_with_co
     assert (document["error"]["key"], document["exit"]) == ("bus_stop.not_sent", 4)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("sim://c320@1", "--model", "c320", "--address", "1"),
+        ("--all", "sim://c320@1", "--model", "c320"),
+        ("--all", "--directory", "state"),
+        ("--all", "--service", "http://127.0.0.1:8080"),
+    ],
+)
+def test_an_interrupted_stop_is_not_silent_and_ends_as_an_unconfirmed_one(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    def interrupt(*given: Any, **named: Any) -> Any:
+        raise KeyboardInterrupt
+
+    for owner, name in (
+        (stop, "run_command"),
+        (stop, "_stop_addresses"),
+        (stop, "_request_stop"),
+        (client, "call_once"),
+    ):
+        monkeypatch.setattr(owner, name, interrupt)
+    result = CliRunner().invoke(cli, ["stop", *words, "--json"])
+    error = json.loads(result.stdout)["error"]
+    assert (result.exit_code, error["key"]) == (4, "bus_stop.interrupted")
+
+
 def test_a_stop_through_a_service_that_does_not_answer_is_unknown_and_names_the_drive(tmp_path: Path) -> None:
     words = ["stop", "--service", str(tmp_path / "plant.sock"), "--drive", "fan-1", "--lang", "en"]
     result = CliRunner().invoke(cli, words)

@@ -47,10 +47,19 @@ def _stop(
     target: str | None = None,
     **given: Any,
 ) -> ExitCode:
-    if not everything:
+    try:
+        if everything:
+            return _stop_all(target, directory, quick, assume_model, given)
         if directory is not None:
             raise ConfigurationError("stop_all.needs_all")
         return _stop_one(target, given, quick, assume_model)
+    except KeyboardInterrupt:
+        raise StopUnconfirmed("bus_stop.interrupted") from None
+
+
+def _stop_all(
+    target: str | None, directory: str | None, quick: bool, assume_model: bool, given: dict[str, Any]
+) -> ExitCode:
     if quick:
         raise ConfigurationError("stop_all.not_quick")
     if assume_model:
