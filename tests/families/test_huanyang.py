@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
+from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest
 from drivebus.commissioning.decode.describe import describe_frame
 from drivebus.drives import Drive, create_dialect
+from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import (
@@ -23,6 +25,7 @@ from drivebus.errors import (
     CapabilityError,
     DrivebusError,
     EchoError,
+    NoReply,
     PreflightError,
     ProtocolError,
 )
@@ -31,7 +34,9 @@ from drivebus.families.huanyang.codec import HuanyangReply, HuanyangRequest
 from drivebus.ports import open_port
 from drivebus.protocols.codec import Complete, Effect, Incomplete
 from drivebus.protocols.family import protocol_family
+from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.motor import Trip
+from drivebus.testing.bus_script import BusScript
 from drivebus.testing.virtual_time import run
 from verification.reference.huanyang import HuanyangReference
 
@@ -347,3 +352,27 @@ def test_a_rejected_request_is_reported_as_rejected() -> None:
     rejection = dialect.rejection(HuanyangReply(1, 0x05, accepted=False))
     assert rejection is not None and rejection.key == "huanyang.rejected"
     assert dialect.rejection(HuanyangReply(1, 0x05)) is None
+
+
+def test_a_late_reply_to_a_stop_is_not_called_later_than_it_was() -> None:
+    """The reply to a read follows it after a pause, in the same transaction: its end is not that of the late one.
+
+    Found by the campaign ``statements`` (seed 1, huanyang-hy/322).
+    """
+    core = BusCore(SerialSettings(9600), echo="off")
+    dialect = create_dialect(profiles.load("huanyang_hy"), 1)
+    core.add_station(dialect.station_config)
+    script = BusScript(core)
+    script.submit(BusRequest(station=1, request=dialect.stop(StopMode.STOP)[0]), "stop")
+    script.result("stop")
+    while len(script.sent) < 2:
+        script.run_until(script.now + 0.002)
+    (stopped_at, stop), (probe_at, probe) = script.sent
+    late_at = probe_at + (len(probe) + 6) * core.character_s + 0.002
+    script.receive(CODEC.encode_reply(HuanyangReply(1, 3, 0, 0, 1)), at=late_at)
+    script.receive(CODEC.encode_reply(HuanyangReply(1, 1, probe[3], 5000)), at=late_at + 0.05)
+    script.run_until(late_at + 0.2)
+    error = core.stations[1].earlier_failure_reason
+    late_ms = 1000 * (late_at - stopped_at - len(stop) * core.character_s)
+    assert isinstance(error, NoReply) and error.key == "bus.late_reply"
+    assert late_ms - 15 < error.params["milliseconds"] <= round(late_ms)

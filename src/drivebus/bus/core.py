@@ -792,7 +792,9 @@ class BusCore:
             kind, station = TraceKind.DUPLICATE, prepared.station
         else:
             self.unsolicited.record_foreign_request(now)
-        received_at = (transaction.last_byte_at or now) - (len(data) - request.size) * self.character_s
+        is_alone = len(data) == request.size
+        # Bytes after it may have come after a pause: only its earliest time is known then, which calls none too late.
+        received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
         self._record_unsolicited(
             UnsolicitedFrame(kind, station, request.message, request.size), frame, received_at, now
         )
