@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from drivebus import i18n
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
-from drivebus.cli.commands import stop
+from drivebus.cli.commands import coast, stop
 from drivebus.cli.errors import report_error
 from drivebus.cli.main import cli
 from drivebus.cli.remote import client
@@ -98,6 +98,9 @@ def test_each_drive_is_in_the_sentence_of_its_own_outcome_and_in_no_other(
     assert text == i18n.join(expected, "sentences", language)
 
 
+STOPS = ["stop", "stop --quick", "coast"]
+
+
 @pytest.mark.parametrize("words", [("--address", "3"), ("--all",), ("--all", "--address", "3")])
 def test_a_stop_whose_port_can_not_be_opened_is_called_not_sent_and_ends_with_code_4(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli, ["stop", "/dev/ttyNone9", "--model", "c320", *words, "--lang", "en"])
@@ -108,6 +111,23 @@ def test_a_stop_whose_port_can_not_be_opened_is_called_not_sent_and_ends_with_co
         CliRunner().invoke(cli, ["stop", "/dev/ttyNone9", "--model", "c320", *words, "--json"]).stdout
     )
     assert (document["error"]["key"], document["exit"]) == ("bus_stop.not_sent", 4)
+
+
+@pytest.mark.parametrize("command", STOPS)
+def test_each_command_that_stops_calls_a_stop_without_a_port_not_sent(command: str) -> None:
+    words = [*command.split(), "/dev/ttyNone9", "--model", "vc660", "--address", "3", "--json"]
+    result = CliRunner().invoke(cli, words)
+    document = json.loads(result.stdout)
+    assert (document["error"]["key"], document["exit"], result.exit_code) == ("bus_stop.not_sent", 4, 4)
+
+
+def test_an_interrupted_coast_stop_is_not_silent_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*given: Any, **named: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(coast, "run_command", interrupt)
+    result = CliRunner().invoke(cli, ["coast", "sim://c320@1", "--model", "c320", "--address", "1", "--json"])
+    assert (result.exit_code, json.loads(result.stdout)["error"]["key"]) == (4, "bus_stop.interrupted")
 
 
 @pytest.mark.parametrize(
@@ -137,8 +157,11 @@ def test_an_interrupted_stop_is_not_silent_and_ends_as_an_unconfirmed_one(
     assert (result.exit_code, error["key"]) == (4, "bus_stop.interrupted")
 
 
-def test_a_stop_through_a_service_that_does_not_answer_is_unknown_and_names_the_drive(tmp_path: Path) -> None:
-    words = ["stop", "--service", str(tmp_path / "plant.sock"), "--drive", "fan-1", "--lang", "en"]
+@pytest.mark.parametrize("command", STOPS)
+def test_a_stop_through_a_service_that_does_not_answer_is_unknown_and_names_the_drive(
+    tmp_path: Path, command: str
+) -> None:
+    words = [*command.split(), "--service", str(tmp_path / "plant.sock"), "--drive", "fan-1", "--lang", "en"]
     result = CliRunner().invoke(cli, words)
     assert result.exit_code == 4
     assert "fan-1 could not be stopped through the service, check the drive locally" in result.stderr

@@ -17,6 +17,7 @@ from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.stop_errors import interruption_is_unconfirmed, stop_errors
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -60,9 +61,17 @@ def drive_command(
     plan: Callable[..., ExitCode],
     *,
     extra: tuple[click.Parameter, ...] = (),
+    stops: bool = False,
     examples: tuple[str, ...],
 ) -> CliCommand:
-    """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames."""
+    """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames.
+
+    ``stops``: it is a stop, and an error that keeps it from being sent is reported as one of a stop.
+    """
+
+    def run_stop(**given: Any) -> ExitCode:
+        with interruption_is_unconfirmed(), stop_errors(given["drive"]):
+            return run(**given)
 
     def run(**given: Any) -> ExitCode:
         remote = pop_remote_target(given)
@@ -78,7 +87,7 @@ def drive_command(
     params = [port, *[param for param in extra if param.param_type_name == "argument"], *rest]
     params += [param for param in extra if param.param_type_name != "argument"]
     params += [options.service_option(), options.service_drive_option(), options.dry_run_option()]
-    return RemoteCommand(name, callback=run, params=params, examples=examples)
+    return RemoteCommand(name, callback=run_stop if stops else run, params=params, examples=examples)
 
 
 def pop_target(given: dict[str, Any]) -> Target:

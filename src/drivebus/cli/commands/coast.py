@@ -27,6 +27,7 @@ command = drive_command(
     "coast",
     _coast,
     single_step_plan("coast", _requests, "dry.note.confirm"),
+    stops=True,
     examples=(
         "drivebus coast /dev/ttyUSB0 --model vc660 --address 3",
         "drivebus coast --service http://127.0.0.1:8080 --drive pump-2",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Awaitable, Coroutine, Mapping
+from collections.abc import Awaitable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,17 +17,14 @@ from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.stop_errors import interruption_is_unconfirmed, stop_errors
 from drivebus.cli.stop_result import drives_by_status, exit_code, print_reasons, print_service_result, result_text
 from drivebus.errors import (
     ConfigurationError,
-    OutcomeUnknown,
     PortError,
-    PortUnavailable,
-    ServiceUnavailable,
     StopUnconfirmed,
 )
 from drivebus.types import Json
-from drivebus.values import Text
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -47,14 +44,12 @@ def _stop(
     target: str | None = None,
     **given: Any,
 ) -> ExitCode:
-    try:
+    with interruption_is_unconfirmed():
         if everything:
             return _stop_all(target, directory, quick, assume_model, given)
         if directory is not None:
             raise ConfigurationError("stop_all.needs_all")
         return _stop_one(target, given, quick, assume_model)
-    except KeyboardInterrupt:
-        raise StopUnconfirmed("bus_stop.interrupted") from None
 
 
 def _stop_all(
@@ -79,10 +74,8 @@ def _stop_all(
 
 def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model: bool) -> ExitCode:
     addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
-    try:
+    with stop_errors(given["drive"]):
         remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
-    except ServiceUnavailable as error:
-        raise OutcomeUnknown("service.not_stopped", drive=given["drive"], why=error) from error
     if remote is None:
         _require("target", port)
         _require("model", given["model"])
@@ -98,15 +91,8 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
             drive.assume_model()
         return drive.quick_stop() if quick else drive.stop(wait=True)
 
-    return _run_stop(run_command(target, stop))
-
-
-def _run_stop(stop: Coroutine[Any, Any, ExitCode]) -> ExitCode:
-    """Run a stop on a port. Raises StopUnconfirmed where the port can't be opened."""
-    try:
-        return asyncio.run(stop)
-    except PortUnavailable as error:
-        raise StopUnconfirmed("bus_stop.not_sent", why=Text.per_language(error.text)) from error
+    with stop_errors(given["drive"]):
+        return asyncio.run(run_command(target, stop))
 
 
 def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,7 +125,8 @@ def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
     addresses = given["addresses"] or _all_addresses(target)
     if given["dry_run"]:
         return _print_plan(target, addresses, broadcast=True)
-    return _run_stop(_stop_addresses(target, addresses, find=given["addresses"] is None))
+    with stop_errors(None):
+        return asyncio.run(_stop_addresses(target, addresses, find=given["addresses"] is None))
 
 
 def _all_addresses(target: Target) -> tuple[int, ...]:
@@ -267,10 +254,8 @@ def _stop_service(service: str) -> ExitCode:
     from drivebus.cli.remote.client import call_once
     from drivebus.service.api.operations.plant import PLANT_STOP
 
-    try:
+    with stop_errors(service):
         result = call_once(service, PLANT_STOP.name, {})
-    except ServiceUnavailable as error:
-        raise OutcomeUnknown("service.not_stopped", drive=service, why=error) from error
     return print_service_result(result, service)
 
 
