@@ -288,6 +288,27 @@ def test_a_broadcast_is_called_one(model: str, data: bytes) -> None:
     assert "broadcast" not in describe_frame("vc660", rtu("01 06 00 02 0F A0")).fields
 
 
+@pytest.mark.parametrize(
+    ("model", "start", "stop"),
+    [
+        ("vc660", rtu("00 06 20 00 00 01"), rtu("00 06 20 00 00 02")),
+        ("c320", b"*1F411000001CD\r", b"*1F403000001CE\r"),
+        ("dzb100", b"C\x03\x0200010000", b"C\x03\x0200000000"),
+    ],
+)
+def test_a_broadcast_that_may_start_every_motor_is_a_hazard_and_a_broadcast_stop_is_none(
+    model: str, start: bytes, stop: bytes
+) -> None:
+    found = describe_frame(model, start)
+    assert found.valid and keys(found, "hazards") == ["explain.broadcast_motion"]
+    assert keys(describe_frame(model, stop), "hazards") == []
+
+
+def test_a_start_of_one_drive_is_no_broadcast_hazard() -> None:
+    assert keys(describe_frame("vc660", rtu("03 06 20 00 00 01")), "hazards") == []
+    assert keys(describe_frame("vc660", rtu("00 06 20 00 00 01"), direction="response"), "hazards") == []
+
+
 def test_a_fault_of_dzb100_has_its_text_and_signals_their_names_in_chinese() -> None:
     found = describe_frame("dzb100", b"Q\x03\x0601030001", direction="response")
     assert found.fields["fault"] == "E009"

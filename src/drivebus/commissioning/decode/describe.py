@@ -6,13 +6,17 @@ The readers are tolerant where the master is strict, and report every difference
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from drivebus import profiles
+from drivebus.commissioning.decode.annotate import annotate
+from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import DriveProfile
-from drivebus.protocols.describe import Direction, FrameDescription
+from drivebus.protocols.codec import Effect
+from drivebus.protocols.describe import Direction, FrameDescription, note
 from drivebus.protocols.family import protocol_family, resolve
 
 
@@ -34,7 +38,17 @@ def describe_frame(
     describe = resolve(protocol_family(profile.family).describe)
     chosen = _choose_encoding(profile, data, encoding)
     description: FrameDescription = describe(profile, data, chosen, _check_direction(direction), request)
+    if _is_broadcast_motion(profile, data, chosen, description):
+        return annotate(description, {}, hazards=(note("explain.broadcast_motion"),))
     return description
+
+
+def _is_broadcast_motion(profile: DriveProfile, data: bytes, encoding: str, description: FrameDescription) -> bool:
+    """Return whether a frame to every drive at once may start their motors."""
+    if not description.valid or description.direction != "request" or description.fields.get("broadcast") is not True:
+        return False
+    dialect = create_dialect(replace(profile, encodings=(encoding,)), profile.addresses[0])
+    return dialect.station_config.effect_of(data) is Effect.MOTION
 
 
 def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | None:
