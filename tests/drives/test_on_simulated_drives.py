@@ -132,6 +132,10 @@ def test_a_trip_while_waiting_ends_the_waiting() -> None:
                 await drive.run(40.0, wait=True)
             await task
             assert caught.value.params["state"] == "fault"
+            assert 1.0 < caught.value.params["waited_s"] < 4.0 < caught.value.params["limit_s"]
+            text = str(caught.value)
+            assert f"after {caught.value.params['waited_s']} s of waiting the drive reports" in text
+            assert "within" not in text, "it was known long before the end of the waiting time"
 
     run_virtual(scenario())
 

@@ -5,7 +5,7 @@ A start that was not answered is resent only after a verified state shows stands
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -341,7 +341,7 @@ def wait_at_speed(
     conditions = yield from get_bus_conditions()
     stop_epoch = conditions.stop_epoch
     limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
-    until = conditions.now + limit_s
+    began = conditions.now
     near_hz = speed_tolerance_hz(op, frequency_hz)
     while True:
         error = yield from op.read_verified_state()
@@ -360,8 +360,10 @@ def wait_at_speed(
             done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
             notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
             return replace(done, notes=notes)
-        if state.output_off or conditions.now > until:
-            raise _not_reached_error(op, frequency_hz, output, limit_s, error)
+        waited_s = conditions.now - began
+        if state.output_off or waited_s > limit_s:
+            times = {"limit_s": round(limit_s, 1), "waited_s": round(waited_s, 1)}
+            raise _not_reached_error(op, frequency_hz, output, times, error)
         yield from wait(SPEED_POLL_INTERVAL_S)
 
 
@@ -394,13 +396,16 @@ def _output_hz(op: OperationContext) -> float | None:
 
 
 def _not_reached_error(
-    op: OperationContext, frequency_hz: float, output_hz: float | None, limit_s: float, error: DrivebusError | None
+    op: OperationContext,
+    frequency_hz: float,
+    output_hz: float | None,
+    times: Mapping[str, float],
+    error: DrivebusError | None,
 ) -> TargetNotReached:
     state = op.derived.state
-    key = "drives.not_reached" if error is None else "drives.not_reached_no_reply"
-    failure = TargetNotReached(
-        key, expected_hz=frequency_hz, found_hz=output_hz, state=state, limit_s=round(limit_s, 1)
-    )
+    key = "drives.off_before_reached" if state.output_off else "drives.not_reached"
+    key = key if error is None else "drives.not_reached_no_reply"
+    failure = TargetNotReached(key, expected_hz=frequency_hz, found_hz=output_hz, state=state, **times)
     status = OutcomeStatus.FAILED if error is None else OutcomeStatus.UNKNOWN
     failure.outcome = op.outcome(status, key, **failure.params)
     return failure
