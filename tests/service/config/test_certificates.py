@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,6 +17,7 @@ from drivebus.clock import wall_clock
 from drivebus.service.config.certificates import EXPIRY_WARNING, valid_until
 from drivebus.service.config.load import load
 from drivebus.service.config.model import CertificateFiles, GatewayConfig
+from drivebus.service.process import permissions
 from fixtures.service import plant_config, running_service
 
 PLANT = """format = 1
@@ -80,9 +82,68 @@ def test_check_prints_the_end_of_a_certificate(tmp_path: Path, days: int, text: 
 
 
 @pytest.mark.parametrize(("mode", "named"), [(0o600, False), (0o640, False), (0o644, True), (0o660, True)])
-def test_check_names_a_key_that_others_can_read(tmp_path: Path, mode: int, named: bool) -> None:
+def test_check_names_a_key_that_others_can_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, named: bool
+) -> None:
+    monkeypatch.setattr(permissions, "_is_private_group", lambda gid, uid: False)
     certificate(tmp_path, wall_clock() + timedelta(days=300), mode)
-    assert ("chmod 640" in check(tmp_path).output) is named
+    found = check(tmp_path)
+    assert found.exit_code == 0
+    assert ("chmod 640" in found.output) is named
+    assert json.loads(check(tmp_path, "--json").stdout)["exposed_files"] == [] or named
+
+
+@pytest.mark.parametrize("name", ["cert.pem", "key.pem"])
+def test_check_names_a_key_or_certificate_that_another_user_owns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Its owner can read and replace it, whatever its mode is."""
+    certificate(tmp_path, wall_clock() + timedelta(days=300))
+    monkeypatch.setattr(permissions, "ROOT", -1)
+    monkeypatch.setattr(permissions, "_service_user", lambda config: 65_534)
+    problems = json.loads(check(tmp_path, "--json").stdout)["exposed_files"]
+    (found,) = [problem for problem in problems if problem["params"]["path"] == str(tmp_path / name)]
+    assert found["key"] == "plant.foreign_owner" and f"chown nobody {tmp_path / name}" in found["text"]
+
+
+def test_check_compares_the_owner_of_a_key_with_that_of_the_state_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An administrator who runs it is not the service's user: the service's own key is not foreign to it."""
+    certificate(tmp_path, wall_clock() + timedelta(days=300))
+    (tmp_path / "state").mkdir(0o700)
+    (tmp_path / "plant.toml").write_text(PLANT.replace('id = "p"', 'id = "p"\ndirectory = "state"'))
+    config = load(tmp_path / "plant.toml")
+    assert config.directory == tmp_path / "state"
+    monkeypatch.setattr(permissions, "ROOT", -1)
+    monkeypatch.setattr(os, "geteuid", lambda: 65_534)
+
+    def foreign() -> bool:
+        paths = {problem.params["path"] for problem in permissions.certificate_problems(config)}
+        return str(tmp_path / "key.pem") in paths
+
+    assert not foreign()
+    (tmp_path / "state").rmdir()
+    assert foreign()
+
+
+async def test_check_and_service_name_a_folder_in_which_others_can_replace_the_key(tmp_path: Path) -> None:
+    folder = tmp_path / "tls keys"
+    folder.mkdir()
+    files = certificate(folder, wall_clock() + timedelta(days=300))
+    gateway = GatewayConfig(id="web", module="x", settings=None, certificates=(files,))
+    async with running_service(plant_config(gateways=(gateway,))) as kit:
+
+        async def events() -> list[str]:
+            await kit.service.supervision._check_disk()
+            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            return [text for text in texts if "tls keys" in text]
+
+        assert await events() == []
+        folder.chmod(0o777)
+        (text,) = await events()
+        assert f"{folder} can be written by other users (mode 777)" in text and f"chmod go-w '{folder}'" in text
+        assert len(await events()) == 1, "once, not at each check"
 
 
 async def test_a_certificate_that_ends_is_an_alarm_until_it_is_renewed(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, error_json
 from drivebus.clock import wall_clock
 
 if TYPE_CHECKING:
@@ -38,17 +38,19 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.certificates import certificate_states
     from drivebus.service.config.load import load
+    from drivebus.service.process.permissions import certificate_problems
 
     config = load(plant)
     buses, slow_adapters = bus_loads(config), tuple(adapter_latencies(config))
     missed = {requirement: list(violations(requirement, buses)) for requirement in requirements}
     lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
     code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
-    states = tuple(certificate_states(config))
+    states, exposed = tuple(certificate_states(config)), list(certificate_problems(config))
     more = {
         "certificates": _certificate_documents(states),
         "slow_adapters": [asdict(one) for one in slow_adapters],
         "warnings": list(config.warnings),
+        "exposed_files": [error_json(error)["error"] for error in exposed],
     }
     output.print_json(_document(config, buses, missed, code) | more)
     _print_loads(config, buses)
@@ -57,6 +59,8 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     for adapter in slow_adapters:
         output.print_note("ports.latency_cost", **adapter.text_params(bilingual_text("plant.bus", id=adapter.bus)))
     _print_certificates(states)
+    for error in exposed:
+        output.print_note("plant_check.warning", text=error.text(output.language()))
     if lacks_asyncpg:
         output.print_note("history.no_asyncpg")
     for requirement, found in missed.items():
@@ -118,8 +122,6 @@ def _print_certificates(states: Sequence[CertificateState]) -> None:
             output.print_note("plant_check.certificate_ends", **params)
         else:
             output.print_message("plant_check.certificate", **params)
-        if state.is_key_exposed:
-            output.print_note("plant_check.key_mode", file=state.key, mode=f"{state.key_mode:o}")
 
 
 def _certificate_documents(states: Sequence[CertificateState]) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""TLS certificates that a gateway serves: their last day, and who can read their key. Reads files, opens no port."""
+"""TLS certificates that a gateway serves: their last day, and the mode of their key. Reads files, opens no port."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from drivebus.service.config.model import CertificateFiles, PlantConfig
 EXPIRY_WARNING = timedelta(days=21)
 """A certificate that ends sooner is announced."""
 _PEM_CERTIFICATE = re.compile(r"-----BEGIN CERTIFICATE-----.+?-----END CERTIFICATE-----", re.DOTALL)
-_MODE_OTHERS = 0o027  # a group may read it, as the service's own does
 _CONTEXT_VERSION, _UTC_TIME, _GENERALIZED_TIME = 0xA0, 0x17, 0x18
 
 
@@ -33,11 +32,6 @@ class CertificateState:
 
     def ends_soon(self, now: datetime) -> bool:
         return now > self.valid_until - EXPIRY_WARNING
-
-    @property
-    def is_key_exposed(self) -> bool:
-        """Whether users other than the owner and the group can read the key, or others than the owner write it."""
-        return bool(self.key_mode & _MODE_OTHERS)
 
 
 def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:

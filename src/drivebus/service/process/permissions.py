@@ -7,7 +7,9 @@ import os
 import pwd
 import shlex
 import stat
+from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from drivebus.errors import ConfigurationError
@@ -33,7 +35,38 @@ def check_plant_files(config: PlantConfig) -> None:
             _check_folders(path)
 
 
-def _check_folders(path: Path) -> None:
+def certificate_problems(config: PlantConfig) -> Iterator[ConfigurationError]:
+    """Yield what is wrong where another user owns or can replace a TLS certificate or its key, or read the key.
+
+    A problem does not end the service: without a page the drives must still run. Who reads or replaces the key can
+    impersonate the page. A group may read the key. Files that cannot be read are left out, as their gateway reports
+    them.
+    """
+    user = _service_user(config)
+    for gateway in config.gateways:
+        for files in gateway.certificates if gateway.enabled else ():
+            for path in (files.key, files.certificate):
+                for check in (
+                    partial(check_trusted, path, secret=path == files.key, user=user),
+                    partial(_check_folders, path, user),
+                ):
+                    try:
+                        check()
+                    except ConfigurationError as error:
+                        is_mode = error.key == "plant.secret_readable"
+                        yield ConfigurationError("plant.tls_key_mode", **error.params) if is_mode else error
+                    except OSError:
+                        continue
+
+
+def _service_user(config: PlantConfig) -> int:
+    """Return the owner of the state directory, as ``check`` may run under another user; without one this user."""
+    with suppress(OSError):
+        return config.directory.stat().st_uid
+    return os.geteuid()
+
+
+def _check_folders(path: Path, user: int | None = None) -> None:
     """Check that only this user and root can replace a file: nobody else may write a folder above it.
 
     In a folder with the sticky bit, as /tmp, others can replace nothing, but create what is missing.
@@ -42,18 +75,19 @@ def _check_folders(path: Path) -> None:
     child = path.resolve()
     for folder in child.parents:
         if not folder.stat().st_mode & stat.S_ISVTX:
-            check_trusted(folder)
+            check_trusted(folder, user=user)
         elif not child.exists():
             raise ConfigurationError("plant.shared_folder", path=str(child), folder=str(folder))
         child = folder
 
 
-def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True) -> None:
+def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True, user: int | None = None) -> None:
     """Check that only this user and root can write a file or folder, and read it if it is a ``secret``.
 
-    Raises ConfigurationError with the command that mends it, OSError.
+    ``user``: number of another user in place of this one. Raises ConfigurationError with the command that mends it,
+    OSError.
     """
-    found, user = path.stat(), os.geteuid()
+    found, user = path.stat(), os.geteuid() if user is None else user
     owners = {user, ROOT} if root_may_own else {user}
     if found.st_uid not in owners:
         names = {"owner": _user_name(found.st_uid), "user": _user_name(user)}

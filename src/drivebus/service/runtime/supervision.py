@@ -14,11 +14,11 @@ from pathlib import Path
 from drivebus.bus.station import Presence
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import DriveState, DriveStatus
-from drivebus.errors import DrivebusError
+from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
-from drivebus.service.api.errors import os_reason
+from drivebus.service.api.errors import localized, os_reason
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig, title_of
@@ -27,6 +27,7 @@ from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
 from drivebus.service.incidents.service import IncidentService
 from drivebus.service.live.publisher import LivePublisher
+from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
@@ -72,6 +73,7 @@ class SupervisionCycle:
         self._expiring = {
             alarm.subject for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.CERTIFICATE_EXPIRY
         }
+        self._exposed: set[str] = set()  # sentences about files that other users can read or replace
         self._comm_loss_reads: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
@@ -120,6 +122,7 @@ class SupervisionCycle:
         config = self._plant.config
         self._plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
         self._report_certificates(await asyncio.to_thread(lambda: list(certificate_states(config))))
+        self._report_exposed_files(await asyncio.to_thread(lambda: list(certificate_problems(config))))
 
     def _report_certificates(self, states: Sequence[CertificateState]) -> None:
         """Raise an alarm for each certificate that ends soon; clear those of renewed certificates and of others."""
@@ -131,6 +134,15 @@ class SupervisionCycle:
         for gateway, state in ending.items():
             params = {"file": str(state.certificate), "until": f"{state.valid_until:%Y-%m-%d %H:%M} UTC"}
             self._plant.raise_alarm(SystemAlarm.CERTIFICATE_EXPIRY, subject=gateway, **params)
+
+    def _report_exposed_files(self, problems: Sequence[ConfigurationError]) -> None:
+        """Publish an event for each file of a certificate that another user can read or replace, once until mended."""
+        found = {str(error): error for error in problems}
+        for text in found.keys() - self._exposed:
+            LOG.warning("%s", text)
+            texts = localized(found[text].key, found[text].params)
+            self._plant.publish_event_text("configuration", None, texts, None, None, log=False)
+        self._exposed = set(found)
 
     def _check_storage(self) -> None:
         """Raise an alarm for each file that is written in the background and fails; try it again."""
