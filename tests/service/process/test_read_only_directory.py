@@ -84,6 +84,26 @@ async def test_a_socket_that_is_removed_is_there_again_and_a_stop_finds_the_serv
         assert list(folder.iterdir()) == []
 
 
+async def test_a_socket_whose_directory_may_not_be_entered_for_a_time_is_restored_later(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The check itself failed and was never made again."""
+    monkeypatch.setattr(main, "SOCKET_CHECK_INTERVAL_S", 0.01)
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        folder = Path(name)
+        async with running_service() as kit, main._service_sockets(kit.service, folder):
+            with monkeypatch.context() as patch:
+                patch.setattr(Path, "is_socket", _raise_permission_error)
+                await wait_until(lambda: len(caplog.messages) == 2)
+                assert all("is missing: Permission denied" in line for line in caplog.messages)
+            (folder / STOP_SOCKET).unlink()
+            await wait_until((folder / STOP_SOCKET).is_socket)
+
+
+def _raise_permission_error(path: Path) -> bool:
+    raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+
 @pytest.mark.parametrize("reason", [errno.EROFS, errno.ENOSPC, errno.EDQUOT])
 def test_a_directory_that_cannot_be_written_is_locked_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reason: int

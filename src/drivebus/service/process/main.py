@@ -113,9 +113,10 @@ async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
     while True:
         await asyncio.sleep(SOCKET_CHECK_INTERVAL_S)
         for server in servers:
-            if server.path.is_socket():
-                continue
             try:
+                if server.path.is_socket():
+                    missing.discard(server.path)
+                    continue
                 await server.open()
             except OSError as error:
                 if server.path not in missing:
