@@ -107,6 +107,23 @@ def test_a_start_that_is_refused_does_not_end_the_repetition_of_an_old_stop() ->
     run_virtual(scenario())
 
 
+def test_a_run_that_did_not_run_the_drive_does_not_end_the_repetition_of_an_old_stop() -> None:
+    """The new frequency came while the drive slowed down; then the stop was no longer repeated."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320", query="ramp=40") as bench:
+            drive = bench.drive()
+            await drive.run(20.0)
+            await asyncio.sleep(30)
+            assert (await drive.stop(wait=False)).key == "drives.stop_answered"
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.run(20.0)
+            assert caught.value.key == "drives.run_while_decelerating"
+            assert drive.stop_pending
+
+    run_virtual(scenario())
+
+
 def test_an_answered_stop_without_a_waiting_caller_is_confirmed_in_the_background() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:

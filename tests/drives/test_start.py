@@ -448,6 +448,23 @@ def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_fr
     run_virtual(scenario())
 
 
+def test_a_drive_that_reports_its_speed_only_is_not_run_by_a_new_frequency_either() -> None:
+    """The frequency was accepted, and the check behind it failed for want of an output frequency."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("huanyang_h2a") as bench:
+            drive = bench.drive(options={"maximum_frequency": 400})
+            await drive.run(50.0)
+            await asyncio.sleep(15)
+            bench.station().motor.stop()
+            await asyncio.sleep(0.5)
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.run(50.0)
+            assert caught.value.key == "drives.run_while_decelerating"
+
+    run_virtual(scenario())
+
+
 def test_a_drive_that_slows_down_to_a_lower_frequency_is_run_at_a_higher_one() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("vc660", query="ramp=10") as bench:

@@ -204,7 +204,7 @@ class Drive:
         """
         way = None if direction is None else Direction(direction)
         op = self._runner.new_command(requested_at)
-        outcome = raise_for_status(await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait)))
+        outcome = await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait))
         if not wait:
             return outcome
         waiting = wait_at_speed(op, frequency_hz, outcome, timeout_s, way, on_progress)

@@ -98,8 +98,7 @@ class JogSession:
     async def _begin(self) -> Outcome:
         self._op = op = self._runner.new_command(self._requested_at)
         with self._stops.stop_on_failure(op):
-            outcome = await self._stops.run_motion(begin_jog(op, self._frequency_hz, self._direction))
-            return raise_for_status(outcome)
+            return await self._stops.run_motion(begin_jog(op, self._frequency_hz, self._direction))
 
     async def _stop_motion(self) -> Outcome:
         outcome = await self._stops.run(end_jog(OperationContext(self._runner.drive)), StopMode.STOP)

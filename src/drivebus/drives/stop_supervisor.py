@@ -114,10 +114,16 @@ class StopSupervisor:
         return mode
 
     async def run_motion(self, operation: DriveOperation[T]) -> T:
-        """Run a motion command in place of the repetition of a stop, which resumes where the command raises."""
+        """Run a motion command in place of the repetition of a stop, which resumes where the command fails.
+
+        Raises as ``raise_for_status`` where its result is an outcome.
+        """
         mode = self.cancel_retry()
         try:
-            return await self._runner.run_command(operation)
+            result = await self._runner.run_command(operation)
+            if isinstance(result, Outcome):
+                raise_for_status(result)
+            return result
         except BaseException:
             if mode is not None and self._retry is None:
                 self.start_retry(mode)

@@ -127,7 +127,8 @@ def _check_runs_on(
     While it is faster than the new frequency it may slow down to it or stop: a note says so.
     """
     until = (yield from get_bus_conditions()).now + START_CONFIRM_TIMEOUT_S
-    near_hz = speed_tolerance_hz(op, frequency_hz)
+    reports_output = "output_frequency" in op.dialect.profile.signals  # a Huanyang H2A reports its speed instead
+    near_hz = speed_tolerance_hz(op, frequency_hz) if reports_output else 0.0
     while True:
         yield from wait(COMMAND_SETTLE_S)
         yield from op.read_verified_state()
