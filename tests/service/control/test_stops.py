@@ -22,6 +22,8 @@ from drivebus.errors import (
 )
 from drivebus.ports import open_port
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.audit.description import described
+from drivebus.service.audit.records import entry_json
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop, PlantConfig
 from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
@@ -337,6 +339,9 @@ def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_po
             assert caught.value.key == "plant.stop_not_sent_port"
             assert "STOP NOT SENT: the port is not open" in str(caught.value)
             assert "The service sends it when the port is open again" in str(caught.value)
+            ended = described([entry_json(one, 0) for one in kit.trail.entries if one.what == "drive.stop"][-1])
+            assert ended["outcome_text"]["en"].startswith("STOP NOT SENT: the port is not open (sim://")
+            assert ended["outcome_text"]["zh"].startswith("停机命令未发送：端口未打开（")
             whole = (await kit.call("plant.stop"))["outcomes"]["fan-1"]
             assert (whole["status"], whole["key"]) == ("unknown", "plant.stop_not_sent_port")
             alarms = [alarm.text.en for alarm in kit.service.plant.alarms.active()]

@@ -30,6 +30,7 @@ from drivebus.service.api.operations.drives import ParameterWriteParams, RunPara
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.chain import AUDIT_FILE
+from drivebus.service.audit.records import ERROR_TEXT
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.control.tickets import (
@@ -256,11 +257,16 @@ def _unrecorded_entry(entry: AuditEntry) -> AuditEntry:
 
 
 def _failed_entry(entry: AuditEntry, error: BaseException) -> AuditEntry:
-    """Return the entry with the error; after an unexpected one it is not known which frames were sent."""
+    """Return the entry with the error and its sentence; after an unexpected one the sent frames are not known."""
     if not isinstance(error, DrivebusError):
         return replace(entry, outcome="unknown", params={**entry.params, "error": type(error).__name__})
     failure = error_to_json(error)
-    return replace(entry, outcome=failure["code"], frames=(failure["outcome"] or {}).get("frames", ()))
+    return replace(
+        entry,
+        outcome=failure["code"],
+        params={**entry.params, ERROR_TEXT: failure["text"]},
+        frames=(failure["outcome"] or {}).get("frames", ()),
+    )
 
 
 def _completed_entry(entry: AuditEntry, found: Json) -> AuditEntry:

@@ -11,6 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.audit.records import ERROR_TEXT
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
@@ -149,10 +150,13 @@ def _role(role: Any) -> Any:
 
 
 def _outcome(item: Json) -> Text | None:
-    """Return the text of an outcome, of an error with its parameters where the record has them; None without one."""
+    """Return the text of an outcome: the sentence of an error where the record has it; None without one."""
     outcome, params = item.get("outcome"), item.get("params")
     if not outcome:
         return None
+    sentence = params.get(ERROR_TEXT) if isinstance(params, dict) else None
+    if isinstance(sentence, dict) and all(isinstance(sentence.get(language), str) for language in i18n.LANGUAGES):
+        return Text.from_mapping(sentence)
     named = {"drive": item.get("target"), **(params if isinstance(params, dict) else {})}
     return Text.join([_outcome_part(part, named) for part in str(outcome).split(", ")], "phrases")
 

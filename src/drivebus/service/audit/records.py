@@ -123,6 +123,8 @@ def _limit_length(text: str) -> Any:
     return {"characters": len(text), "sha256": sha256(text.encode()).hexdigest()}
 
 
+ERROR_TEXT: Final = "error_text"
+"""Parameter of a failed command: the sentence of its error by language."""
 GENESIS_HASH: Final = "0" * 64
 """``prev`` of the first record."""
 MAX_RECORD_LINE_BYTES: Final = 64 * 1024
