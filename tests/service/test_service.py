@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
+from drivebus.drives.operations import parameters
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import (
     ArmRequired,
@@ -16,6 +18,7 @@ from drivebus.errors import (
     InvalidParameters,
     NotFound,
     PermissionDenied,
+    TargetNotReached,
     WaiverRequired,
 )
 from drivebus.service.auth.actor import Actor
@@ -187,6 +190,40 @@ def test_a_write_to_eeprom_needs_its_own_right() -> None:
             found = await kit.call("parameters.write", tuner, drive="fan-1", values=values)
             assert found["outcome"]["status"] == "confirmed"
 
+    run(scenario())
+
+
+def test_a_write_that_fails_after_its_first_parameter_leaves_an_event_with_what_was_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first value stays in the drive."""
+    send = parameters._write_one
+
+    def write_one(op: Any, wanted: Any, save: bool) -> Any:
+        if wanted.parameter.notation != "F0.1":
+            return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=0, notation="F", value=1, unit="")
+        return (yield from send(op, wanted, save))
+
+    monkeypatch.setattr(parameters, "_write_one", write_one)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+
+            def events() -> list[str]:
+                found = [event for _, event in kit.service.plant.hub.items("events")]
+                return [event["text"]["en"] for event in found if event["kind"] == "configuration"]
+
+            with pytest.raises(TargetNotReached):
+                await kit.call("parameters.write", drive="fan-1", values={second: 1.0, "F0.1": 2.0})
+            assert events() == [], "nothing was written"
+            with pytest.raises(TargetNotReached):
+                await kit.call("parameters.write", drive="fan-1", values={"F0.1": 2.0, second: 1.0})
+            (text,) = events()
+            assert text.startswith("parameters written before the command ended: F0.1 = 2, read back; then: ")
+
+    profile = profiles.load("c320")
+    second = next(one.notation for one in profile.parameters.values() if one.writable and one.notation.startswith("F1"))
     run(scenario())
 
 

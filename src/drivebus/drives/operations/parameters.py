@@ -31,10 +31,20 @@ from drivebus.errors import (
     Expired,
     PreflightError,
 )
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find_entry
 from drivebus.values import Reading, Text, missing_reading
 
+_WRITTEN_KEYS = frozenset(
+    {
+        "drives.write_confirmed",
+        "drives.write_acknowledged",
+        "drives.write_unreachable",
+        "drives.save_acknowledged",
+    }
+)
+"""Keys of the notes about a parameter that was written; not of one that had the value already."""
 READ_BACK_TRIES = 3
 READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated read-back
 
@@ -126,6 +136,11 @@ def write_values(
         notes = outcome.notes
         op.age.checks_started_at = (yield from get_bus_conditions()).now
     return outcome
+
+
+def written_texts(outcome: Outcome) -> list[Text]:
+    """Return the sentences of the parameters that a command wrote, also one that failed later."""
+    return [bilingual_text(key, **params) for key, params in outcome.notes if key in _WRITTEN_KEYS]
 
 
 def _with_unsent(outcome: Outcome, unsent: list[ParameterWrite]) -> Outcome:

@@ -11,6 +11,7 @@ from typing import Any
 
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.parameter_write import check_write, may_move
+from drivebus.drives.operations.parameters import written_texts
 from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed
 from drivebus.service.alarms import SystemAlarm
@@ -45,6 +46,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
 from drivebus.types import Json
+from drivebus.values import Text
 
 
 class DriveCommands:
@@ -230,12 +232,30 @@ class DriveCommands:
         write = runtime.drive.write(params.values, params.save, params.force)
         try:
             outcome = await (self.run_motion(runtime, write) if starts else write)
+        except DrivebusError as error:
+            self._publish_partial_write(runtime, error, actor)
+            raise
         finally:
             runtime.invalidate_comm_loss()  # what was read meanwhile may have been the old value
         self.plant.publish_event(
             "configuration", runtime.id, "plant.did_write", actor=actor.name, outcome=str(outcome.status)
         )
         return {"outcome": outcome_json(outcome, self.plant.command_id("write"))}
+
+    def _publish_partial_write(self, runtime: DriveRuntime, error: DrivebusError, actor: Actor) -> None:
+        """Publish an event with what a command wrote before it failed."""
+        outcome = error.outcome
+        written = written_texts(outcome) if isinstance(outcome, Outcome) else []
+        if isinstance(outcome, Outcome) and written:
+            self.plant.publish_event(
+                "configuration",
+                runtime.id,
+                "plant.did_write_part",
+                actor=actor.name,
+                outcome=str(outcome.status),
+                written=Text.join(written, "items"),
+                how=outcome,
+            )
 
     # --- waivers and limits -----------------------------------------------------------------------------------------
 
