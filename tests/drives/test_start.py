@@ -27,6 +27,7 @@ from drivebus.errors import (
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import modbus, sunfar
 from drivebus.protocols.codec import Effect
+from drivebus.simulator.motor import Trip
 from fixtures.drives import (
     SAFE_HZ,
     FakeC320,
@@ -444,6 +445,24 @@ def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_fr
             with pytest.raises(TargetNotReached) as caught:
                 await drive.run(hz)
             assert caught.value.key == "drives.run_while_decelerating"
+
+    run_virtual(scenario())
+
+
+def test_a_decelerating_drive_that_trips_after_its_new_frequency_is_reported_in_fault() -> None:
+    """The sentence of a drive that is being stopped asks to run it again, which a fault forbids."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660", query="ramp=40") as bench:
+            drive = bench.drive()
+            await drive.run(SAFE_HZ["vc660"])
+            await asyncio.sleep(60)
+            bench.station().motor.stop()
+            await asyncio.sleep(1)
+            asyncio.get_running_loop().call_later(0.5, bench.station().trip, Trip.OVERVOLTAGE)
+            with pytest.raises(TargetNotReached) as caught:
+                await drive.run(SAFE_HZ["vc660"])
+            assert (caught.value.key, caught.value.params["state"]) == ("drives.start_failed", "fault")
 
     run_virtual(scenario())
 

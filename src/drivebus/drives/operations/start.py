@@ -141,6 +141,8 @@ def _check_runs_on(
             return outcome
         if falls and output > frequency_hz + near_hz:
             return with_note(outcome, "drives.still_decelerating", output_hz=output)
+        if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY):
+            return op.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
         if state.output_off or conditions.now > until:
             status = OutcomeStatus.UNKNOWN if state is DriveState.UNKNOWN else OutcomeStatus.FAILED
             return op.outcome(status, "drives.run_while_decelerating", found=reported_text(state, _output_hz(op)))
