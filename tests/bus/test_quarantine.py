@@ -11,7 +11,7 @@ import pytest
 
 from drivebus.bus import Poll, Presence
 from drivebus.bus.core import BusCore
-from drivebus.errors import DrivebusError, NoReply, PortLost
+from drivebus.errors import NoReply, PortLost
 from drivebus.protocols import modbus
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
@@ -27,7 +27,6 @@ from fixtures.bus import (
     read,
     read_request,
     station_config,
-    stop_request,
     whole,
     wire_to,
 )
@@ -237,29 +236,6 @@ def test_the_late_reply_to_a_users_read_is_not_taken_for_that_of_a_sync_probe() 
     script.run_until(probe_at + 5.3)
     assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > probe_at + 5.0
     assert script.core.stations[1].unusable_reply is None
-
-
-@pytest.mark.parametrize("stopped", [True, False])
-def test_a_read_behind_a_sync_probe_that_proves_nothing_for_5_s_fails_at_once_only_after_a_stop(
-    stopped: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A stop that waits for its read could not be sent again in those seconds; any other read is served after them."""
-    station = FakeStation()
-    script = make_script(station)
-    for token, request in ("read", read_request()), ("last", stop_request() if stopped else read_request()):
-        script.submit(request, token)
-        script.result(token)
-    script.core._mark_suspect(script.core.stations[1], script.now)
-    monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
-    script.submit(read_request(), "second")
-    script.run_until(script.now + TIMING.max_reply_lateness_s + TIMEOUT)
-    if stopped:
-        error = script.result("second").error
-        assert isinstance(error, DrivebusError) and error.key == "bus.sync_ambiguous"
-    else:
-        assert "second" not in script.results
-        monkeypatch.undo()
-        assert script.result("second").error is None
 
 
 def test_the_late_reply_to_an_untrusted_sync_probe_is_not_taken_for_the_next_ones() -> None:

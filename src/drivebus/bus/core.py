@@ -607,8 +607,6 @@ class BusCore:
             station.sync_rejections += 1
         elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
             station.quarantined_until = now + MAX_REPLY_LATENESS_S
-            if self.scheduler.was_stopped_since(station, now - MAX_REPLY_LATENESS_S):
-                self._fail_waiting(station, error)  # a stop that waits for a read could not repeat itself meanwhile
         elif prepared.is_sync_probe:
             self._mark_online(station, now, verified=False)
 

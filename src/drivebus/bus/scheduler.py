@@ -224,10 +224,6 @@ class Scheduler:
             station.stop_epoch += 1
         return self.remove_if(lambda prepared: prepared.station in stopped and _is_command(prepared))
 
-    def was_stopped_since(self, station: Station, when: float) -> bool:
-        """Return whether a stop was sent to a station at ``when`` (monotonic seconds) or later."""
-        return self._last_stop_at.get(station, -NEVER) >= when
-
     def remove_station(self, station: Station) -> None:
         """Forget a station that leaves the bus."""
         self.poll_schedule.cancel_if(lambda poll: poll.station is station)
