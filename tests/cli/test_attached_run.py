@@ -128,7 +128,6 @@ def test_a_lost_port_says_once_that_the_motor_may_run_and_when_the_state_is_know
 
 
 def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.CaptureFixture[str]) -> None:
-    output.parse_global_options(["--lang", "en"])
     times = iter([100.0, 100.0, 100.2, 100.4, 100.6, 100.6, 100.7])
     bus: Any = SimpleNamespace(now=lambda: next(times, 100.7))
     drive: Any = FakeDrive()

@@ -49,9 +49,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     monkeypatch.setattr("drivebus.drives.drive.VOLATILE_SCHEMES", ())
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    output.parse_global_options(["--lang", "en"])
     yield
-    output.parse_global_options([])
     clear_simulated_buses()
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivebus import profiles
-from drivebus.cli import output
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
@@ -24,13 +23,6 @@ from drivebus.types import Json
 from drivebus.values import Text
 
 pytest.importorskip("pty")
-
-
-@pytest.fixture(autouse=True)
-def english() -> Iterator[None]:
-    output.parse_global_options(["--lang", "en"])
-    yield
-    output.parse_global_options([])
 
 
 def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_buses() -> None:

@@ -23,7 +23,6 @@ async def _do_nothing(*_: Any, **__: Any) -> None:
 def test_the_address_is_printed_even_if_the_page_answers_late(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    output.parse_global_options(["--lang", "en"])
     port = host.free_port(0)
     web = GatewayConfig(id="web", module="drivebus.web", settings=WebConfig(port=port))
     config = plant_config(directory=tmp_path, gateways=(web,))

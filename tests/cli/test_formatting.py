@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -21,13 +20,6 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.values import Quality, Reading, Text, missing_reading
 
 VC660 = profiles.load("vc660")
-
-
-@pytest.fixture(autouse=True)
-def english() -> Iterator[None]:
-    output.parse_global_options(["--lang", "en"])
-    yield
-    output.parse_global_options(["--lang", "en"])
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus import i18n
-from drivebus.cli import output
 from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
@@ -438,7 +437,6 @@ def test_comm_loss_test_names_the_result_that_was_recorded(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], result: str | None, key: str, code: int
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    output.parse_global_options(["--lang", "en"])
     tested = None if result is None else {"result": result, "silence_s": 6.0, "fault": None, "time_ms": 5}
     assert comm_loss_test_command._print_result("fan-2", {"tested": tested, "no_result": None}, None) == code
     assert capsys.readouterr().out.strip() == i18n.text(key, "en", drive="fan-2", seconds="6", fault="-")

@@ -35,10 +35,8 @@ from drivebus.values import Quality, Reading, missing_reading
 
 
 @pytest.fixture(autouse=True)
-def english() -> Iterator[None]:
-    output.parse_global_options(["--lang", "en"])
+def no_simulated_bus_is_left() -> Iterator[None]:
     yield
-    output.parse_global_options([])
     clear_simulated_buses()
 
 

@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from drivebus.cli import extras
+from drivebus.cli import extras, output
 from drivebus.cli.main import cli
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
@@ -125,13 +125,17 @@ def test_a_file_that_cannot_be_created_is_named_without_a_traceback(tmp_path: Pa
     assert "Traceback" not in result.output
 
 
+def test_the_language_and_format_of_an_invocation_end_with_it() -> None:
+    assert run_words(["check", "none.toml", "--json"], "zh").exit_code == 2
+    assert output.language() == "en" and not output.as_json()
+
+
 def test_two_different_passwords_are_prompted_for_again_in_the_users_language(
     plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     inputs = iter(["correct horse 1", "correct horse 2", "xylo-phone 77!", "xylo-phone 77!"])
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr(click, "prompt", lambda *_, **__: next(inputs))
-    from drivebus.cli import output
     from drivebus.cli.commands import user
 
     output.parse_global_options(["--lang", "zh"])

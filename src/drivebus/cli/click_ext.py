@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
+from contextvars import copy_context
 from importlib import import_module
 from typing import Any
 
@@ -149,13 +150,14 @@ class LazyGroup(_LocalizedHelp, click.Group):
     def main(self, args: Sequence[str] | None = None, *rest: Any, **named: Any) -> Any:
         """Run, and end the process with the exit code of the outcome."""
         arguments = list(sys.argv[1:] if args is None else args)
-        output.parse_global_options(arguments)
         _escape_unencodable()
-        sys.exit(int(self._run_to_exit_code(arguments, *rest, **named)))
+        # In a context of its own, so that ``--lang`` and ``--json`` end with the invocation.
+        sys.exit(copy_context().run(self._run_to_exit_code, arguments, *rest, **named))
 
     def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
         from drivebus.errors import DrivebusError
 
+        output.parse_global_options(arguments)
         named["standalone_mode"] = False
         try:
             return int(super().main(arguments, *rest, **named) or errors.ExitCode.DONE)
