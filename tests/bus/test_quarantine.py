@@ -11,7 +11,7 @@ import pytest
 
 from drivebus.bus import Poll, Presence
 from drivebus.bus.core import BusCore
-from drivebus.errors import NoReply, PortLost
+from drivebus.errors import DrivebusError, NoReply, PortLost
 from drivebus.protocols import modbus
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
@@ -236,6 +236,28 @@ def test_the_late_reply_to_a_users_read_is_not_taken_for_that_of_a_sync_probe() 
     script.run_until(probe_at + 5.3)
     assert not script.core.stations[1].state.is_suspect and script.sent[3][0] > probe_at + 5.0
     assert script.core.stations[1].unusable_reply is None
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_read_that_does_not_wait_in_a_quarantine_fails_where_a_sync_probe_proves_nothing(
+    waits: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop that waits for such a read could not be sent again for 5 s; any other read is served after them."""
+    station = FakeStation()
+    script = make_script(station)
+    script.submit(read_request(), "first")
+    script.result("first")
+    script.core._mark_suspect(script.core.stations[1], script.now)
+    monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
+    script.submit(replace(read_request(), waits_in_quarantine=waits), "second")
+    script.run_until(script.now + TIMING.max_reply_lateness_s + TIMEOUT)
+    if waits:
+        assert "second" not in script.results
+        monkeypatch.undo()
+        assert script.result("second").error is None
+    else:
+        error = script.result("second").error
+        assert isinstance(error, DrivebusError) and error.key == "bus.sync_ambiguous"
 
 
 def test_the_late_reply_to_an_untrusted_sync_probe_is_not_taken_for_the_next_ones() -> None:

@@ -169,7 +169,7 @@ def test_vc660_names_every_fault_bit_and_says_so_where_it_names_none() -> None:
     assert derived_vc660(0x0002, 0x0002, faults=(0, 0x0004)) == DerivedState(DriveState.FAULT, None, 18)
     assert derived_vc660(0x0002, 0x0002) == DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE)
     unnamed = reported_fault(profiles.load("vc660"), DerivedState(DriveState.FAULT, None, UNNAMED_FAULT_CODE))
-    assert unnamed is not None and unnamed.text.zh == "没有代码的故障"
+    assert unnamed is not None and unnamed.text.zh == "代码未知的故障"
     two = derived_vc660(0x0002, 0x0002, faults=(0x0021, 0))
     assert two == DerivedState(DriveState.FAULT, None, 0, further_fault_codes=(5,))
     fault = reported_fault(profiles.load("vc660"), two)

@@ -11,7 +11,7 @@ from drivebus import i18n
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.context import EepromBudget
 from drivebus.drives.dialects.base import CommandFrame
-from drivebus.drives.operations.context import MAX_READ_EXCHANGES, frame_exchange
+from drivebus.drives.operations.context import MAX_READ_EXCHANGES, VERIFICATION_ROUNDS, frame_exchange
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
 from drivebus.drives.outcome import OutcomeStatus
@@ -21,6 +21,8 @@ from drivebus.errors import NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
 from drivebus.service.api.errors import exchange_json
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+
+STATUS, FAULT_CODE, FAULT_BIT = 0x2520, 0x2521, 8  # of teco_e510, which reports a fault and its code in two registers
 
 
 @pytest.mark.parametrize("register", [0x200B, 0xA002, 0x3000, 0x0200])
@@ -169,3 +171,16 @@ def test_an_operation_yields_values_as_steps() -> None:
     run_pure(EepromBudget(MemoryStore(), "k").consume("F0.2", "2026-01-01"), bus)
     assert [type(step) for step in steps] == [UpdateStore]
     assert not isinstance(steps[0], Wait)
+
+
+def test_the_fault_code_is_read_again_where_one_of_its_replies_was_lost() -> None:
+    """A lost reply made a fault with a code one whose code is not known."""
+    bus = PureBus(dialect=dialect_for("teco_e510"), station=FakeModbus({STATUS: FAULT_BIT, FAULT_CODE: 6}))
+    replies = bus.station
+    lost = iter([True])
+    is_fault_read = {modbus.ReadRegisters(1, FAULT_CODE, 1)}.__contains__
+    bus.station = lambda request: None if is_fault_read(request) and next(lost, False) else replies(request)
+    op = operation_for(bus.dialect)
+    bus.run(op.read_verified_state())
+    assert (op.derived.state, op.derived.fault_code) == (DriveState.FAULT, 6)
+    assert len([ask for ask in bus.requests if is_fault_read(ask.request)]) == VERIFICATION_ROUNDS + 1

@@ -174,8 +174,16 @@ def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
 
 
 @pytest.mark.parametrize("model", ["c320", "df800"])
-def test_a_stop_is_repeated_while_the_bus_holds_reads_back(model: str) -> None:
-    """The bus holds them for 5 s where a late reply could pass for theirs; both first stops may have been lost."""
+@pytest.mark.parametrize("read_queued", [False, True])
+def test_a_stop_is_repeated_while_the_bus_holds_reads_back(
+    model: str, read_queued: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bus holds them for 5 s where a late reply could pass for theirs; both first stops may have been lost.
+
+    ``read_queued``: the hold begins with the reply to the sync probe for which the read of the stop waits already.
+    """
+    if read_queued:
+        monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
 
     async def scenario() -> list[float]:
         async with SimulatedDrives(model) as bench:
@@ -183,7 +191,7 @@ def test_a_stop_is_repeated_while_the_bus_holds_reads_back(model: str) -> None:
             await drive.run(SAFE_HZ[model])
             station = bench.bus.core.stations[1]
             bench.bus.core._mark_suspect(station, bench.bus.now())
-            station.quarantined_until = bench.bus.now() + 5.0
+            station.quarantined_until = bench.bus.now() + (0.0 if read_queued else 5.0)
             stops: list[float] = []
             bench.bus.trace(lambda event: stops.append(event.time) if is_stop(station, event) else None)
             with pytest.raises(StopUnconfirmed):

@@ -607,6 +607,7 @@ class BusCore:
             station.sync_rejections += 1
         elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
             station.quarantined_until = now + MAX_REPLY_LATENESS_S
+            self._fail_waiting(station, error, quarantined=True)
         elif prepared.is_sync_probe:
             self._mark_online(station, now, verified=False)
 
@@ -627,10 +628,17 @@ class BusCore:
         station.mark_offline(now)
         self._fail_waiting(station, error)
 
-    def _fail_waiting(self, station: Station, error: Exception) -> None:
-        """Fail the requests that wait for a sync probe of a station; a stop waits for none and stays queued."""
+    def _fail_waiting(self, station: Station, error: Exception, *, quarantined: bool = False) -> None:
+        """Fail the requests that wait for a sync probe of a station; a stop waits for none and stays queued.
+
+        ``quarantined``: the next sync probe follows after 5 s, so only those fail that do not wait in a quarantine.
+        """
         for waiting in self.scheduler.remove_if(
-            lambda prepared: prepared.station is station and prepared.priority is not RequestPriority.STOP
+            lambda prepared: (
+                prepared.station is station
+                and prepared.priority is not RequestPriority.STOP
+                and not (quarantined and prepared.bus_request.waits_in_quarantine)
+            )
         ):
             self._complete(waiting, copy_error(error))
 

@@ -70,6 +70,8 @@ class BusRequest:
     permit: Permit | None = None
     expires_at: float | None = None
     """Not sent after this monotonic second."""
+    waits_in_quarantine: bool = True
+    """False: fails at once where a sync probe proves nothing and the next one follows after 5 s."""
     tag: Any = None
     """Value of the caller, returned unchanged."""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
-import sys
 from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
+
+from drivebus.terminal import discard_output
 
 T = TypeVar("T")
 
@@ -89,14 +89,5 @@ def shutdown_signals(*, may_suspend: bool = True) -> Iterator[ShutdownSignal]:
 
 def _on_signal(shutdown: ShutdownSignal, name: str) -> None:
     if name == "SIGHUP":
-        discard_output()
+        discard_output(redirected=False)  # a failed write must not interrupt a stop
     shutdown.request(name)
-
-
-def discard_output() -> None:
-    """Discard all further output: the terminal is gone, and a failed write must not interrupt a stop."""
-    with suppress(OSError, ValueError):
-        devnull = os.open(os.devnull, os.O_WRONLY)
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(devnull, stream.fileno())
-        os.close(devnull)

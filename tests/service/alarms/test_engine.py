@@ -97,7 +97,11 @@ def test_a_fault_is_raised_with_its_code_and_another_one_is_another_alarm() -> N
 
 
 UNNAMED = view(
-    fault={"code": UNNAMED_FAULT_CODE, "label": "", "text": {"en": "a fault without a code", "zh": "没有代码的故障"}}
+    fault={
+        "code": UNNAMED_FAULT_CODE,
+        "label": "",
+        "text": {"en": "a fault whose code is not known", "zh": "代码未知的故障"},
+    }
 )
 
 
@@ -106,7 +110,9 @@ def test_a_fault_whose_word_is_read_a_moment_later_is_one_alarm_with_its_name() 
     assert run(engine(), (0, UNNAMED), (1, view(fault=OVERCURRENT)), (2, view(fault=OVERCURRENT))) == ["1 raised fault"]
     alone = engine()
     assert run(alone, (0, UNNAMED), (1, UNNAMED), (2, UNNAMED), (3, UNNAMED)) == ["2 raised fault"]
-    assert alone.active()[0].text.en == "Fan reports a fault: a fault without a code", "-1 is no code of the drive"
+    assert alone.active()[0].text.en == "Fan reports a fault: a fault whose code is not known", (
+        "-1 is no code of the drive"
+    )
 
 
 def test_a_fault_word_that_is_cleared_before_the_state_is_no_other_fault() -> None:

@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -215,6 +216,25 @@ def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: 
         process.kill()
         process.wait()
     assert not [one for one in (tmp_path / "state").iterdir() if one.suffix == ".sock"]
+
+
+def test_a_service_goes_on_where_its_output_cannot_be_written(tmp_path: Path) -> None:
+    """``drivebus serve plant.toml | head -1``: a text that cannot be written ended the service."""
+    file = write(tmp_path)
+    reader, writer = os.pipe()
+    os.close(reader)
+    process = subprocess.Popen([*COMMAND, "serve", str(file)], stdout=writer)
+    os.close(writer)
+    try:
+        while not (tmp_path / "state" / "setup-secret").exists():  # the page is open
+            assert process.poll() is None
+            time.sleep(0.05)
+        assert command("stop", "--all", str(file), "--json").returncode == 0
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.wait()
 
 
 def test_with_json_every_line_of_standard_output_is_json(tmp_path: Path) -> None:

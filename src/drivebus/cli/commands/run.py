@@ -31,7 +31,8 @@ OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" 
 
 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
-    from drivebus.cli.signals import discard_output, shutdown_signals
+    from drivebus.cli.signals import shutdown_signals
+    from drivebus.terminal import discard_output
 
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
@@ -198,7 +199,7 @@ def _redraw(text: str) -> None:
 
 async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
     """Stop and confirm; an unconfirmed stop decides the exit code. Nothing is printed before the stop is sent."""
-    from drivebus.cli.signals import discard_output
+    from drivebus.terminal import discard_output
 
     stopping = asyncio.ensure_future(drive.stop(wait=True))
     await asyncio.sleep(0)

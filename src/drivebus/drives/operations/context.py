@@ -104,6 +104,7 @@ class OperationContext:
         self.stop_rejection: Rejection | None = None  # of the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.has_sent_preparation = False  # the unlock and the words before every start
+        self.waits_in_quarantine = True  # False: reads fail where a quarantine of 5 s would delay them
         self.stops_sent = 0  # stops that were given to the port
         self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
         self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
@@ -145,6 +146,7 @@ class OperationContext:
             retry_policy=retry_policy,
             permit=permit,
             expires_at=expires_at,
+            waits_in_quarantine=self.waits_in_quarantine,
         )
         result = yield from transact(bus_request)
         self.port_error = result.error if isinstance(result.error, PortLost) else None
@@ -273,10 +275,17 @@ class OperationContext:
     def _with_fault_code(self, derived: DerivedState) -> DriveOperation[DerivedState]:
         """Read the fault code where the state itself does not carry it."""
         requests = self.dialect.fault_reads() if derived.fault_code is not None else ()
-        for _ in range(VERIFICATION_ROUNDS if requests else 0):
+        if not requests:
+            return derived
+        rounds = 0
+        for _ in range(VERIFICATION_ROUNDS + EXTRA_VERIFICATION_ROUNDS):
+            answered = True
             for request in requests:
-                yield from self.read(request)
-        return (self.dialect.derive_state(self.reading_pairs) or derived) if requests else derived
+                answered = (yield from self.read(request)).error is None and answered
+            rounds += answered
+            if rounds == VERIFICATION_ROUNDS:
+                break
+        return self.dialect.derive_state(self.reading_pairs) or derived
 
     def request_permit(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[Permit | None]:
         """Return a permit for a frame that is neither a read nor a stop; None for a stop, which needs none.

@@ -139,8 +139,8 @@ def _repeat_unverifiable(
 ) -> DriveOperation[Outcome]:
     """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
-        if not answered and not (yield from _wait_while_reads_are_held(last_sent_at)):
-            yield from op.sync()  # the reply mirrors the stop: a read shows whether the adapter echoes
+        if not answered:  # the reply mirrors the stop: a read shows whether the adapter echoes
+            yield from _read_or_wait(op, op.sync(), last_sent_at)
         last_sent_at = yield from wait(STOP_POLL_INTERVAL_S)
         answered = (yield from send_stop(op, mode)) or answered
     if answered:
@@ -153,10 +153,8 @@ def _until_confirmed(
 ) -> DriveOperation[Outcome]:
     """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
     while True:
-        if (yield from _wait_while_reads_are_held(last_sent_at)):
+        if not (yield from _read_or_wait(op, op.read_verified_state(allowed_failures=0), last_sent_at)):
             op.derived = STATE_NOT_READ
-        else:
-            yield from op.read_verified_state(allowed_failures=0)
         now = (yield from get_bus_conditions()).now
         if op.derived.state.output_off and _is_stop_confirmed(op):
             return _stopped_outcome(op)
@@ -169,16 +167,20 @@ def _until_confirmed(
         yield from wait(STOP_POLL_INTERVAL_S)
 
 
-def _wait_while_reads_are_held(last_sent_at: float) -> DriveOperation[bool]:
-    """Wait for the next stop where the bus holds reads back for longer, and return whether it does.
+def _read_or_wait(op: OperationContext, reads: DriveOperation[Any], last_sent_at: float) -> DriveOperation[bool]:
+    """Perform reads, or wait for the next stop where the bus holds reads back for longer. Return whether it read.
 
-    Where a late reply could pass for that of a read, it holds them back for up to 5 s; the stop goes on.
+    Where a late reply could pass for that of a read, the bus holds them back for up to 5 s; the stop goes on. If that
+    begins while the reads wait, they fail.
     """
     conditions = yield from get_bus_conditions()
-    is_held = conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S
-    if is_held:
+    if conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S:
         yield from wait(max(0.0, last_sent_at + STOP_RESEND_INTERVAL_S - conditions.now))
-    return is_held
+        return False
+    op.waits_in_quarantine = False
+    yield from reads
+    op.waits_in_quarantine = True
+    return True
 
 
 def unconfirmed_outcome(op: OperationContext) -> Outcome:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
-import os
 import signal
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
@@ -30,6 +28,7 @@ from drivebus.service.process.logging_setup import LogFormat
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.process.tuning import raise_file_limit, relax_gc
+from drivebus.terminal import discard_output, terminal_is_closed
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
@@ -143,7 +142,15 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
     reloads: ReloadCallbacks = []
     tasks: set[asyncio.Task[Any]] = set()
 
-    def reload() -> None:
+    def end_without_terminal() -> None:
+        if terminal_is_closed():
+            discard_output(redirected=False)
+            ending.set()
+
+    def on_hangup() -> None:
+        end_without_terminal()
+        if ending.is_set():
+            return
         for each in reloads:
             task = loop.create_task(each())
             tasks.add(task)
@@ -151,20 +158,10 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
 
     for one in TERMINATION_SIGNALS:
         loop.add_signal_handler(one, ending.set)
-    loop.add_signal_handler(signal.SIGHUP, lambda: ending.set() if terminal_is_gone() else reload())
-    if terminal_is_gone():  # during the start, when SIGHUP is ignored
-        ending.set()
+    loop.add_signal_handler(signal.SIGHUP, on_hangup)
+    end_without_terminal()  # it may have been closed during the start, when SIGHUP is ignored
     try:
         yield reloads
     finally:
         for one in (*TERMINATION_SIGNALS, signal.SIGHUP):
             loop.remove_signal_handler(one)
-
-
-def terminal_is_gone() -> bool:
-    """Return whether the terminal was closed, so that no Ctrl-C can come."""
-    try:
-        os.tcgetpgrp(0)
-    except OSError as error:
-        return error.errno == errno.EIO  # another error: there never was one, as in a systemd unit
-    return False
