@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from drivebus import i18n
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.cli import dry_run
 from drivebus.cli.commands import coast, stop
 from drivebus.cli.errors import report_error
 from drivebus.cli.main import cli
@@ -155,6 +156,19 @@ def test_an_interrupted_stop_is_not_silent_and_ends_as_an_unconfirmed_one(
     result = CliRunner().invoke(cli, ["stop", *words, "--json"])
     error = json.loads(result.stdout)["error"]
     assert (result.exit_code, error["key"]) == (4, "bus_stop.interrupted")
+
+
+@pytest.mark.parametrize("command", ["stop", "stop --all", "coast"])
+def test_an_interrupted_dry_run_is_no_unconfirmed_stop(monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """It sends nothing, so that no drive has to be checked."""
+
+    def interrupt(*given: Any, **named: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dry_run, "print_plan", interrupt)
+    words = [*command.split(), "sim://vc660@1", "--model", "vc660", "--address", "1", "--dry-run", "--json"]
+    result = CliRunner().invoke(cli, words)
+    assert (result.exit_code, "NOT CONFIRMED" in result.output) == (130, False)
 
 
 @pytest.mark.parametrize("command", STOPS)

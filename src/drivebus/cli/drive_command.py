@@ -70,7 +70,7 @@ def drive_command(
     """
 
     def run_stop(**given: Any) -> ExitCode:
-        with interruption_is_unconfirmed(), stop_errors(given["drive"]):
+        with interruption_is_unconfirmed(dry_run=given["dry_run"]), stop_errors(given["drive"]):
             return run(**given)
 
     def run(**given: Any) -> ExitCode:

@@ -24,9 +24,11 @@ def stop_errors(name: str | None) -> Iterator[None]:
 
 
 @contextmanager
-def interruption_is_unconfirmed() -> Iterator[None]:
-    """Raise StopUnconfirmed where Ctrl-C ends a stop: it is not known whether it was sent."""
+def interruption_is_unconfirmed(*, dry_run: bool) -> Iterator[None]:
+    """Raise StopUnconfirmed where Ctrl-C ends a stop: it is not known whether it was sent. A dry run sends none."""
     try:
         yield
     except KeyboardInterrupt:
+        if dry_run:
+            raise
         raise StopUnconfirmed("bus_stop.interrupted") from None

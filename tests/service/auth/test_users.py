@@ -249,6 +249,28 @@ def test_a_user_file_that_is_removed_while_the_service_runs_prevents_no_stop_and
     assert file.change(lambda database: database.with_token(TOKEN)).tokens == (TOKEN,)
 
 
+def test_users_that_another_program_replaces_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A file that replaced the removed one changed the users of a running service, and the log did not show it."""
+    file = UserFile(tmp_path / "users.json")
+    file.read()
+    file.change(lambda database: database.with_user(ADMIN))
+    file.change(lambda database: database.with_token(TOKEN).with_user(replace(ADMIN, name="carl")))
+    assert len(file.read().users) == 2 and caplog.messages == [], "own changes are in the audit trail"
+    file.path.unlink()
+    file.read()
+    new = [replace(ADMIN, name=f"u{number:02d}") for number in range(11)]
+    carl = replace(ADMIN, name="carl", role=Role.VIEWER)
+    UserFile(file.path).change(lambda _: UserDatabase((*new, carl)))
+    assert len(file.read().users) == 12
+    assert caplog.messages == [
+        f"{file.path} was changed by another program; users added: 11 ({', '.join(one.name for one in new[:10])}, …); "
+        "users removed: 1 (ann); users changed: 1 (carl); tokens removed: 1 (t1)"
+    ]
+    file.change(lambda database: database.without_user("u00"))
+    UserFile(file.path).change(lambda database: database.with_code(OneTimeCode("d", "carl", 9), 1))
+    assert file.read().codes and len(caplog.messages) == 1, "a one-time code is no user"
+
+
 def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> None:
     def add(n: int) -> None:
         UserFile(tmp_path / "users.json").change(lambda database: database.with_user(replace(ADMIN, name=f"u{n}")))

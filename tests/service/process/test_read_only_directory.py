@@ -24,6 +24,7 @@ from drivebus.service.ipc.protocol import (
 )
 from drivebus.service.process import lock, main
 from drivebus.service.process.lock import single_instance
+from drivebus.service.process.logging_setup import RepetitionFilter
 from fixtures.receiver import wait_until
 from fixtures.service import LOCAL, running_service
 
@@ -98,6 +99,33 @@ async def test_a_socket_whose_directory_may_not_be_entered_for_a_time_is_restore
                 assert all("is missing: Permission denied" in line for line in caplog.messages)
             (folder / STOP_SOCKET).unlink()
             await wait_until((folder / STOP_SOCKET).is_socket)
+
+
+async def test_a_socket_that_is_removed_again_and_again_fills_no_log(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A cleaner that runs each second: every restoration was a line of the log."""
+    monkeypatch.setattr(main, "SOCKET_CHECK_INTERVAL_S", 0.001)
+    now = [0.0]
+    repetition = RepetitionFilter(lambda: now[0])
+    monkeypatch.setattr(main.LOG, "filters", [repetition])
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        stop_socket = Path(name) / STOP_SOCKET
+        async with running_service() as kit, main._service_sockets(kit.service, Path(name)):
+
+            async def remove() -> None:
+                stop_socket.unlink()
+                await wait_until(stop_socket.is_socket)
+                await asyncio.sleep(0.01)  # for the line of the log
+
+            for _ in range(10):
+                await remove()
+            line = f"the socket {stop_socket} was removed; it is there again"
+            assert caplog.messages == [line]
+            now[0] = 600.0
+            await remove()
+            await wait_until(lambda: len(caplog.messages) == 2)
+            assert caplog.messages[1] == f"{line} (and 9 more)"
 
 
 def _raise_permission_error(path: Path) -> bool:

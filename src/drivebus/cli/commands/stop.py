@@ -44,7 +44,7 @@ def _stop(
     target: str | None = None,
     **given: Any,
 ) -> ExitCode:
-    with interruption_is_unconfirmed():
+    with interruption_is_unconfirmed(dry_run=given["dry_run"]):
         if everything:
             return _stop_all(target, directory, quick, assume_model, given)
         if directory is not None:

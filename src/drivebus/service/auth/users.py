@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -159,6 +160,8 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
 
 
 USER_FILE = "users.json"
+MAX_LOGGED_NAMES = 10
+LOG = logging.getLogger("drivebus.service")
 _USER_DATABASE_ADAPTER = TypeAdapter(UserDatabase)
 
 
@@ -167,12 +170,15 @@ class UserFile:
 
     Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
     one. After a successful read later read errors are ignored: a broken edit or a removed file must not prevent a stop.
+    Users and tokens that another program changed are used and logged.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file_state: tuple[int, int, int] | None = None
         self._database = UserDatabase()
+        self._written = UserDatabase()
+        """Database that this program wrote last; another thread may read it before ``change`` returns."""
 
     def read(self) -> UserDatabase:
         """Return the database; the file is read again only if it has changed."""
@@ -194,7 +200,10 @@ class UserFile:
             raise self._unusable_error(str(error)) from error
         fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)
         if fingerprint != self._file_state:
-            self._database, self._file_state = self._load(), fingerprint
+            loaded = self._load()
+            if self._file_state is not None and loaded != self._written:
+                _log_changes(self.path, self._database, loaded)
+            self._database, self._file_state = loaded, fingerprint
         return self._database
 
     def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
@@ -205,8 +214,9 @@ class UserFile:
             flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
             with os.fdopen(os.open(lock_path, flags, PRIVATE_FILE_MODE), "w") as lock:
                 flock(lock, LOCK_EX)
-                after = change(self._read_if_changed())
+                after = self._written = change(self._read_if_changed())
                 atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
+                self._database = after
         except OSError as error:
             raise self._unusable_error(error.strerror or str(error)) from error
         return after
@@ -219,3 +229,24 @@ class UserFile:
 
     def _unusable_error(self, problem: str) -> ConfigurationError:
         return ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem)
+
+
+def _log_changes(path: Path, before: UserDatabase, after: UserDatabase) -> None:
+    """Log the users and tokens that another program added, removed or changed."""
+    kinds = (
+        ("users", {user.name: user for user in before.users}, {user.name: user for user in after.users}),
+        ("tokens", {token.id: token for token in before.tokens}, {token.id: token for token in after.tokens}),
+    )
+    found = []
+    for kind, old, new in kinds:
+        changed = [name for name in old.keys() & new.keys() if old[name] != new[name]]
+        for what, names in (
+            ("added", new.keys() - old.keys()),
+            ("removed", old.keys() - new.keys()),
+            ("changed", changed),
+        ):
+            if names:
+                shown = ", ".join(sorted(names)[:MAX_LOGGED_NAMES])
+                found.append(f"{kind} {what}: {len(names)} ({shown}{', …' if len(names) > MAX_LOGGED_NAMES else ''})")
+    if found:
+        LOG.warning("%s was changed by another program; %s", path, "; ".join(found))

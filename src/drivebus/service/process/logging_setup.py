@@ -24,6 +24,9 @@ FLUSH_TIMEOUT_S = 1.0  # the end of the process never waits longer for a log tha
 REPETITION_INTERVAL_S = 10.0  # between messages of a library that begin alike
 REPETITION_PREFIX_CHARS = 60  # messages that begin with the same ones are alike
 MAX_MESSAGE_KINDS = 100  # remembered by the filter; a flood of more starts over
+_INTERVAL_ATTRIBUTE = "repetition_interval_s"
+AT_LONG_INTERVALS = {_INTERVAL_ATTRIBUTE: 600.0}
+"""``extra`` of a record about something that another program may cause again and again."""
 LogFormat = Literal["text", "json"]
 EVENT_LEVELS = {
     "fault": logging.ERROR,
@@ -63,7 +66,7 @@ class RepetitionFilter(logging.Filter):
     """Filter of what libraries log about every connection: clients could fill the disk with it.
 
     Of messages that begin alike one passes in ``REPETITION_INTERVAL_S``, with the number of those left out before it.
-    Records of drivebus itself all pass.
+    Records of drivebus itself all pass, but those with ``AT_LONG_INTERVALS``: one with this text in that time.
     """
 
     def __init__(self, now: Callable[[], float] = monotonic) -> None:
@@ -73,12 +76,15 @@ class RepetitionFilter(logging.Filter):
         """Time of the last message of a kind that passed, and number of those left out since."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        if record.name.split(".")[0] == "drivebus":
-            return True
-        text = record.getMessage()
-        kind = record.name, text.partition("\n")[0][:REPETITION_PREFIX_CHARS]
+        text, interval_s = record.getMessage(), getattr(record, _INTERVAL_ATTRIBUTE, None)
+        kind = record.name, text
+        if interval_s is None:
+            if record.name.split(".")[0] == "drivebus":
+                return True
+            interval_s = REPETITION_INTERVAL_S
+            kind = record.name, text.partition("\n")[0][:REPETITION_PREFIX_CHARS]
         now, (passed_at, left_out) = self._now(), self._passed.get(kind, (-inf, 0))
-        if now - passed_at < REPETITION_INTERVAL_S:
+        if now - passed_at < interval_s:
             self._passed[kind] = passed_at, left_out + 1
             return False
         if len(self._passed) >= MAX_MESSAGE_KINDS:

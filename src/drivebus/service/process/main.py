@@ -24,7 +24,7 @@ from drivebus.service.ipc.server import SocketServer, StopServer
 from drivebus.service.process.gateway_arguments import AddressOutput
 from drivebus.service.process.gateways import GatewaySupervisor
 from drivebus.service.process.lock import single_instance
-from drivebus.service.process.logging_setup import LogFormat
+from drivebus.service.process.logging_setup import AT_LONG_INTERVALS, LogFormat
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.process.tuning import raise_file_limit, relax_gc
@@ -119,10 +119,11 @@ async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
                 await server.open()
             except OSError as error:
                 if server.path not in missing:
-                    LOG.error("the socket %s is missing: %s", server.path, error.strerror or error)
+                    reason = error.strerror or error
+                    LOG.error("the socket %s is missing: %s", server.path, reason, extra=AT_LONG_INTERVALS)
                 missing.add(server.path)
             else:
-                LOG.warning("the socket %s was removed; it is there again", server.path)
+                LOG.warning("the socket %s was removed; it is there again", server.path, extra=AT_LONG_INTERVALS)
                 missing.discard(server.path)
 
 
