@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -21,6 +22,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = sorted(page for folder in ("tutorials", "how-to", "explanation") for page in (DOCS / folder).glob("*.md"))
 pytestmark = pytest.mark.xdist_group("commands")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+AGE = re.compile(r"\b\d\.\d\d s\b")
 NAMES = [f"{page.parent.name}/{page.name}" for page in PAGES]
 
 
@@ -85,6 +87,16 @@ def test_the_commands_of_a_page_that_need_no_hardware_run_in_their_order(page: P
     printed = run_in_fresh_shell("\n".join(text for language, text in blocks(page) if language == "sh"), tmp_path)
     if page.name == "first-bus.md":
         assert "HAZARD" in printed, "the manual's read example starts the motor"
+
+
+@pytest.mark.parametrize("name", ["first-bus.md", "first-bus.zh.md"])
+def test_the_status_that_the_first_tutorial_shows_is_what_its_command_prints(name: str, tmp_path: Path) -> None:
+    printed = blocks(DOCS / "tutorials" / name)
+    (_, command), (_, status) = next(pair for pair in pairwise(printed) if pair[0][1].startswith("drivebus status"))
+    language = "zh" if ".zh" in name else "en"
+    assert AGE.sub("AGE", status) == AGE.sub(
+        "AGE", run_in_fresh_shell(f"{command.strip()} --lang {language}", tmp_path)
+    )
 
 
 @pytest.mark.parametrize("page", [README, README.with_name("README.zh.md")], ids=["en", "zh"])
