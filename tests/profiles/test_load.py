@@ -9,6 +9,7 @@ import pytest
 from drivebus import profiles
 from drivebus.errors import ProfileError
 from drivebus.profiles import DriveProfile
+from fixtures.drives import writable_registers
 
 VC660_SIZES = """
 format = 1
@@ -239,7 +240,7 @@ evidence = "user"
         )
     )
     assert profile.signals["output_frequency"].locator == ("holding", 0x200)
-    assert profile.writable_registers() == {0x100, 0x101}
+    assert writable_registers(profile) == {0x100, 0x101}
 
 
 @pytest.mark.parametrize("digits", ["9" * 5000, "１２", "007", "65536"])

@@ -15,6 +15,7 @@ from drivebus.profiles import notation
 from drivebus.profiles.model import DriveProfile, Evidence
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Text
+from fixtures.drives import writable_registers
 
 MODELS = ("c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550")
 DRAFTS = ("c300", "e300", "e350", "e500", "e550")
@@ -196,7 +197,8 @@ def test_vc660_commands_are_the_control_table() -> None:
 
 
 def test_vc660_may_write_exactly_what_its_tables_mark_as_writable() -> None:
-    assert profiles.load("vc660").writable_registers() == {1, 2, *range(0x2000, 0x200A)}
+    eeprom_forms = {0x8001, 0x8002}
+    assert writable_registers(profiles.load("vc660")) == {1, 2, *range(0x2000, 0x200A)} | eeprom_forms
 
 
 def test_vc660_status_word_has_its_reserved_bits() -> None:

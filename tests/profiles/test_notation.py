@@ -8,6 +8,7 @@ from drivebus import profiles
 from drivebus.errors import ProfileError
 from drivebus.profiles import notation
 from drivebus.profiles.model import NotationRule, Parameter, Signal
+from fixtures.drives import writable_registers
 
 SIFANG = NotationRule("sunfar", "sunfar", 0xFFFF)
 DZB = NotationRule("dzb100", "dzb100", 80)
@@ -171,7 +172,7 @@ def test_an_unlisted_register_is_never_written() -> None:
     found = notation.find_entry(profiles.load("vc660"), "200BH")
     assert isinstance(found, Parameter)
     assert (found.locator, found.listed, found.writable) == (("holding", 0x200B), False, False)
-    assert 0x200B not in profiles.load("vc660").writable_registers()
+    assert 0x200B not in writable_registers(profiles.load("vc660"))
 
 
 def test_the_command_word_is_no_parameter_under_any_spelling() -> None:

@@ -550,12 +550,3 @@ class DriveProfile:
         found = self.commands
         words = range(self.setpoint_scale.words)
         return frozenset(("holding", found.setpoint_register + n) for n in words) if found else frozenset()
-
-    def writable_registers(self) -> frozenset[int]:
-        """Return the registers that may be written, without their EEPROM forms; no other register is ever written."""
-        starts = [(*p.locator, p.scale.words) for p in self.parameters.values() if p.writable]
-        starts += [(*locator, 1) for locator in (*self.command_locators(), *self.setpoint_locators())]
-        if self.commands is not None:
-            fixed = (one for one in (self.commands.reset, self.commands.unlock) if one is not None)
-            starts += [("holding", one.register, 1) for one in fixed]
-        return frozenset(n for space, first, count in starts if space == "holding" for n in range(first, first + count))
