@@ -68,6 +68,12 @@ async def test_a_closed_port_rejects_a_write() -> None:
         left.write(b"x")
 
 
+def test_each_end_opened_by_name_has_the_echo_setting_of_its_own_url() -> None:
+    """The option was accepted and ignored."""
+    ends = [open_port(f"memory://echoing{query}") for query in ("?echo=on", "")]
+    assert [end.echo for end in ends] == ["on", "off"]
+
+
 async def test_unplug_is_reported_once_and_the_port_opens_again_after_plug() -> None:
     left, right = create_pair()
     a, b = FakeReceiver(), FakeReceiver()

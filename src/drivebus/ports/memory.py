@@ -30,12 +30,10 @@ class _Wire:
 class MemoryPort:
     """End of a pair of ports; see ``create_pair``."""
 
-    def __init__(
-        self, wire: _Wire, name: str, settings: SerialSettings, has_line_timing: bool, echo: EchoSetting = "off"
-    ) -> None:
+    def __init__(self, wire: _Wire, name: str, settings: SerialSettings, has_line_timing: bool) -> None:
         self.settings = settings
         self.capabilities = Capabilities(has_line_timing=has_line_timing)
-        self.echo: EchoSetting = echo
+        self.echo: EchoSetting = "off"
         self._wire = wire
         self._name = name
         self._receiver: Receiver | None = None
@@ -117,15 +115,11 @@ def create_pair(
     *,
     has_line_timing: bool = False,
     name: str = "pair",
-    echo: EchoSetting = "off",
 ) -> tuple[MemoryPort, MemoryPort]:
     """Return two connected ports, not yet opened: each receives what the other writes."""
     wire = _Wire()
     settings = settings or SerialSettings()
-    return (
-        MemoryPort(wire, name, settings, has_line_timing, echo),
-        MemoryPort(wire, name, settings, has_line_timing, echo),
-    )
+    return MemoryPort(wire, name, settings, has_line_timing), MemoryPort(wire, name, settings, has_line_timing)
 
 
 def open_port(url: PortUrl) -> MemoryPort:
@@ -137,5 +131,8 @@ def open_port(url: PortUrl) -> MemoryPort:
         wire = _named[url.path] = left._wire
     if wire.taken == 2:
         raise PortUrlError("ports.memory-taken", link=url.text, name=url.path)
+    port = wire.ends[wire.taken]
+    if "echo" in url.options:
+        port.echo = url.echo()
     wire.taken += 1
-    return wire.ends[wire.taken - 1]
+    return port
