@@ -48,7 +48,7 @@ coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gat
 	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/families tests/profiles tests/drives/test_permissives.py
 	PYTHONPATH=tests $(BIN)/python -m coverage_report $(ARGS)
 
-mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.gate: one module
+mutation: $(VENV)/.test ## Change their lines one by one; the tests must notice (hours). ARGS=drives.permissives: one module
 	PYTHONPATH=tests $(BIN)/python -m mutation $(ARGS)
 
 verify: $(VENV)/.test ## Verification campaigns in virtual time, e.g. ARGS="stop --seed 1" or ARGS="all --slice"

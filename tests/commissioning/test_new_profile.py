@@ -399,9 +399,10 @@ def test_every_question_has_its_texts_and_a_name_of_its_own() -> None:
 # --- what a grade lacks --------------------------------------------------------------------------------------------
 
 
-def test_a_draft_lacks_frames_a_station_and_a_witness(tmp_path: Path) -> None:
+def test_a_draft_lacks_frames_a_station_and_a_second_source(tmp_path: Path) -> None:
     profile = written(tmp_path, {})
-    assert [lack.kind for lack in grades.lacks(profile)] == ["vectors", "station", "witness", "assumed", "questions"]
+    found = grades.lacks(profile)
+    assert [lack.kind for lack in found] == ["vectors", "station", "second_source", "assumed", "questions"]
     assumed, questions = grades.lacks(profile)[3:]
     assert "timing" in assumed.params["names"] and "commands" not in assumed.params["names"]
     assert questions.params["count"] == len(profile.open_questions)

@@ -181,8 +181,8 @@ def test_a_blind_check_has_ten_frames(model: str) -> None:
 
 def test_the_higher_grade_needs_frames_and_a_station_of_its_own() -> None:
     graded = {name for name in profiles.models() if profiles.load(name).grade == "simulated"}
-    witnessed = set(simulated_models()) | set(SOURCE_DRIVES)
+    simulated = set(simulated_models()) | set(SOURCE_DRIVES)
     framed = {line["model"] for line in LINES if line["model"] not in BLIND}
     framed |= {file.stem for file in FOLDER.parent.glob("*.jsonl")}
-    assert graded <= witnessed & framed, graded - (witnessed & framed)
+    assert graded <= simulated & framed, graded - (simulated & framed)
     assert len(graded - {"c320", "dzb100", "vc660", "df800"}) >= 12

@@ -57,7 +57,7 @@ def test_the_story_finds_a_reading_in_another_unit() -> None:
 
 
 def test_no_source_station_reads_a_profile() -> None:
-    """It would be no witness: a misread register would be misread at both ends."""
+    """It would be no evidence: a misread register would be misread at both ends."""
     folder = Path(source_stations.__path__[0])
     imported: set[str] = set()
     for file in sorted(folder.glob("*.py")):

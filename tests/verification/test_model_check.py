@@ -62,7 +62,7 @@ def found(text: str, **options: Any) -> None:
     assert any(text in one for one in findings), findings[:1]
 
 
-# --- the witness's own reading of bytes --------------------------------------------------------------------------
+# --- the permit monitor's own reading of bytes ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

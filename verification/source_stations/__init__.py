@@ -1,1 +1,1 @@
-"""Simulated Modbus drives written from manuals and running programs alone: independent witnesses of the profiles."""
+"""Simulated Modbus drives written from manuals and running programs alone: independent evidence for the profiles."""

@@ -1,6 +1,6 @@
 """Simulated Modbus drive from its profile alone, for models without a simulated drive written from their manual.
 
-It shows that a profile is whole and consistent, and lets its users practise. It is no witness that the profile is
+It shows that a profile is whole and consistent, and lets its users practise. It is no evidence that the profile is
 right: a misread register is misread at both ends.
 """
 

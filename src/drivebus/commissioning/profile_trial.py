@@ -1,6 +1,6 @@
 """Trial of a new profile on the simulated drive that is made of it: every command once, with its frames.
 
-It shows that the profile is whole and that its parts fit. It is no witness that the profile is right.
+It shows that the profile is whole and that its parts fit. It is no evidence that the profile is right.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def lacks(profile: DriveProfile) -> list[Lack]:
     found: list[Lack] = []
     assumed = [name for name, evidence in _facts(profile) if evidence.kind == "assumed"]
     if profile.grade == "draft":
-        found += [Lack("vectors", {"model": profile.model}), Lack("station"), Lack("witness")]
+        found += [Lack("vectors", {"model": profile.model}), Lack("station"), Lack("second_source")]
     if profile.grade == "simulated":
         found.append(Lack("hardware"))
     if assumed and profile.grade != "verified":

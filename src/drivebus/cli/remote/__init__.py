@@ -1,1 +1,1 @@
-"""``--service``: the verbs against a running service, which owns the buses, so that none is opened twice."""
+"""``--service``: the commands on a running service, which owns the buses, so that none is opened twice."""

@@ -54,7 +54,7 @@ def make_station(
 
 
 def _simulated_from_profile(model: str) -> SimulatedModel | None:
-    """Return a drive that does what its profile says: no witness that the profile is right."""
+    """Return a drive that does what its profile says: no evidence that the profile is right."""
     for family in protocol_families():
         found: SimulatedModel | None = resolve(family.profile_simulator)(model) if family.profile_simulator else None
         if found is not None:
