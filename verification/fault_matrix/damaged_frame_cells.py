@@ -224,11 +224,11 @@ def _check_tolerated_noise(run: CellRun) -> None:
         scenario.expect(answer.error is None and answer.attempts == attempts, f"{size} bytes of junk: {answer}")
 
 
-def corrupt_reply(run: CellRun, marked: bool, where: range | None = None) -> Any:
+def corrupt_reply(run: CellRun, marked: bool) -> Any:
     """Return an action that flips one bit of the reply, with or without a parity mark."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
-        index = run.rng.choice(where or range(len(data)))
+        index = run.rng.choice(range(len(data)))
         transmission = transmit(data, when)
         transmission.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked)
         return transmission

@@ -37,7 +37,6 @@ class DrivePhysics:
     reverse: bool = False
     fault: int = 0
     """Fault code, 0 without a fault."""
-    last_command: str = ""
     memory: dict[int, int] = field(default_factory=dict)
     now: float = 0.0
     ends_by_itself_at: float = float("inf")
@@ -77,7 +76,6 @@ class DrivePhysics:
         return self.reverse is not ("reports_reverse" in self.misbehaviours)
 
     def start(self, reverse: bool) -> None:
-        self.last_command = "start"
         if self.fault or "never_runs" in self.misbehaviours:
             return
         if not self.is_on and {"trips", "stops_by_itself"} & self.misbehaviours:
@@ -91,12 +89,10 @@ class DrivePhysics:
             self.target_hz = self.setpoint_hz
 
     def stop(self) -> None:
-        self.last_command = "stop"
         if self.is_on and "ignores_stop" not in self.misbehaviours:
             self.is_stopping = True
 
     def reset(self) -> None:
-        self.last_command = "reset"
         if "ignores_reset" not in self.misbehaviours:
             self.fault = 0
 

@@ -168,21 +168,21 @@ def _parse_header(file: str, value: Json) -> CaptureHeader:
     if version > VERSION:
         raise CaptureError("capture.version", file=file, line=1, found=version, expected=VERSION)
     return CaptureHeader(
-        settings=_parse_settings(file, 1, value),
+        settings=_parse_settings(file, value),
         port=str(value.get("port", "")),
         started=str(value.get("started", "")),
         writer=str(value.get("writer", "")),
     )
 
 
-def _parse_settings(file: str, number: int, value: Mapping[str, Any]) -> SerialSettings:
+def _parse_settings(file: str, value: Mapping[str, Any]) -> SerialSettings:
     baud, format = value.get("baud"), value.get("format")
     try:
         if type(baud) is not int or not isinstance(format, str):
             raise ValueError
         return SerialSettings.parse(baud, format)
     except ValueError:
-        raise _invalid_value(file, number, "baud, format", f"{baud}, {format}", "9600, 8E1") from None
+        raise _invalid_value(file, 1, "baud, format", f"{baud}, {format}", "9600, 8E1") from None
 
 
 def _parse_record(file: str, number: int, value: Json) -> Record:

@@ -21,7 +21,6 @@ from drivebus.cli.stop_errors import interruption_is_unconfirmed, stop_errors
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.outcome import Outcome
 
@@ -150,16 +149,6 @@ async def print_comm_loss(drive: Drive) -> None:
         {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
     )
     output.print_text(output.wrap_for(text, sys.stdout))
-
-
-def single_step_plan(purpose: str, requests: Callable[[DryRun], Any], *notes: str) -> Callable[..., ExitCode]:
-    """Make a plan of one step."""
-
-    def plan(dry: DryRun, **_: Any) -> ExitCode:
-        dry.add(purpose, requests(dry))
-        return dry.print(*notes)
-
-    return plan
 
 
 def nothing_moved(error: BaseException) -> bool:

@@ -26,11 +26,10 @@ _BAUDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name
 class PtyServer:
     """Server of one pseudo-terminal; ``path`` is what a program opens. Created by ``serve_pty``."""
 
-    def __init__(self, bus: SimulatedBus, link_path: str | os.PathLike[str] | None, check_baud: bool) -> None:
+    def __init__(self, bus: SimulatedBus, link_path: str | os.PathLike[str] | None) -> None:
         self.simulated_bus = bus
         self.settings: SerialSettings | None = None
         self._link = None if link_path is None else Path(link_path)
-        self._check_baud = check_baud
         self._loop = asyncio.get_running_loop()
         self._descriptors: tuple[int, int] | None = None
         self._slave = ""
@@ -106,15 +105,13 @@ class PtyServer:
 
     def _program_settings(self) -> SerialSettings | None:
         """Return the program's settings where its baud rate is wrong, else None."""
-        if not self._check_baud or self._descriptors is None:
+        if self._descriptors is None:
             return None
         settings = self.simulated_bus.settings
         baud = _BAUDS.get(termios.tcgetattr(self._descriptors[0])[5], settings.baud)
         return None if baud == settings.baud or not baud else replace(settings, baud=baud)
 
 
-async def serve_pty(
-    bus: SimulatedBus, link_path: str | os.PathLike[str] | None = None, *, check_baud: bool = True
-) -> PtyServer:
+async def serve_pty(bus: SimulatedBus, link_path: str | os.PathLike[str] | None = None) -> PtyServer:
     """Serve a simulated bus on a new pseudo-terminal. Raises FileExistsError, OSError."""
-    return PtyServer(bus, link_path, check_baud)
+    return PtyServer(bus, link_path)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, run_command, single_step_plan
+from drivebus.cli.drive_command import drive_command, run_command
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -16,17 +16,18 @@ async def _coast(target: Target) -> ExitCode:
     return await run_command(target, lambda drive: drive.coast())
 
 
-def _requests(dry: DryRun) -> Any:
+def _plan(dry: DryRun) -> ExitCode:
     from drivebus.drives.dialects.base import StopMode
 
     dry.add_model_check()
-    return dry.dialect.stop(StopMode.COAST)
+    dry.add("coast", dry.dialect.stop(StopMode.COAST))
+    return dry.print("dry.note.confirm")
 
 
 command = drive_command(
     "coast",
     _coast,
-    single_step_plan("coast", _requests, "dry.note.confirm"),
+    _plan,
     stops=True,
     examples=(
         "drivebus coast /dev/ttyUSB0 --model vc660 --address 3",

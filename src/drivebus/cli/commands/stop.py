@@ -81,7 +81,7 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
         _require("model", given["model"])
         _require("addresses", addresses)
         if len(addresses) != 1:
-            raise _bad_value("addresses", ",".join(map(str, addresses)), "cli.expect.one_address")
+            raise _not_one_address(",".join(map(str, addresses)))
     target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
     if dry_run:
         return _print_plan(target, (target.address,), broadcast=False, quick=quick, assume_model=assume_model)
@@ -106,10 +106,10 @@ def _require(name: str, value: Any) -> None:
         raise click.MissingParameter(ctx=context, param=next(p for p in context.command.params if p.name == name))
 
 
-def _bad_value(name: str, found: str, expected: str) -> click.BadParameter:
+def _not_one_address(found: str) -> click.BadParameter:
     context = click.get_current_context()
-    parameter = next(p for p in context.command.params if p.name == name)
-    message = output.text("cli.found_expected", found=found, expected=output.text(expected))
+    parameter = next(p for p in context.command.params if p.name == "addresses")
+    message = output.text("cli.found_expected", found=found, expected=output.text("cli.expect.one_address"))
     return click.BadParameter(message, ctx=context, param=parameter)
 
 

@@ -225,11 +225,9 @@ class SunfarDialect(Dialect):
         return self.state_reads()[0]
 
     def setpoint_reads(self) -> tuple[Any, ...]:
-        return self.monitor_reads("set_frequency")
-
-    def monitor_reads(self, name: str) -> tuple[Any, ...]:
-        """Return the request of one monitor; empty where the profile does not name it."""
-        return (self._monitor_read(self.profile.signals[name].locator[1]),) if self._is_monitor(name) else ()
+        if not self._is_monitor("set_frequency"):
+            return ()
+        return (self._monitor_read(self.profile.signals["set_frequency"].locator[1]),)
 
     def can_confirm_speed(self) -> bool:
         return self._is_monitor("output_frequency")

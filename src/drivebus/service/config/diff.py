@@ -86,11 +86,6 @@ class ConfigDiff:
         """Whether anything changes."""
         return bool(any(getattr(self, name) for name in CONFIG_PARTS) or self.others)
 
-    @property
-    def unchanged(self) -> tuple[str, ...]:
-        """Drives with the action UNCHANGED, in the order of the new file."""
-        return tuple(id for id in self.drives.order if self.actions.get(id) is ReloadAction.UNCHANGED)
-
 
 def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
     """Return the difference from ``old`` to ``new``."""
