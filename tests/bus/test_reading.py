@@ -11,7 +11,7 @@ import pytest
 
 from drivebus.bus import Bus, Poll
 from drivebus.bus.messages import BusResult
-from drivebus.bus.prepared_request import PreparedPoll
+from drivebus.bus.prepared_request import PreparedPoll, PreparedRequest
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.usual_delay import DELAY_STEP_S, MAX_SCATTER_S, UsualDelay
 from drivebus.errors import PortLost, TrailingError
@@ -206,6 +206,22 @@ def test_only_a_reply_of_the_full_length_says_something_about_the_delay() -> Non
     following.on_data(CODEC.encode_reply(modbus.ExceptionReply(1, 3, 2)), 1.05)
     following.learn_delay()
     assert poll.usual_delay.seconds == learned
+
+
+def test_the_requests_of_a_program_learn_the_delay_of_their_station_and_a_poll_has_its_own() -> None:
+    """A program that awaits one read after the other was woken for each part of a reply."""
+    station = make_core(1).stations[1]
+    for _ in range(2):
+        asked = PreparedRequest(read_request(count=4), None, station, SETTINGS)
+        transaction = Transaction(asked, 0.0, CHARACTER_S, has_line_timing=True, echo=None)
+        transaction.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 0.1)
+        transaction.learn_delay()
+    following = PreparedRequest(read_request(count=2), None, station, SETTINGS)
+    poll = PreparedPoll(Poll(read(), 1.0), None, station, SETTINGS, 0.0)
+    shorter_s = 4 * CHARACTER_S
+    for prepared, useful_at in (following, 1.1 - shorter_s), (poll, 1.0 + (8 + 12) * CHARACTER_S):
+        transaction = Transaction(prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=None)
+        assert transaction.earliest_useful_at() == pytest.approx(useful_at)
 
 
 # --- the usual delay -------------------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ SHARED_ATTRIBUTES = frozenset(
         "poll_schedule",
         "encode_cache",
         "request",
+        "usual_delay",
     }
 )
 """Attributes that are not copied: values, counters, and the poll schedule, which is empty here."""
@@ -106,6 +107,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "unusable_reply": "",
         "config": "",
         "encode_cache": "",
+        "usual_delay": "",
     },
     PreparedRequest: {
         "data": "data",
@@ -129,6 +131,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "send_s": "",
         "reply_timeout_s": "",
         "sent_at": "",
+        "usual_delay": "",
     },
     Transaction: {
         "prepared": "parts",

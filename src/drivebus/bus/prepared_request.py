@@ -41,6 +41,7 @@ class PreparedRequest:
         "sent_at",
         "station",
         "token",
+        "usual_delay",
     )
 
     def __init__(
@@ -72,6 +73,7 @@ class PreparedRequest:
         self.is_sync_probe = is_sync_probe
         self.gap_s = station.gap_s
         self.adapter_latency_s = station.config.timing.adapter_latency_s
+        self.usual_delay = station.usual_delay
         self.attempts = 0
         self.sent_at: float | None = None
         """Start of the last attempt."""
@@ -160,7 +162,6 @@ class PreparedPoll(PreparedRequest):
         "period_s",
         "phase_at",
         "retry_queued",
-        "usual_delay",
     )
 
     def __init__(self, poll: Poll, token: Any, station: Station, settings: SerialSettings, phase_at: float) -> None:

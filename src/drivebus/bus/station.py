@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from drivebus.bus.messages import StationConfig
 from drivebus.bus.statistics import Counters
+from drivebus.bus.usual_delay import UsualDelay
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import DecodedFrame, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
@@ -182,6 +183,7 @@ class Station:
         "sync_rejections",
         "unanswered_requests",
         "unusable_reply",
+        "usual_delay",
     )
 
     def __init__(self, config: StationConfig, settings: SerialSettings) -> None:
@@ -209,6 +211,8 @@ class Station:
         """The same of the time before the last failed sync probe: a reply may take longer than to the next one."""
         self.unusable_reply: Exception | None = None
         """Names what was received in place of its last replies, None after an accepted one and while nothing comes."""
+        self.usual_delay = UsualDelay()
+        """Of its replies to all requests that are not polls; each poll has its own."""
         self.last_request: Any = None
         """Last sent request; an unsolicited frame may be its reply."""
         self.last_request_answered = False

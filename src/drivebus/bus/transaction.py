@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from math import ceil
 
-from drivebus.bus.prepared_request import PreparedPoll, PreparedRequest
+from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.errors import (
     AddressError,
     AlphabetError,
@@ -164,19 +164,20 @@ class Transaction:
     def earliest_useful_at(self) -> float | None:
         """Return the time before which the reply is probably not complete; None: any byte may matter.
 
-        It is the time of its bytes on the wire, for a poll after the usual delay of its replies.
+        It is the time of its bytes on the wire after the usual delay.
         """
         if self.error is not None or self.message is not None or self.prepared.is_broadcast or self.echo is not None:
             return None
         if self.last_byte_at is None:
-            usual_delay_s = self.prepared.usual_delay.seconds if isinstance(self.prepared, PreparedPoll) else 0.0
-            return self.tx_end_at + usual_delay_s + (self.prepared.reply_bytes - 1) * self.character_s
+            return (
+                self.tx_end_at + self.prepared.usual_delay.seconds + (self.prepared.reply_bytes - 1) * self.character_s
+            )
         return self.last_byte_at + (self.bytes_needed - len(self.buffer) - 1) * self.character_s
 
     def learn_delay(self) -> None:
-        """Add the delay of a complete reply to a poll to its usual delay."""
+        """Add the delay of a complete reply to the usual delay of its poll or station."""
         prepared = self.prepared
-        if isinstance(prepared, PreparedPoll) and self.received_count == prepared.reply_bytes:
+        if self.received_count == prepared.reply_bytes:
             assert self.last_byte_at is not None
             delay_s = self.last_byte_at - self.tx_end_at - (prepared.reply_bytes - 1) * self.character_s
             prepared.usual_delay.add(delay_s, read_at_once=self.bytes_needed == 1)

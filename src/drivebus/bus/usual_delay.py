@@ -1,4 +1,4 @@
-"""Usual reply delay of a poll: the received bytes wait in the kernel until its reply is probably complete.
+"""Usual reply delay of a poll or station: the received bytes wait in the kernel until its reply is probably complete.
 
 One read of a whole reply costs the processor half as much as several reads of its parts. The delay only decides when
 bytes are read, never whether they are accepted; a reply that is not complete by then is read as it comes.
@@ -14,7 +14,7 @@ delivers every 16 ms), it settles near the shortest ones, so that few replies ar
 
 
 class UsualDelay:
-    """Reply delay by which about half of the replies of one poll are complete, learned from them."""
+    """Reply delay by which about half of the replies to a poll, or of a station, are complete, learned from them."""
 
     __slots__ = ("_decrease_s", "_first_s", "seconds")
 
