@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import subprocess
 import sys
@@ -16,16 +15,12 @@ import pytest
 import peers
 from drivebus.cli.demo.host import free_port
 from fixtures.child_process import COMMAND, ENVIRONMENT, lines_until
+from test_guides import blocks
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how-to" / "use-the-api.md"
 pytestmark = pytest.mark.xdist_group("commands")
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PASSWORD = "seven quiet pumps hum"
 BLOCK_TIMEOUT_S = 60.0
-
-
-def blocks(page: Path) -> list[tuple[str, str]]:
-    return FENCE.findall(page.read_text(encoding="utf-8"))
 
 
 def test_both_languages_have_the_same_blocks() -> None:

@@ -31,12 +31,12 @@ def test_a_jog_is_one_frame_that_carries_its_frequency() -> None:
 
 
 def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
-    def lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+    def lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         if request.operation is sunfar.SunfarOperation.JOG_FORWARD_AT:
-            paper.state = sunfar.SunfarState.JOGGING_FORWARD
+            fake.state = sunfar.SunfarState.JOGGING_FORWARD
             return None
-        paper.state = sunfar.SunfarState.STOPPED
-        return paper.ok()
+        fake.state = sunfar.SunfarState.STOPPED
+        return fake.ok()
 
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=lost))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
@@ -47,10 +47,10 @@ def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
 
 
 def test_the_end_of_a_jog_is_its_own_stop_and_then_an_ordinary_one_until_it_stands() -> None:
-    def only_plain(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+    def only_plain(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         if request.operation is sunfar.SunfarOperation.STOP:
-            paper.state = sunfar.SunfarState.STOPPED
-        return paper.ok()
+            fake.state = sunfar.SunfarState.STOPPED
+        return fake.ok()
 
     bus = PureBus(
         dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.JOGGING_FORWARD, on_command=only_plain)
@@ -76,12 +76,12 @@ def test_a_refused_jog_is_not_stopped_because_it_never_began() -> None:
 
 
 def test_a_jog_of_df800_needs_its_calibration() -> None:
-    paper = FakeModbus(registers={101: 5, 102: 2})
-    bus = PureBus(dialect=dialect_for("df800"), station=paper)
+    fake = FakeModbus(registers={101: 5, 102: 2})
+    bus = PureBus(dialect=dialect_for("df800"), station=fake)
     with pytest.raises(StartInhibited) as caught:
         bus.run(begin_jog(operation_for(bus.dialect), None, FORWARD))
     assert caught.value.key == "drives.direction_uncalibrated"
-    assert not paper.written
+    assert not fake.written
 
 
 def test_a_jog_above_the_limit_or_without_a_frequency_where_it_needs_one_is_refused() -> None:

@@ -41,7 +41,7 @@ from drivebus.values import Quality, Reading
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dialect_for, run_virtual
 
 
-class Desk:
+class ParameterBench:
     """Fake drive with its bus and store; ``write`` and ``read`` as a user calls them."""
 
     def __init__(self, model: str, station: Any, store: Any = None, budget: int = 20) -> None:
@@ -61,108 +61,108 @@ class Desk:
 
 
 def test_a_write_goes_to_ram_and_is_read_back_behind_a_sync_probe() -> None:
-    desk = Desk("c320", FakeC320())
-    outcome = desk.write({"F0.2": 30.0})
+    bench = ParameterBench("c320", FakeC320())
+    outcome = bench.write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_confirmed")
-    written, probe, back = [ask.request for ask in desk.bus.requests]
+    written, probe, back = [ask.request for ask in bench.bus.requests]
     assert written == sunfar.SunfarWriteParameter(1, 0, 2, 3000, save=False)
     assert isinstance(probe, sunfar.SunfarReadParameter) and probe.group != 0
     assert back == sunfar.SunfarReadParameter(1, 0, 2)
 
 
 def test_vc660_saves_at_its_own_address_and_only_on_request() -> None:
-    desk = Desk("vc660", FakeModbus())
-    desk.write({"F00.02": 30.0})
-    desk.write({"F00.02": 31.0}, save=True)
-    assert [(r.register, r.value) for r in desk.writes()] == [(0x0002, 3000), (0x8002, 3100)]
+    bench = ParameterBench("vc660", FakeModbus())
+    bench.write({"F00.02": 30.0})
+    bench.write({"F00.02": 31.0}, save=True)
+    assert [(r.register, r.value) for r in bench.writes()] == [(0x0002, 3000), (0x8002, 3100)]
 
 
 @pytest.mark.parametrize("model", ["dzb100", "df800"])
 def test_a_drive_that_can_only_write_its_eeprom_needs_save(model: str) -> None:
-    desk = Desk(model, FakeModbus())
+    bench = ParameterBench(model, FakeModbus())
     with pytest.raises(CapabilityError) as caught:
-        desk.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
+        bench.write({{"dzb100": "10", "df800": "F1.07"}[model]: 15.0})
     assert caught.value.key == "drives.save_needed"
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 def test_a_save_of_the_stored_value_is_skipped() -> None:
-    desk = Desk("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
-    outcome = desk.write({"F0.2": 30.0}, save=True)
+    bench = ParameterBench("c320", FakeC320(parameters={(0, 1): 2, (0, 2): 3000}))
+    outcome = bench.write({"F0.2": 30.0}, save=True)
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.write_skipped")
-    assert not desk.writes()
+    assert not bench.writes()
 
 
 def test_a_save_is_not_skipped_after_a_ram_only_write() -> None:
     """RAM holds 30 Hz already; the content of the EEPROM is unknown, and reading back shows RAM."""
-    desk = Desk("c320", FakeC320())
-    desk.write({"F0.2": 30.0})
-    outcome = desk.write({"F0.2": 30.0}, save=True)
+    bench = ParameterBench("c320", FakeC320())
+    bench.write({"F0.2": 30.0})
+    outcome = bench.write({"F0.2": 30.0}, save=True)
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.save_acknowledged")
-    assert [r.save for r in desk.writes()] == [False, True]
-    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
+    assert [r.save for r in bench.writes()] == [False, True]
+    assert bench.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
 
 @pytest.mark.parametrize("lost", [None, NotPermitted("bus.start_inhibited", station=1)])
 def test_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
     """Nor is the next one skipped: the EEPROM may still hold the old value."""
-    paper = FakeC320()
+    fake = FakeC320()
 
     def losing(request: Any) -> Any:
-        return lost if isinstance(request, sunfar.SunfarWriteParameter) and request.save else paper(request)
+        return lost if isinstance(request, sunfar.SunfarWriteParameter) and request.save else fake(request)
 
-    desk = Desk("c320", paper)
-    desk.write({"F0.2": 30.0})
-    desk.bus.station = losing
+    bench = ParameterBench("c320", fake)
+    bench.write({"F0.2": 30.0})
+    bench.bus.station = losing
     if lost is None:
-        outcome = desk.write({"F0.2": 30.0}, save=True)
+        outcome = bench.write({"F0.2": 30.0}, save=True)
         assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.save_unknown")
     else:
         with pytest.raises(NotPermitted):
-            desk.write({"F0.2": 30.0}, save=True)
-    desk.bus.station = paper
-    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.save_acknowledged"
-    assert desk.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
+            bench.write({"F0.2": 30.0}, save=True)
+    bench.bus.station = fake
+    assert bench.write({"F0.2": 30.0}, save=True).key == "drives.save_acknowledged"
+    assert bench.write({"F0.2": 30.0}, save=True).key == "drives.write_skipped"
 
 
 def test_the_budget_of_a_day_holds_and_the_next_day_has_its_own() -> None:
-    desk = Desk("c320", FakeC320(), budget=3)
+    bench = ParameterBench("c320", FakeC320(), budget=3)
     for number in range(3):
-        desk.write({"F0.2": 10.0 + number}, save=True)
+        bench.write({"F0.2": 10.0 + number}, save=True)
     with pytest.raises(EepromBudgetExceeded) as caught:
-        desk.write({"F0.2": 40.0}, save=True)
+        bench.write({"F0.2": 40.0}, save=True)
     params = caught.value.params
     assert (caught.value.key, params["count"], params["budget"]) == ("drives.eeprom_budget", 3, 3)
-    assert len(desk.writes()) == 3
-    desk.bus.conditions = replace(desk.bus.conditions, day="2026-01-03")
-    assert desk.write({"F0.2": 40.0}, save=True).succeeded
+    assert len(bench.writes()) == 3
+    bench.bus.conditions = replace(bench.bus.conditions, day="2026-01-03")
+    assert bench.write({"F0.2": 40.0}, save=True).succeeded
 
 
 def test_a_clock_set_back_gives_no_new_budget() -> None:
-    desk = Desk("c320", FakeC320(), budget=1)
-    desk.write({"F0.2": 10.0}, save=True)
-    desk.bus.conditions = replace(desk.bus.conditions, day="2025-12-31")
+    bench = ParameterBench("c320", FakeC320(), budget=1)
+    bench.write({"F0.2": 10.0}, save=True)
+    bench.bus.conditions = replace(bench.bus.conditions, day="2025-12-31")
     with pytest.raises(EepromBudgetExceeded) as caught:
-        desk.write({"F0.2": 11.0}, save=True)
+        bench.write({"F0.2": 11.0}, save=True)
     assert (caught.value.key, caught.value.params["day"]) == ("drives.eeprom_clock", "2026-01-02")
     assert "2026-01-02" in caught.value.text("en") and "2026-01-02" in caught.value.text("zh")
 
 
 def test_writes_under_a_clock_set_back_count_for_the_later_day() -> None:
-    desk = Desk("c320", FakeC320(), budget=2)
+    bench = ParameterBench("c320", FakeC320(), budget=2)
     for number, day in enumerate(("2026-01-02", "2025-12-31")):
-        desk.bus.conditions = replace(desk.bus.conditions, day=day)
-        desk.write({"F0.2": 10.0 + number}, save=True)
-    desk.bus.conditions = replace(desk.bus.conditions, day="2026-01-02")
+        bench.bus.conditions = replace(bench.bus.conditions, day=day)
+        bench.write({"F0.2": 10.0 + number}, save=True)
+    bench.bus.conditions = replace(bench.bus.conditions, day="2026-01-02")
     with pytest.raises(EepromBudgetExceeded):
-        desk.write({"F0.2": 40.0}, save=True)
+        bench.write({"F0.2": 40.0}, save=True)
 
 
 def test_the_budget_outlives_the_program(tmp_path: Path) -> None:
     for number in range(2):
-        Desk("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
+        ParameterBench("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 10.0 + number}, save=True)
     with pytest.raises(EepromBudgetExceeded):
-        Desk("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
+        ParameterBench("c320", FakeC320(), FileStore(tmp_path / "s.json"), 2).write({"F0.2": 40.0}, save=True)
 
 
 @pytest.mark.parametrize("found", [-1, 2.0, "5", True, None])
@@ -192,12 +192,12 @@ def test_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
 
 def test_a_save_is_counted_before_it_is_sent() -> None:
     """A write that may have happened counts."""
-    desk = Desk("c320", FakeC320())
-    wear = EepromBudget(desk.store, "port/1")
+    bench = ParameterBench("c320", FakeC320())
+    wear = EepromBudget(bench.store, "port/1")
     seen: list[int] = []
-    desk.bus.on_request = lambda ask: seen.append(wear.count("F0.2").today)
-    desk.write({"F0.2": 10.0}, save=True)
-    place = next(i for i, ask in enumerate(desk.bus.requests) if isinstance(ask.request, sunfar.SunfarWriteParameter))
+    bench.bus.on_request = lambda ask: seen.append(wear.count("F0.2").today)
+    bench.write({"F0.2": 10.0}, save=True)
+    place = next(i for i, ask in enumerate(bench.bus.requests) if isinstance(ask.request, sunfar.SunfarWriteParameter))
     assert seen[place] == 1
 
 
@@ -205,7 +205,7 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
     store = MemoryStore()
     store.put("eeprom/port/1/F0.2", "{broken")
     with pytest.raises(EepromBudgetExceeded):
-        Desk("c320", FakeC320(), store).write({"F0.2": 10.0}, save=True)
+        ParameterBench("c320", FakeC320(), store).write({"F0.2": 10.0}, save=True)
 
 
 @pytest.mark.parametrize(
@@ -227,11 +227,11 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
 def test_what_may_not_be_written_is_refused_before_sending(
     model: str, name: str, value: float, error: type[DrivebusError], key: str
 ) -> None:
-    desk = Desk(model, FakeC320() if model == "c320" else FakeModbus())
+    bench = ParameterBench(model, FakeC320() if model == "c320" else FakeModbus())
     with pytest.raises(error) as caught:
-        desk.write({name: value}, save=model == "dzb100")
+        bench.write({name: value}, save=model == "dzb100")
     assert caught.value.key == key
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 @pytest.mark.parametrize(
@@ -273,10 +273,10 @@ def test_a_write_to_the_command_word_or_the_set_frequency_names_the_commands_tha
 @pytest.mark.parametrize(("model", "name"), [("df800", "2000H"), ("df800", "2001H"), ("vc660", "2000H")])
 def test_a_write_to_a_command_register_is_named_before_its_memory(model: str, name: str, save: bool) -> None:
     """DF800 writes to EEPROM only: its refusal does not ask for ``save`` first."""
-    desk = Desk(model, FakeModbus())
+    bench = ParameterBench(model, FakeModbus())
     with pytest.raises(CapabilityError, match=r"is the command word|is the set frequency"):
-        desk.write({name: "0080H"}, save=save)
-    assert not desk.bus.requests
+        bench.write({name: "0080H"}, save=save)
+    assert not bench.bus.requests
 
 
 def test_a_parameter_is_written_once_a_profile_of_its_own_describes_it(tmp_path: Path) -> None:
@@ -287,10 +287,10 @@ def test_a_parameter_is_written_once_a_profile_of_its_own_describes_it(tmp_path:
 
 
 def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
-    desk = Desk("c320", FakeC320())
+    bench = ParameterBench("c320", FakeC320())
     with pytest.raises(LimitError):
-        desk.write({"F0.2": 10.0, "F6.12": 256.0})
-    assert not desk.bus.requests
+        bench.write({"F0.2": 10.0, "F6.12": 256.0})
+    assert not bench.bus.requests
 
 
 @pytest.mark.parametrize(
@@ -310,25 +310,25 @@ def test_a_value_in_the_notation_of_the_manual_is_the_word_that_the_manual_sends
     value = parse_value(text)
     assert check_write(dialect_for(model), name, value).raw == word
     if model == "c320":
-        desk = Desk(model, FakeC320())
-        assert desk.write({name: value}).status is OutcomeStatus.CONFIRMED
-        assert desk.writes()[0].data == word
+        bench = ParameterBench(model, FakeC320())
+        assert bench.write({name: value}).status is OutcomeStatus.CONFIRMED
+        assert bench.writes()[0].data == word
 
 
 def test_a_digit_code_is_shown_with_all_its_digits() -> None:
-    desk = Desk("c320", FakeC320())
-    outcome = desk.write({"F1.10": 10.0})
-    assert (outcome.text(), desk.writes()[0].data) == ("F1.10 = 0010, read back", 0x0010)
-    assert desk.write({"F9.4": "0010H"}).text() == "F9.4 = 0010H, read back"
+    bench = ParameterBench("c320", FakeC320())
+    outcome = bench.write({"F1.10": 10.0})
+    assert (outcome.text(), bench.writes()[0].data) == ("F1.10 = 0010, read back", 0x0010)
+    assert bench.write({"F9.4": "0010H"}).text() == "F9.4 = 0010H, read back"
 
 
 def test_digits_behind_a_zero_are_rejected_with_both_meanings_where_they_are_ambiguous() -> None:
-    desk = Desk("c320", FakeC320())
+    bench = ParameterBench("c320", FakeC320())
     with pytest.raises(LimitError) as caught:
-        desk.write({"F9.4": "0010"})
+        bench.write({"F9.4": "0010"})
     assert caught.value.key == "drives.parameter_digits"
     assert "write 10 " in caught.value.text() and "0010H" in caught.value.text()
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 @pytest.mark.parametrize(
@@ -386,11 +386,11 @@ def with_group_sizes(model: str, folder: Path) -> str:
 def test_the_broadcast_address_is_never_written(
     model: str, name: str, value: float | str, force: bool, tmp_path: Path
 ) -> None:
-    desk = Desk(with_group_sizes(model, tmp_path), FakeModbus())
+    bench = ParameterBench(with_group_sizes(model, tmp_path), FakeModbus())
     with pytest.raises(LimitError) as caught:
-        desk.write({name: value}, save=True, force=force)
+        bench.write({name: value}, save=True, force=force)
     assert (caught.value.key, caught.value.params["notation"]) == ("drives.write_broadcast", name)
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 @pytest.mark.parametrize(
@@ -408,14 +408,14 @@ def test_the_broadcast_address_is_never_written(
 def test_a_write_after_which_the_drive_may_not_be_reached_waits_for_a_confirmation(
     model: str, name: str, value: float, key: str, tmp_path: Path
 ) -> None:
-    desk = Desk(with_group_sizes(model, tmp_path), FakeModbus())
+    bench = ParameterBench(with_group_sizes(model, tmp_path), FakeModbus())
     with pytest.raises(ConfirmationRequired) as caught:
-        desk.write({name: value}, save=True)
+        bench.write({name: value}, save=True)
     assert caught.value.key == key and name in caught.value.text("zh") and "Way back" in caught.value.text()
-    assert not desk.bus.requests
+    assert not bench.bus.requests
     if model == "df800":
-        assert desk.write({name: value}, save=True, force=True).succeeded
-        assert len(desk.writes()) == 1
+        assert bench.write({name: value}, save=True, force=True).succeeded
+        assert len(bench.writes()) == 1
 
 
 @pytest.mark.parametrize(
@@ -443,11 +443,11 @@ def test_a_write_that_takes_control_from_the_bus_waits_for_a_confirmation(
 
 
 def test_without_the_confirmation_the_source_of_commands_is_not_written() -> None:
-    desk = Desk("df800", FakeModbus(registers={102: 2}))
+    bench = ParameterBench("df800", FakeModbus(registers={102: 2}))
     with pytest.raises(ConfirmationRequired):
-        desk.write({"F1.02": 0.0}, save=True)
-    assert not desk.bus.requests
-    assert desk.write({"F1.02": 0.0}, save=True, force=True).succeeded
+        bench.write({"F1.02": 0.0}, save=True)
+    assert not bench.bus.requests
+    assert bench.write({"F1.02": 0.0}, save=True, force=True).succeeded
 
 
 def test_the_present_address_needs_no_confirmation() -> None:
@@ -461,7 +461,7 @@ def test_a_drive_that_takes_its_new_address_at_once_accepted_the_write() -> None
             self.silent = self.silent or isinstance(request, modbus.WriteRegister)
             return reply
 
-    outcome = Desk("df800", Moves()).write({"F7.02": 5.0}, save=True, force=True)
+    outcome = ParameterBench("df800", Moves()).write({"F7.02": 5.0}, save=True, force=True)
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_unreachable")
 
 
@@ -480,8 +480,8 @@ def test_a_drive_that_takes_its_new_address_at_once_accepted_the_write() -> None
 def test_values_that_a_manual_names_as_examples_are_no_limit(
     model: str, name: str, value: float, is_described: bool
 ) -> None:
-    desk = Desk(model, FakeC320() if model == "c320" else FakeModbus(registers={1: 4, 101: 5, 102: 2}))
-    outcome = desk.write({name: value}, save=model == "df800", force=True)
+    bench = ParameterBench(model, FakeC320() if model == "c320" else FakeModbus(registers={1: 4, 101: 5, 102: 2}))
+    outcome = bench.write({name: value}, save=model == "df800", force=True)
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert ("drives.parameter_undescribed" in dict(outcome.notes)) is not is_described
 
@@ -493,7 +493,7 @@ def test_a_write_that_reads_back_differently_failed() -> None:
             self.parameters[0, 2] = 5000
             return reply
 
-    outcome = Desk("c320", Keeps()).write({"F0.2": 30.0})
+    outcome = ParameterBench("c320", Keeps()).write({"F0.2": 30.0})
     assert (outcome.status, outcome.key, outcome.params["found"]) == (
         OutcomeStatus.FAILED,
         "drives.write_differs",
@@ -510,7 +510,7 @@ def test_a_write_with_a_reserved_response_code_is_not_called_written() -> None:
                 return CodeError("protocols.sunfar.response", found=5)
             return super().__call__(request)
 
-    outcome = Desk("c320", RepliesFive(parameters={(0, 1): 2, (0, 2): 5000})).write({"F0.2": 30.0})
+    outcome = ParameterBench("c320", RepliesFive(parameters={(0, 1): 2, (0, 2): 5000})).write({"F0.2": 30.0})
     assert outcome.status is OutcomeStatus.FAILED
     assert outcome.text("en") == "F0.2: 30.0 Hz was sent, 50.0 Hz reads back"
 
@@ -521,13 +521,13 @@ def test_an_unanswered_write_is_decided_by_reading_it() -> None:
             reply = super().__call__(request)
             return None if isinstance(request, sunfar.SunfarWriteParameter) else reply
 
-    assert Desk("c320", Loses()).write({"F0.2": 30.0}).status is OutcomeStatus.CONFIRMED
+    assert ParameterBench("c320", Loses()).write({"F0.2": 30.0}).status is OutcomeStatus.CONFIRMED
 
 
 def test_no_value_is_nothing_to_write_and_one_is_not() -> None:
-    desk = Desk("c320", FakeC320())
-    assert desk.write({}).key == "drives.nothing_to_write" and not desk.bus.requests
-    assert desk.write({"F0.2": 30.0}).key == "drives.write_confirmed"
+    bench = ParameterBench("c320", FakeC320())
+    assert bench.write({}).key == "drives.nothing_to_write" and not bench.bus.requests
+    assert bench.write({"F0.2": 30.0}).key == "drives.write_confirmed"
 
 
 def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
@@ -537,7 +537,7 @@ def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
             self.silent = self.silent or isinstance(request, sunfar.SunfarWriteParameter)
             return reply
 
-    outcome = Desk("c320", Dies()).write({"F0.2": 30.0})
+    outcome = ParameterBench("c320", Dies()).write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.write_unknown")
 
 
@@ -555,12 +555,12 @@ def test_a_refused_write_says_why() -> None:
                 )
             return super().__call__(request)
 
-    outcome = Desk("c320", Locked()).write({"F0.2": 30.0})
+    outcome = ParameterBench("c320", Locked()).write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.sunfar_response_3")
 
 
 def test_a_write_only_register_is_acknowledged_at_best() -> None:
-    outcome = Desk("vc660", FakeModbus()).write({"2006H": 5.0})
+    outcome = ParameterBench("vc660", FakeModbus()).write({"2006H": 5.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.write_acknowledged")
 
 
@@ -578,19 +578,19 @@ def test_every_control_register_of_vc660_is_written_and_acknowledged_on_a_fresh_
 
 
 def test_an_input_terminal_is_written_only_after_a_confirmation() -> None:
-    desk = Desk("vc660", FakeModbus())
+    bench = ParameterBench("vc660", FakeModbus())
     with pytest.raises(ConfirmationRequired) as caught:
-        desk.write({"2006H": 1.0, "2002H": 1.0})
+        bench.write({"2006H": 1.0, "2002H": 1.0})
     assert (caught.value.key, caught.value.params["notation"]) == ("drives.confirm_inputs", "2002H")
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 def test_an_input_terminal_is_not_written_while_starts_are_inhibited() -> None:
-    desk = Desk("vc660", FakeModbus())
-    desk.bus.conditions = replace(desk.bus.conditions, start_inhibited=True)
+    bench = ParameterBench("vc660", FakeModbus())
+    bench.bus.conditions = replace(bench.bus.conditions, start_inhibited=True)
     with pytest.raises(StartInhibited):
-        desk.write({"2002H": 1.0}, force=True)
-    assert not desk.writes()
+        bench.write({"2002H": 1.0}, force=True)
+    assert not bench.writes()
 
 
 def test_a_control_register_without_a_reply_is_unknown_and_names_what_was_not_sent() -> None:
@@ -599,37 +599,37 @@ def test_a_control_register_without_a_reply_is_unknown_and_names_what_was_not_se
             reply = super().__call__(request)
             return None if isinstance(request, modbus.WriteRegister) else reply
 
-    desk = Desk("vc660", Loses())
-    outcome = desk.write({"2006H": 1.0, "2007H": 2.0})
+    bench = ParameterBench("vc660", Loses())
+    outcome = bench.write({"2006H": 1.0, "2007H": 2.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.write_unanswered")
     assert [(key, params["notation"]) for key, params in outcome.notes] == [("drives.write_unsent", "2007H")]
-    assert [r.register for r in desk.writes()] == [0x2006]
+    assert [r.register for r in bench.writes()] == [0x2006]
 
 
 def test_a_control_register_of_a_silent_drive_is_not_written() -> None:
-    desk = Desk("vc660", FakeModbus(silent=True))
+    bench = ParameterBench("vc660", FakeModbus(silent=True))
     with pytest.raises(PreflightError) as caught:
-        desk.write({"2006H": 1.0})
+        bench.write({"2006H": 1.0})
     assert caught.value.key == "drives.not_written"
-    assert not desk.writes()
+    assert not bench.writes()
 
 
 def test_a_control_register_is_not_saved() -> None:
-    desk = Desk("vc660", FakeModbus())
+    bench = ParameterBench("vc660", FakeModbus())
     with pytest.raises(CapabilityError) as caught:
-        desk.write({"2006H": 1.0}, save=True)
+        bench.write({"2006H": 1.0}, save=True)
     assert caught.value.key == "drives.not_saved"
-    assert not desk.bus.requests
+    assert not bench.bus.requests
 
 
 def test_every_written_parameter_is_named_in_the_notes() -> None:
-    outcome = Desk("c320", FakeC320()).write({"F0.2": 30.0, "F1.10": 16.0})
+    outcome = ParameterBench("c320", FakeC320()).write({"F0.2": 30.0, "F1.10": 16.0})
     assert [params["notation"] for _, params in outcome.notes] == ["F0.2", "F1.10"]
 
 
 def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
-    desk = Desk("c320", FakeC320(output=1234, parameters={(0, 2): 3000}))
-    found = desk.read("F0.02", "output_frequency", "d.0", "F3.5")
+    bench = ParameterBench("c320", FakeC320(output=1234, parameters={(0, 2): 3000}))
+    found = bench.read("F0.02", "output_frequency", "d.0", "F3.5")
     assert (found["F0.02"].value, found["F0.02"].raw) == (30.0, 3000)
     assert found["output_frequency"].value == found["d.0"].value == 12.34
     assert found["F3.5"].raw == 0
@@ -637,20 +637,22 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
 
 def test_a_parameter_that_reads_0_in_a_fault_is_rejected() -> None:
     """The reply shows neither the item nor whether the read was executed."""
-    desk = Desk("c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000}))
-    found = desk.read("F0.1", "F0.2")
+    bench = ParameterBench(
+        "c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3, parameters={(0, 1): 0, (0, 2): 3000})
+    )
+    found = bench.read("F0.1", "F0.2")
     assert (found["F0.1"].value, found["F0.2"].value) == (None, 30.0)
 
 
 def test_a_parameter_that_a_reply_in_a_fault_does_not_name_is_uncertain() -> None:
-    reading = Desk("c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3)).read("F0.1")["F0.1"]
+    reading = ParameterBench("c320", FakeC320(state=sunfar.SunfarState.FAULT, fault_code=3)).read("F0.1")["F0.1"]
     assert (reading.value, reading.quality, reading.reason) == (2.0, Quality.UNCERTAIN, "drives.item_not_echoed")
 
 
 @pytest.mark.parametrize(("model", "name", "word"), [("df800", "F1.00", 5000), ("c320", "F9.4", 50)])
 def test_a_parameter_without_a_published_scale_is_uncertain(model: str, name: str, word: int) -> None:
     station = FakeC320(parameters={(9, 4): word}) if model == "c320" else FakeModbus(registers={100: word})
-    reading = Desk(model, station).read(name)[name]
+    reading = ParameterBench(model, station).read(name)[name]
     assert (reading.raw, reading.quality) == (word, Quality.UNCERTAIN)
     assert reading.reason == "profiles.scale_unpublished"
 
@@ -683,13 +685,13 @@ def test_an_exception_has_the_words_of_the_manual(code: int) -> None:
 
 
 def test_a_write_only_register_is_not_read() -> None:
-    desk = Desk("vc660", FakeModbus())
-    assert desk.read("2006H")["2006H"].reason == "drives.write_only"
-    assert not desk.bus.requests
+    bench = ParameterBench("vc660", FakeModbus())
+    assert bench.read("2006H")["2006H"].reason == "drives.write_only"
+    assert not bench.bus.requests
 
 
 def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
-    found = Desk("c320", FakeC320(silent=True)).read("F0.2")
+    found = ParameterBench("c320", FakeC320(silent=True)).read("F0.2")
     assert (found["F0.2"].value, found["F0.2"].reason) == (None, "drives.no_answer")
 
 
@@ -697,24 +699,24 @@ def test_a_silent_drive_reads_as_nothing_with_the_reason() -> None:
 
 
 def test_the_preflight_reports_satisfied_unmet_and_unreadable_preconditions() -> None:
-    desk = Desk("vc660", FakeModbus(registers={1: 2}))
-    found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
+    bench = ParameterBench("vc660", FakeModbus(registers={1: 2}))
+    found = bench.bus.run(read_preflight(OperationContext(bench.memory)))
     assert [m.notation for m in found.unmet] == ["F00.01"]
     assert [notation for notation, _ in found.unreadable] == ["F01.00"]
     assert not found.passed
 
 
 def test_the_preflight_reads_the_ramps_where_the_profile_names_them() -> None:
-    desk = Desk("df800", FakeModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
-    found = desk.bus.run(read_preflight(OperationContext(desk.memory)))
+    bench = ParameterBench("df800", FakeModbus(registers={101: 5, 102: 2, 107: 150, 108: 40}))
+    found = bench.bus.run(read_preflight(OperationContext(bench.memory)))
     assert found.satisfied == ("F1.01", "F1.02")
-    assert (desk.memory.acceleration_s, desk.memory.deceleration_s) == (15.0, 4.0)
+    assert (bench.memory.acceleration_s, bench.memory.deceleration_s) == (15.0, 4.0)
 
 
 def test_a_drive_without_a_reply_passes_no_preflight() -> None:
-    desk = Desk("c320", FakeC320(silent=True))
+    bench = ParameterBench("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
-        desk.bus.run(read_preflight(OperationContext(desk.memory)))
+        bench.bus.run(read_preflight(OperationContext(bench.memory)))
     assert caught.value.key == "drives.preflight_unread"
 
 
@@ -881,16 +883,16 @@ def test_a_put_waits_for_another_program_that_is_writing(tmp_path: Path) -> None
 def test_an_undocumented_communication_loss_behaviour_is_unknown(
     time_raw: int, action: int, trips_values: tuple[int, ...], trips: bool | None, key: str
 ) -> None:
-    desk = Desk("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
-    rule = replace(desk.dialect.profile.comm_loss, trips_values=trips_values)
-    desk.dialect.profile = replace(desk.dialect.profile, comm_loss=rule)
-    found = desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory)))
+    bench = ParameterBench("c320", FakeC320(parameters={(9, 4): time_raw, (9, 3): action}))
+    rule = replace(bench.dialect.profile.comm_loss, trips_values=trips_values)
+    bench.dialect.profile = replace(bench.dialect.profile, comm_loss=rule)
+    found = bench.bus.run(comm_loss_behaviour(OperationContext(bench.memory)))
     assert (found.stops_on_comm_loss, found.key) == (trips, key)
 
 
 def test_an_unreadable_communication_loss_timer_is_unknown() -> None:
-    desk = Desk("c320", FakeC320(silent=True))
-    assert desk.bus.run(comm_loss_behaviour(OperationContext(desk.memory))).key == "drives.comm_loss_unread"
+    bench = ParameterBench("c320", FakeC320(silent=True))
+    assert bench.bus.run(comm_loss_behaviour(OperationContext(bench.memory))).key == "drives.comm_loss_unread"
 
 
 def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -20,9 +20,9 @@ def in_fault(**more: Any) -> PureBus:
     return PureBus(dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.FAULT, fault_code=5, **more))
 
 
-def clears(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-    paper.state = sunfar.SunfarState.STOPPED
-    return paper.ok()
+def clears(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+    fake.state = sunfar.SunfarState.STOPPED
+    return fake.ok()
 
 
 def test_a_reset_is_confirmed_by_later_reads_without_the_fault() -> None:
@@ -58,8 +58,8 @@ def test_an_answered_reset_is_sent_once_although_the_fault_remains() -> None:
 def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
     lost = [1]
 
-    def second(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return None if lost and lost.pop() else clears(paper, request)
+    def second(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        return None if lost and lost.pop() else clears(fake, request)
 
     bus = in_fault(on_command=second)
     assert bus.run(reset_fault(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
@@ -68,7 +68,7 @@ def test_an_unanswered_reset_is_sent_again_while_the_fault_is_shown() -> None:
 
 def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_was_sent() -> None:
     """StartInhibited means that nothing was sent."""
-    bus = in_fault(on_command=lambda paper, request: None)
+    bus = in_fault(on_command=lambda fake, request: None)
 
     def seen(ask: Any) -> None:
         if ask.request == RESET:
@@ -81,8 +81,8 @@ def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_
 
 
 def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
-    def silently(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state = sunfar.SunfarState.STOPPED
+    def silently(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.STOPPED
 
     bus = in_fault(on_command=silently)
     assert bus.run(reset_fault(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
@@ -90,24 +90,24 @@ def test_an_unanswered_reset_that_was_done_is_not_repeated() -> None:
 
 
 def test_a_drive_that_turns_is_not_reset_although_it_reports_a_fault() -> None:
-    paper = FakeModbus(registers={0x3000: 0x000B, 0x3016: 0x0002})
-    bus = PureBus(dialect=dialect_for("vc660"), station=paper)
+    fake = FakeModbus(registers={0x3000: 0x000B, 0x3016: 0x0002})
+    bus = PureBus(dialect=dialect_for("vc660"), station=fake)
     with pytest.raises(StartInhibited) as caught:
         bus.run(reset_fault(operation_for(bus.dialect)))
     assert caught.value.key == "drives.reset_while_turning"
-    assert not paper.written
+    assert not fake.written
 
 
 def test_df800_shows_no_fault_so_its_reset_is_only_acknowledged() -> None:
-    paper = FakeModbus()
-    bus = PureBus(dialect=dialect_for("df800"), station=paper)
+    fake = FakeModbus()
+    bus = PureBus(dialect=dialect_for("df800"), station=fake)
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.reset_acknowledged")
-    assert paper.written == [(0x2000, 0x0010)]
+    assert fake.written == [(0x2000, 0x0010)]
 
 
 def test_an_unanswered_reset_of_a_drive_that_shows_no_fault_is_unknown() -> None:
-    bus = PureBus(dialect=dialect_for("df800"), station=FakeModbus(on_command=lambda paper, word: False))
+    bus = PureBus(dialect=dialect_for("df800"), station=FakeModbus(on_command=lambda fake, word: False))
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.reset_unknown")
 
@@ -124,9 +124,9 @@ def test_an_unanswered_reset_of_a_drive_that_shows_no_fault_is_unknown() -> None
 def test_a_reset_is_unknown_where_no_later_reads_agree(after: list[sunfar.SunfarState], key: str) -> None:
     """The drive answers the reset; then it falls silent, flickers, or shows one state."""
 
-    def answers(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+    def answers(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         bus.station = flickers if after else lambda request: None
-        return paper.ok()
+        return fake.ok()
 
     def flickers(request: Any) -> Any:
         if isinstance(request, sunfar.ReadMonitor):

@@ -44,26 +44,26 @@ from fixtures.drives import (
 ON_320 = sunfar.SunfarOperation.RUN_FORWARD_AT
 
 
-def c320(paper: FakeC320, **limits: Any) -> tuple[PureBus, OperationContext]:
+def c320(fake: FakeC320, **limits: Any) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("c320")
-    return PureBus(dialect=dialect, station=paper), operation_for(dialect, limits=DriveLimits(**limits))
+    return PureBus(dialect=dialect, station=fake), operation_for(dialect, limits=DriveLimits(**limits))
 
 
-def vc660(paper: FakeModbus) -> tuple[PureBus, OperationContext]:
+def vc660(fake: FakeModbus) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("vc660")
-    paper.registers |= {0x3000: 0x0001, 1: 4}
-    return PureBus(dialect=dialect, station=paper), operation_for(dialect)
+    fake.registers |= {0x3000: 0x0001, 1: 4}
+    return PureBus(dialect=dialect, station=fake), operation_for(dialect)
 
 
-def df800(paper: FakeModbus, **settings: Any) -> tuple[PureBus, OperationContext]:
+def df800(fake: FakeModbus, **settings: Any) -> tuple[PureBus, OperationContext]:
     dialect = dialect_for("df800", **settings)
-    paper.registers |= {101: 5, 102: 2, 107: 100, 108: 50}
-    return PureBus(dialect=dialect, station=paper), operation_for(dialect)
+    fake.registers |= {101: 5, 102: 2, 107: 100, 108: 50}
+    return PureBus(dialect=dialect, station=fake), operation_for(dialect)
 
 
-def starts(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-    paper.state = sunfar.SunfarState.ACCELERATING_FORWARD
-    return paper.ok()
+def starts(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+    fake.state = sunfar.SunfarState.ACCELERATING_FORWARD
+    return fake.ok()
 
 
 def start(bus: PureBus, op: OperationContext, hz: float = 10.0, direction: Direction | None = None) -> Outcome:
@@ -100,8 +100,8 @@ def test_every_confirming_read_has_its_own_sync_probe_before_it() -> None:
 def test_an_unanswered_start_is_resent_after_two_verified_reads_show_standstill() -> None:
     lost = [True]
 
-    def first_is_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return None if lost and lost.pop() else starts(paper, request)
+    def first_is_lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        return None if lost and lost.pop() else starts(fake, request)
 
     bus, op = c320(FakeC320(on_command=first_is_lost))
     outcome = start(bus, op)
@@ -115,8 +115,8 @@ def test_an_unanswered_start_is_resent_after_two_verified_reads_show_standstill(
 def test_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
     """Executed, the reply lost: the reads show running and nothing is repeated."""
 
-    def reply_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state = sunfar.SunfarState.RUNNING_FORWARD
+    def reply_lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.RUNNING_FORWARD
 
     bus, op = c320(FakeC320(on_command=reply_lost))
     outcome = start(bus, op)
@@ -128,16 +128,16 @@ def test_a_stop_at_the_keypad_is_never_undone() -> None:
     """Running was seen once after the unanswered start; then a person stops the drive: no resend."""
     reads = []
 
-    def reply_lost(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state = sunfar.SunfarState.RUNNING_FORWARD
+    def reply_lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.RUNNING_FORWARD
 
-    paper = FakeC320(on_command=reply_lost)
-    bus, op = c320(paper)
+    fake = FakeC320(on_command=reply_lost)
+    bus, op = c320(fake)
 
     def person(ask: Any) -> None:
-        if isinstance(ask.request, sunfar.ReadMonitor) and paper.state == sunfar.SunfarState.RUNNING_FORWARD:
+        if isinstance(ask.request, sunfar.ReadMonitor) and fake.state == sunfar.SunfarState.RUNNING_FORWARD:
             reads.append(ask)
-            paper.state = sunfar.SunfarState.STOPPED
+            fake.state = sunfar.SunfarState.STOPPED
 
     bus.on_request = person
     outcome = start(bus, op)
@@ -147,7 +147,7 @@ def test_a_stop_at_the_keypad_is_never_undone() -> None:
 
 
 def test_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> None:
-    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda fake, request: None))
     bus.silence_s = 2.1
     outcome = start(bus, op)
     assert outcome.status is not OutcomeStatus.CONFIRMED
@@ -155,7 +155,7 @@ def test_an_unanswered_start_is_not_resent_once_it_is_two_seconds_old() -> None:
 
 
 def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
-    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda fake, request: None))
     bus.silence_s = bus.transaction_s = 0.001
     outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.FAILED
@@ -164,7 +164,7 @@ def test_an_unanswered_start_is_sent_three_times_at_most() -> None:
 
 def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None:
     """The stop increments the stop epoch; the start is superseded and not resent."""
-    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda fake, request: None))
 
     def stop_comes(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
@@ -180,8 +180,8 @@ def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None
 
 
 def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() -> None:
-    def dies(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.silent = True
+    def dies(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.silent = True
 
     bus, op = c320(FakeC320(on_command=dies))
     outcome = start(bus, op)
@@ -196,9 +196,9 @@ def test_a_rejected_start_is_refused() -> None:
 
 
 def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
-    def trips(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state, paper.fault_code = sunfar.SunfarState.FAULT, 7
-        return paper.ok()
+    def trips(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state, fake.fault_code = sunfar.SunfarState.FAULT, 7
+        return fake.ok()
 
     bus, op = c320(FakeC320(on_command=trips))
     outcome = start(bus, op)
@@ -214,9 +214,9 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
 def test_a_drive_that_turns_the_other_way_is_a_failure(direction: Direction | None) -> None:
     """A start without a direction is a start forward."""
 
-    def wrong(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state = sunfar.SunfarState.RUNNING_REVERSE
-        return paper.ok()
+    def wrong(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.RUNNING_REVERSE
+        return fake.ok()
 
     bus, op = c320(FakeC320(on_command=wrong))
     outcome = start(bus, op, direction=direction)
@@ -224,8 +224,8 @@ def test_a_drive_that_turns_the_other_way_is_a_failure(direction: Direction | No
 
 
 def test_vc660_that_reports_reverse_after_a_plain_start_is_a_failure() -> None:
-    def wrong(paper: FakeModbus, word: int) -> bool:
-        paper.registers[0x3000] = 0xC009
+    def wrong(fake: FakeModbus, word: int) -> bool:
+        fake.registers[0x3000] = 0xC009
         return True
 
     bus, op = vc660(FakeModbus(on_command=wrong))
@@ -329,7 +329,7 @@ def test_a_running_drive_only_gets_its_new_frequency() -> None:
 
 
 def test_an_unanswered_frequency_that_no_read_shows_is_unknown() -> None:
-    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=lambda fake, request: None))
     outcome = start(bus, op, 12.0)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.setpoint_unknown")
 
@@ -347,18 +347,18 @@ def test_an_answered_frequency_is_judged_by_what_the_drive_shows_afterwards(
     shown: Any, status: OutcomeStatus, key: str
 ) -> None:
     """It answers every write; then it shows this set frequency, falls silent, or rejects the read."""
-    paper = FakeModbus()
+    fake = FakeModbus()
 
     def station(request: Any) -> Any:
         reads_setpoint = isinstance(request, modbus.ReadRegisters) and request.register == 0x3001
-        if not (reads_setpoint and paper.written) or isinstance(shown, int):
-            reply = paper(request)
-            paper.registers[0x3001] = shown if isinstance(shown, int) else 0
+        if not (reads_setpoint and fake.written) or isinstance(shown, int):
+            reply = fake(request)
+            fake.registers[0x3001] = shown if isinstance(shown, int) else 0
             return reply
         return shown
 
-    bus, op = vc660(paper)
-    paper.registers[0x3000] = 0x0009
+    bus, op = vc660(fake)
+    fake.registers[0x3000] = 0x0009
     bus.station = station
     outcome = start(bus, op, 12.0)
     assert (outcome.status, outcome.key) == (status, key)
@@ -367,19 +367,19 @@ def test_an_answered_frequency_is_judged_by_what_the_drive_shows_afterwards(
 
 def test_a_set_frequency_that_only_the_last_read_shows_is_neither_confirmed_nor_called_another_one() -> None:
     """Regression: "12.0 Hz was sent, the drive reports 12.0 Hz as its set frequency"."""
-    paper = FakeModbus(registers={0x3001: 1000})
+    fake = FakeModbus(registers={0x3001: 1000})
     reads = 2 * SETPOINT_READ_TRIES
 
     def station(request: Any) -> Any:
         nonlocal reads
-        reply = paper(request)
-        if isinstance(request, modbus.ReadRegisters) and request.register == 0x3001 and paper.written:
+        reply = fake(request)
+        if isinstance(request, modbus.ReadRegisters) and request.register == 0x3001 and fake.written:
             reads -= 1
             return modbus.RegisterValues(1, 3, (1000 if reads else 1200,))
         return reply
 
-    bus, op = vc660(paper)
-    paper.registers[0x3000] = 0x0009
+    bus, op = vc660(fake)
+    fake.registers[0x3000] = 0x0009
     bus.station = station
     outcome = start(bus, op, 12.0)
     assert (outcome.status, outcome.key, reads) == (OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", 0)
@@ -388,9 +388,9 @@ def test_a_set_frequency_that_only_the_last_read_shows_is_neither_confirmed_nor_
 def test_a_run_while_the_drive_decelerates_to_a_standstill_is_no_success() -> None:
     """A new frequency is accepted and starts nothing: the motor stands, and exit code 0 would be untrue."""
 
-    def ends_its_ramp(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        paper.state = sunfar.SunfarState.STOPPED
-        return paper.ok()
+    def ends_its_ramp(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.STOPPED
+        return fake.ok()
 
     for on_command in (ends_its_ramp, None):
         bus, op = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600, on_command=on_command))
@@ -418,14 +418,14 @@ def test_a_drive_that_decelerates_above_its_new_frequency_may_slow_down_to_it_or
 
 
 def test_a_decelerating_drive_that_falls_silent_after_its_new_frequency_has_an_unknown_outcome() -> None:
-    paper = FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600)
+    fake = FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD, output=600)
 
     def falls_silent(station: FakeC320, request: sunfar.SunfarControl) -> Any:
         station.silent = True
         return station.ok()
 
-    paper.on_command = falls_silent
-    outcome = start(*c320(paper), hz=20.0)
+    fake.on_command = falls_silent
+    outcome = start(*c320(fake), hz=20.0)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.run_while_decelerating")
 
 
@@ -519,16 +519,16 @@ def test_a_running_drive_is_not_turned_round() -> None:
 
 
 def test_vc660_sets_the_frequency_reads_it_back_and_only_then_starts() -> None:
-    def obey(paper: FakeModbus, word: int) -> bool:
+    def obey(fake: FakeModbus, word: int) -> bool:
         if word & 1:
-            paper.registers[0x3000] = 0x0009
+            fake.registers[0x3000] = 0x0009
         return True
 
-    paper = FakeModbus(on_command=obey)
-    bus, op = vc660(paper)
+    fake = FakeModbus(on_command=obey)
+    bus, op = vc660(fake)
     outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert paper.written == [(0x2001, 1000), (0x2000, 0x0001), (0x2000, 0x0000)]
+    assert fake.written == [(0x2001, 1000), (0x2000, 0x0001), (0x2000, 0x0000)]
 
 
 def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
@@ -538,19 +538,19 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
             self.registers[0x3001] = 300
             return reply
 
-    paper = Deaf()
-    bus, op = vc660(paper)
+    fake = Deaf()
+    bus, op = vc660(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
-    assert [register for register, _ in paper.written] == [0x2001]
+    assert [register for register, _ in fake.written] == [0x2001]
     assert Effect.MOTION not in bus.effects()
 
 
 @pytest.mark.parametrize("model", ["vc660", "df800"])
 def test_a_start_withheld_after_its_frequency_was_sent_has_an_outcome(model: str) -> None:
     """Expired and StartInhibited mean that nothing was sent; here the drive already has a new frequency."""
-    paper = FakeModbus()
-    bus, op = vc660(paper) if model == "vc660" else df800(paper)
+    fake = FakeModbus()
+    bus, op = vc660(fake) if model == "vc660" else df800(fake)
     bus.on_request = lambda ask: bus.pass_time(6.0 if getattr(ask.request, "register", 0) == 0x2001 else 0.0)
     outcome = start(bus, op, 10.0)
     assert outcome.status is OutcomeStatus.FAILED and outcome.key == "drives.not_started"
@@ -560,7 +560,7 @@ def test_a_start_withheld_after_its_frequency_was_sent_has_an_outcome(model: str
 
 def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_sent() -> None:
     """StartInhibited means that nothing was sent. Two reads showed standstill, so the start is known to have failed."""
-    bus, op = c320(FakeC320(on_command=lambda paper, request: None))
+    bus, op = c320(FakeC320(on_command=lambda fake, request: None))
 
     def seen(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
@@ -574,8 +574,8 @@ def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_
 
 def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None:
     """VC660: another drive shows up at its address between the pulse and its end; the start has left."""
-    paper = FakeModbus(on_command=lambda paper, word: paper.registers.update({0x3000: 0x0009}) is None)
-    bus, op = vc660(paper)
+    fake = FakeModbus(on_command=lambda fake, word: fake.registers.update({0x3000: 0x0009}) is None)
+    bus, op = vc660(fake)
 
     def seen(ask: Any) -> None:
         if getattr(ask.request, "register", 0) == 0x2000:
@@ -583,53 +583,53 @@ def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None
 
     bus.on_request = seen
     assert start(bus, op).status is OutcomeStatus.CONFIRMED
-    assert paper.written == [(0x2001, 1000), (0x2000, 0x0001)]
+    assert fake.written == [(0x2001, 1000), (0x2000, 0x0001)]
 
 
 def test_an_unanswered_pulse_of_vc660_is_not_repeated_when_the_drive_runs() -> None:
-    def obeys_silently(paper: FakeModbus, word: int) -> bool:
+    def obeys_silently(fake: FakeModbus, word: int) -> bool:
         if word & 1:
-            paper.registers[0x3000] = 0x0009
+            fake.registers[0x3000] = 0x0009
             return False
         return True
 
-    paper = FakeModbus(on_command=obeys_silently)
-    bus, op = vc660(paper)
+    fake = FakeModbus(on_command=obeys_silently)
+    bus, op = vc660(fake)
     assert start(bus, op).status is OutcomeStatus.CONFIRMED
-    assert [value for register, value in paper.written if register == 0x2000] == [0x0001, 0x0000]
+    assert [value for register, value in fake.written if register == 0x2000] == [0x0001, 0x0000]
 
 
 def test_df800_is_started_on_its_preflight_and_only_acknowledged() -> None:
-    paper = FakeModbus()
-    bus, op = df800(paper)
+    fake = FakeModbus()
+    bus, op = df800(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
-    assert paper.written == [(0x2001, 1000), (0x2000, 0x0002)]
+    assert fake.written == [(0x2001, 1000), (0x2000, 0x0002)]
     assert outcome.drive_status is not None and outcome.drive_status.state == "unknown"
 
 
 def test_df800_reads_its_preflight_before_every_start() -> None:
-    paper = FakeModbus()
-    bus, op = df800(paper)
+    fake = FakeModbus()
+    bus, op = df800(fake)
     start(bus, op)
-    paper.registers[102] = 0
+    fake.registers[102] = 0
     with pytest.raises(PreflightError) as caught:
         start(bus, OperationContext(op.drive))
     assert caught.value.params["parameters"] == "F1.02"
 
 
 def test_an_unanswered_start_of_df800_is_never_resent() -> None:
-    paper = FakeModbus(on_command=lambda paper, word: False)
-    bus, op = df800(paper)
+    fake = FakeModbus(on_command=lambda fake, word: False)
+    bus, op = df800(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
-    assert [value for register, value in paper.written if register == 0x2000] == [0x0002]
+    assert [value for register, value in fake.written if register == 0x2000] == [0x0002]
 
 
 @pytest.mark.parametrize("direction", list(Direction))
 def test_an_explicit_direction_on_df800_needs_its_calibration(direction: Direction) -> None:
-    paper = FakeModbus()
-    bus, op = df800(paper)
+    fake = FakeModbus()
+    bus, op = df800(fake)
     with pytest.raises(StartInhibited) as caught:
         start(bus, op, 10.0, direction)
     assert caught.value.key == "drives.direction_uncalibrated"
@@ -659,8 +659,8 @@ def test_a_capability_that_the_model_lacks_is_refused_before_sending() -> None:
 def test_a_precondition_that_can_not_be_read_is_named_and_not_assumed() -> None:
     """VC660 F01.00: its address is unknown until the user supplies the group sizes."""
 
-    def obey(paper: FakeModbus, word: int) -> bool:
-        paper.registers[0x3000] = 0x0009
+    def obey(fake: FakeModbus, word: int) -> bool:
+        fake.registers[0x3000] = 0x0009
         return True
 
     bus, op = vc660(FakeModbus(on_command=obey))
@@ -672,9 +672,9 @@ def test_a_drive_that_runs_at_another_set_frequency_is_not_confirmed() -> None:
     """A class-4 reply could say anything; what the drive shows counts (wrong scale, wrong drive)."""
     from drivebus.drives.operations.start import _check_setpoint
 
-    paper = FakeModbus(registers={0x3001: 100})
-    bus, op = vc660(paper)
-    paper.registers[0x3001] = 100
+    fake = FakeModbus(registers={0x3001: 100})
+    bus, op = vc660(fake)
+    fake.registers[0x3001] = 100
     with pytest.raises(TargetNotReached):
         bus.run(_check_setpoint(op, op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed"), 1000, 10.0))
 
@@ -699,13 +699,13 @@ def test_a_rejected_set_frequency_is_named_and_no_start_is_sent() -> None:
                 return modbus.ExceptionReply(1, 6, 3)
             return super().__call__(request)
 
-    paper = Refuses()
-    bus, op = vc660(paper)
+    fake = Refuses()
+    bus, op = vc660(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)
     assert outcome.key == "drives.start_setpoint_refused"
     assert "rejected the set frequency of 10.0 Hz, and no start was sent" in outcome.text("en")
-    assert paper.written == []
+    assert fake.written == []
 
 
 def test_a_precondition_whose_read_is_rejected_is_no_wrong_setting() -> None:

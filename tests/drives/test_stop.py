@@ -34,13 +34,13 @@ from fixtures.drives import (
 )
 
 
-def c320(paper: FakeC320) -> PureBus:
-    return PureBus(dialect=dialect_for("c320"), station=paper)
+def c320(fake: FakeC320) -> PureBus:
+    return PureBus(dialect=dialect_for("c320"), station=fake)
 
 
-def stops(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-    paper.state = sunfar.SunfarState.STOPPED
-    return paper.ok()
+def stops(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+    fake.state = sunfar.SunfarState.STOPPED
+    return fake.ok()
 
 
 def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
@@ -95,9 +95,9 @@ def test_a_stop_that_ends_in_the_middle_of_a_read_keeps_what_the_drive_reported(
 
 
 def test_a_drive_that_falls_silent_during_a_stop_is_reported_with_its_last_state() -> None:
-    paper = FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=2500)
-    bus = c320(paper)
-    bus.on_request = lambda ask: setattr(paper, "silent", bus.now > 1.0)
+    fake = FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=2500)
+    bus = c320(fake)
+    bus.on_request = lambda ask: setattr(fake, "silent", bus.now > 1.0)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.key == "drives.stop_reply_lost" and outcome.params["failures"] > 1
     assert "the drive reported running at 25.0 Hz, then gave no valid reply" in outcome.text("en")
@@ -112,8 +112,8 @@ def test_an_unconfirmed_stop_is_declared_within_two_seconds_of_no_progress() -> 
 def test_a_lost_stop_is_sent_again_at_once() -> None:
     lost = [1, 1]
 
-    def third(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
-        return None if lost and lost.pop() else stops(paper, request)
+    def third(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        return None if lost and lost.pop() else stops(fake, request)
 
     bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=third))
     outcome = bus.run(stop(operation_for(bus.dialect)))
@@ -139,10 +139,10 @@ def test_a_fault_or_an_uncharged_dc_bus_ends_a_stop_with_its_own_message(state: 
 
 
 def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
-    def quick(paper: FakeC320, request: sunfar.SunfarControl) -> Any:
+    def quick(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         assert request.operation is sunfar.SunfarOperation.EMERGENCY_STOP
-        paper.state = sunfar.SunfarState.EMERGENCY_STOP
-        return paper.ok()
+        fake.state = sunfar.SunfarState.EMERGENCY_STOP
+        return fake.ok()
 
     bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=quick))
     assert bus.run(stop(operation_for(bus.dialect), StopMode.QUICK_STOP)).key == "drives.stop_confirmed"
@@ -239,11 +239,11 @@ def test_without_waiting_an_answered_stop_is_unconfirmed() -> None:
 
 
 def test_a_stop_of_df800_is_sent_three_times_and_never_confirmed() -> None:
-    paper = FakeModbus()
-    bus = PureBus(dialect=dialect_for("df800"), station=paper)
+    fake = FakeModbus()
+    bus = PureBus(dialect=dialect_for("df800"), station=fake)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
-    assert paper.written == [(0x2000, 1)] * 3
+    assert fake.written == [(0x2000, 1)] * 3
 
 
 def test_a_silent_df800_is_unconfirmed() -> None:
@@ -256,23 +256,23 @@ def test_vc660_writes_the_levels_after_each_stop_pulse_so_that_a_repeated_stop_a
     """The drive acts on the edge only, and the first pulse is lost: the second must have an edge again."""
     last = [0]
 
-    def edge(paper: FakeModbus, word: int) -> bool:
+    def edge(fake: FakeModbus, word: int) -> bool:
         fresh = word & ~last[0]
         last[0] = word
         if fresh & 2:
-            paper.registers[0x3000] = 0x0001
+            fake.registers[0x3000] = 0x0001
         return True
 
-    paper = FakeModbus(registers={0x3000: 0x0009}, on_command=edge)
+    fake = FakeModbus(registers={0x3000: 0x0009}, on_command=edge)
     last[0] = 2
-    bus = PureBus(dialect=dialect_for("vc660"), station=paper)
+    bus = PureBus(dialect=dialect_for("vc660"), station=fake)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED
-    assert [value for _, value in paper.written][:3] == [0x0002, 0x0000, 0x0002]
+    assert [value for _, value in fake.written][:3] == [0x0002, 0x0000, 0x0002]
 
 
 def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() -> None:
-    class Paper:
+    class FakeDzb100:
         def __init__(self, output: int, state: int) -> None:
             self.output, self.state = output, state
 
@@ -285,7 +285,7 @@ def test_dzb100_is_stopped_when_q01_reads_zero_twice_and_q03_repeats_the_stop() 
             return dzb100.Dzb100Reply(head="Q", address=1, index=request.item, data=data, accepted=True)
 
     for output, state, word in ((0, 0x0000, "confirmed"), (0, 0x1000, "unknown"), (5, 0x0000, "unknown")):
-        bus = PureBus(dialect=dialect_for("dzb100"), station=Paper(output, state))
+        bus = PureBus(dialect=dialect_for("dzb100"), station=FakeDzb100(output, state))
         assert bus.run(stop(operation_for(bus.dialect))).status == word
 
 

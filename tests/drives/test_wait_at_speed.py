@@ -18,8 +18,8 @@ from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for
 STARTED = Outcome(status=OutcomeStatus.CONFIRMED, key="drives.start_confirmed")
 
 
-def waiting(paper: FakeC320) -> tuple[PureBus, OperationContext]:
-    bus = PureBus(dialect=dialect_for("c320"), station=paper)
+def waiting(fake: FakeC320) -> tuple[PureBus, OperationContext]:
+    bus = PureBus(dialect=dialect_for("c320"), station=fake)
     return bus, operation_for(bus.dialect)
 
 

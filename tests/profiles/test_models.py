@@ -129,7 +129,7 @@ def test_timing_is_the_manuals_where_it_gives_one() -> None:
         assert profiles.load(model).evidence["timing"].kind == "assumed"
 
 
-def test_preconditions_are_ruling_4s() -> None:
+def test_each_precondition_accepts_only_the_setting_for_commands_from_the_bus() -> None:
     found = {
         model: {p.notation: p.accepted for p in profiles.load(model).preconditions}
         for model in ("c320", "dzb100", "vc660", "df800")

@@ -10,8 +10,8 @@ from drivebus.profiles import notation
 from drivebus.profiles.model import NotationRule, Parameter, Signal
 from fixtures.drives import writable_registers
 
-SIFANG = NotationRule("sunfar", "sunfar", 0xFFFF)
-DZB = NotationRule("dzb100", "dzb100", 80)
+SUNFAR = NotationRule("sunfar", "sunfar", 0xFFFF)
+DZB100 = NotationRule("dzb100", "dzb100", 80)
 CONSECUTIVE = NotationRule("modbus", "consecutive", 450)
 HUNDREDS = NotationRule("modbus", "hundreds", 999)
 REGISTER = NotationRule("modbus", "register", 0xFFFF)
@@ -20,20 +20,20 @@ REGISTER = NotationRule("modbus", "register", 0xFFFF)
 @pytest.mark.parametrize(
     ("text", "rule", "locator"),
     [
-        ("F0.1", SIFANG, ("parameter", 0x0001)),
-        ("F0.01", SIFANG, ("parameter", 0x0001)),
-        ("f1.10", SIFANG, ("parameter", 0x010A)),
-        ("FC.03", SIFANG, ("parameter", 0x0A03)),
-        ("FE.0", SIFANG, ("parameter", 0x0B00)),
-        ("FF.0", SIFANG, ("parameter", 0x0C00)),
-        ("FH.0", SIFANG, ("parameter", 0x0D00)),
-        ("FL.0", SIFANG, ("parameter", 0x0E00)),
-        ("FP.255", SIFANG, ("parameter", 0x0FFF)),
-        ("d.0", SIFANG, ("monitor", 0)),
-        ("d-37", SIFANG, ("monitor", 37)),
-        ("10", DZB, ("parameter", 10)),
-        ("00", DZB, ("parameter", 0)),
-        ("Q01", DZB, ("query", 1)),
+        ("F0.1", SUNFAR, ("parameter", 0x0001)),
+        ("F0.01", SUNFAR, ("parameter", 0x0001)),
+        ("f1.10", SUNFAR, ("parameter", 0x010A)),
+        ("FC.03", SUNFAR, ("parameter", 0x0A03)),
+        ("FE.0", SUNFAR, ("parameter", 0x0B00)),
+        ("FF.0", SUNFAR, ("parameter", 0x0C00)),
+        ("FH.0", SUNFAR, ("parameter", 0x0D00)),
+        ("FL.0", SUNFAR, ("parameter", 0x0E00)),
+        ("FP.255", SUNFAR, ("parameter", 0x0FFF)),
+        ("d.0", SUNFAR, ("monitor", 0)),
+        ("d-37", SUNFAR, ("monitor", 37)),
+        ("10", DZB100, ("parameter", 10)),
+        ("00", DZB100, ("parameter", 0)),
+        ("Q01", DZB100, ("query", 1)),
         ("3002H", CONSECUTIVE, ("holding", 0x3002)),
         ("0x3002", CONSECUTIVE, ("holding", 0x3002)),
         ("0FFFFH", CONSECUTIVE, ("holding", 0xFFFF)),
@@ -52,18 +52,18 @@ def test_a_notation_of_the_manual_becomes_its_address(text: str, rule: NotationR
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        ("", SIFANG),
-        ("F0", SIFANG),
-        ("FA.1", SIFANG),
-        ("F10.1", SIFANG),
-        ("F0.256", SIFANG),
-        ("d.256", SIFANG),
-        ("Q01", SIFANG),
-        ("F０.1", SIFANG),
-        ("81", DZB),
-        ("Q04", DZB),
-        ("F0.1", DZB),
-        ("１0", DZB),
+        ("", SUNFAR),
+        ("F0", SUNFAR),
+        ("FA.1", SUNFAR),
+        ("F10.1", SUNFAR),
+        ("F0.256", SUNFAR),
+        ("d.256", SUNFAR),
+        ("Q01", SUNFAR),
+        ("F０.1", SUNFAR),
+        ("81", DZB100),
+        ("Q04", DZB100),
+        ("F0.1", DZB100),
+        ("１0", DZB100),
         ("F1.100", HUNDREDS),
         ("F10.00", HUNDREDS),
         ("FC.01", HUNDREDS),
@@ -143,8 +143,8 @@ def test_letters_are_no_address_unless_all_four_digits_stand_before_the_h(text: 
 def test_every_c320_address_is_shown_in_a_form_that_is_read_back(group: str) -> None:
     profile = profiles.load("c320")
     for item in range(256):
-        locator = notation.parse_notation(f"F{group}.{item}", SIFANG)
-        assert notation.parse_notation(notation.format_locator(locator, profile), SIFANG) == locator
+        locator = notation.parse_notation(f"F{group}.{item}", SUNFAR)
+        assert notation.parse_notation(notation.format_locator(locator, profile), SUNFAR) == locator
 
 
 @pytest.mark.parametrize(("model", "highest"), [("dzb100", 80), ("df800", 999)])

@@ -1,4 +1,4 @@
-"""Every file in ``refused/`` is refused, for exactly the faults beside it: file, line, key, found, expected, remedy."""
+"""Every file in ``rejected/`` is rejected for exactly the faults listed beside it: location, values and remedy."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from drivebus import i18n, profiles
 from drivebus.errors import ProfileError
 from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
 
-REFUSED = Path(__file__).parent / "refused"
-FILES = sorted(REFUSED.glob("*.toml"))
+REJECTED = Path(__file__).parent / "rejected"
+FILES = sorted(REJECTED.glob("*.toml"))
 
 
 def refusal(path: Path) -> ProfileError:
@@ -43,12 +43,12 @@ def test_a_rejection_is_reported_in_both_languages_without_an_empty_place(path: 
 
 
 def test_two_faults_of_one_file_are_both_named() -> None:
-    found = refusal(REFUSED / "two-faults.toml").params["complaints"]
+    found = refusal(REJECTED / "two-faults.toml").params["complaints"]
     assert [(c.kind, c.line) for c in found] == [("unknown_key", 5), ("type", 8)]
 
 
 def test_the_first_fault_is_in_the_params_of_the_error() -> None:
-    params = refusal(REFUSED / "max-read-zero.toml").params
+    params = refusal(REJECTED / "max-read-zero.toml").params
     assert (params["line"], params["key"], params["found"], params["expected"].en) == (
         5,
         "modbus.max_read",
@@ -60,8 +60,8 @@ def test_the_first_fault_is_in_the_params_of_the_error() -> None:
 
 
 def test_the_sentence_of_a_rejection() -> None:
-    error = refusal(REFUSED / "wrong-type.toml")
-    at = REFUSED / "wrong-type.toml"
+    error = refusal(REJECTED / "wrong-type.toml")
+    at = REJECTED / "wrong-type.toml"
     assert str(error) == (
         f'profile rejected (1):\n{at}:5: modbus.max_read: wrong type of value: "4" found, a whole number expected; '
         "numbers without quotes, sentences in quotes, true/false in small letters"
@@ -70,14 +70,14 @@ def test_the_sentence_of_a_rejection() -> None:
 
 def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
     for name in ("toggle-direction", "toggle-as-reverse"):
-        assert refusal(REFUSED / f"{name}.toml").params["complaints"][0].kind == "toggle"
+        assert refusal(REJECTED / f"{name}.toml").params["complaints"][0].kind == "toggle"
 
 
 def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
     """Otherwise a parameter write would bypass the start permissives."""
-    assert refusal(REFUSED / "command-as-parameter.toml").params["found"] == '"2000H"'
-    assert refusal(REFUSED / "eeprom-twin-on-the-command-word.toml").params["complaints"][0].kind == "duplicate"
-    assert refusal(REFUSED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
+    assert refusal(REJECTED / "command-as-parameter.toml").params["found"] == '"2000H"'
+    assert refusal(REJECTED / "eeprom-twin-on-the-command-word.toml").params["complaints"][0].kind == "duplicate"
+    assert refusal(REJECTED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
 
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:

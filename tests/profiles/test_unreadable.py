@@ -1,4 +1,4 @@
-"""Folders of profiles that can't be read just now: told so, and looked at again the next time."""
+"""Folders of profiles that can't be read just now: reported, and read again the next time."""
 
 from __future__ import annotations
 

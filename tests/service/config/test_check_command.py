@@ -16,7 +16,7 @@ from drivebus.service.config.bus_load import bus_loads
 from fixtures.service import FAN_FILE
 from fixtures.usb_serial import install_latency_timers
 
-REFUSED = Path(__file__).parents[1] / "refused"
+REJECTED = Path(__file__).parents[1] / "rejected"
 PLANT = (
     FAN_FILE
     + """signals = { output_frequency = 0.5, output_voltage = 2.0 }
@@ -81,7 +81,7 @@ def test_an_interval_that_may_be_milliseconds_is_a_warning_of_a_valid_plant(
 
 
 def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None:
-    result = check(REFUSED / "many-faults.toml", "--json")
+    result = check(REJECTED / "many-faults.toml", "--json")
     assert result.exit_code == 2
     found = json.loads(result.stdout)
     assert (found["exit"], found["error"]["params"]["count"]) == (2, 8)

@@ -83,7 +83,7 @@ def check_refusal(text: str) -> None:
     except ConfigurationError as error:
         assert 1 <= len(error.params["complaints"]) <= 100
         for complaint in error.params["complaints"]:
-            assert (complaint.line is not None or complaint.room == "profiles") and complaint.remedy.en
+            assert (complaint.line is not None or complaint.catalogue == "profiles") and complaint.remedy.en
             assert complaint.text("en") and complaint.text("zh")
     else:
         assert isinstance(found, PlantConfig)

@@ -1,4 +1,4 @@
-"""Every file in ``refused/`` is rejected for exactly the faults listed beside it."""
+"""Every file in ``rejected/`` is rejected for exactly the faults listed beside it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from drivebus.service import config
 from drivebus.web import gateway
 from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
 
-REFUSED = Path(__file__).parents[1] / "refused"
-FILES = sorted(REFUSED.glob("*.toml"))
+REJECTED = Path(__file__).parents[1] / "rejected"
+FILES = sorted(REJECTED.glob("*.toml"))
 
 
 def refusal(path: Path) -> ConfigurationError:
@@ -47,27 +47,27 @@ def test_a_rejection_is_complete_in_both_languages(path: Path) -> None:
 
 def test_every_fault_of_a_file_is_reported_at_once() -> None:
     """Wrong types and missing keys hide no other fault, and what depends on them is not reported as unknown."""
-    found = refusal(REFUSED / "many-faults.toml").params
+    found = refusal(REJECTED / "many-faults.toml").params
     assert found["count"] == 8
     assert [one.line for one in found["complaints"]] == [6, 9, 12, 14, 16, 17, 19, 19]
 
 
 def test_two_protocol_families_on_one_bus_are_rejected() -> None:
-    assert [one.kind for one in refusal(REFUSED / "mixed-families.toml").params["complaints"]] == ["mixed"]
+    assert [one.kind for one in refusal(REJECTED / "mixed-families.toml").params["complaints"]] == ["mixed"]
 
 
 def test_the_web_gateway_on_every_address_needs_a_certificate() -> None:
-    kinds = [one.kind for one in refusal(REFUSED / "web-without-certificate.toml").params["complaints"]]
+    kinds = [one.kind for one in refusal(REJECTED / "web-without-certificate.toml").params["complaints"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
-        text = (REFUSED / "web-without-certificate.toml").read_text().replace("0.0.0.0", host)
+        text = (REJECTED / "web-without-certificate.toml").read_text().replace("0.0.0.0", host)
         assert config.loads(text).gateway("web").settings.host == host
-    closed = (REFUSED / "web-without-certificate.toml").read_text() + "enabled = false\n"
+    closed = (REJECTED / "web-without-certificate.toml").read_text() + "enabled = false\n"
     assert config.loads(closed).gateway("web").enabled is False
 
 
 def test_no_issue_carries_a_control_character_into_a_log() -> None:
-    text = (REFUSED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
+    text = (REJECTED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
     kinds = [one.kind for one in caught.value.params["complaints"]]
@@ -79,7 +79,7 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
 
 
 def test_a_password_in_a_database_url_is_not_repeated() -> None:
-    reply_text = refusal(REFUSED / "history-url.toml").text("en")
+    reply_text = refusal(REJECTED / "history-url.toml").text("en")
     assert "secret" not in reply_text and "root" in reply_text
 
 

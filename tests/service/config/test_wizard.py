@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivebus.cli.commands import init as verb
+from drivebus.cli.commands import init as init_command
 from drivebus.cli.main import cli
 from drivebus.commissioning.scan import DetectedDrive
 from drivebus.errors import ConfigurationError
@@ -124,7 +124,7 @@ def test_without_a_terminal_there_are_no_questions(tmp_path: Path) -> None:
 
 
 def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
     message = "Pump station\nttyUSB0\ntpc://10.0.0.7:4001\n/dev/ttyUSB0\nvc66\nvc660\n1-x\n0-2\n1-2\nMain pump\n\nn\n"
     result = init("-o", path, "--lang", "en", input=message)
@@ -202,7 +202,7 @@ def test_the_model_that_the_user_names_is_written_though_others_answer_alike(tmp
 def test_at_a_terminal_the_user_is_asked_for_the_name_plate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, models: list[str]
 ) -> None:
-    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
     result = init("sim://svd_p@2?drives=9600-8N2", *LOOK_ALIKES, "-o", path, "--lang", "en", input=typed)
     assert result.exit_code == 0, result.output
@@ -222,8 +222,8 @@ def test_a_single_candidate_that_answers_only_partly_is_no_question(
     async def found(*_: Any) -> list[DetectedDrive]:
         return [partly]
 
-    monkeypatch.setattr(verb, "search", found)
-    monkeypatch.setattr(verb, "_on_terminal", lambda: True)
+    monkeypatch.setattr(init_command, "search", found)
+    monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
     path = tmp_path / "plant.toml"
     result = init("sim://vc660@2", "--scan", "-o", path, "--lang", "en", input="vc660\n")
     assert result.exit_code == 0 and "which model" not in result.output
@@ -269,7 +269,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
 
 def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
-    line = verb._bus_answer("/dev/x", everybody, ("c320",))
+    line = init_command._bus_answer("/dev/x", everybody, ("c320",))
     assert [(one.address, one.encoding, one.others) for one in line.drives] == [
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),

@@ -53,12 +53,9 @@ async def wait_for_end(kit: ServiceKit, limit_s: float = 300.0) -> None:
     await kit.call("lease.release", ENGINEER, drive="fan-1")
 
 
-async def test_drive(kit: ServiceKit, **params: Any) -> None:
+async def run_comm_loss_test(kit: ServiceKit, **params: Any) -> None:
     await begin(kit, **params)
     await wait_for_end(kit)
-
-
-test_drive.__test__ = False  # type: ignore[attr-defined]
 
 
 async def comm_loss(kit: ServiceKit) -> Json:
@@ -113,7 +110,7 @@ def test_a_drive_that_keeps_running_is_stopped_and_still_needs_a_waiver() -> Non
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(4)
-            await test_drive(kit, silence_s=20.0)
+            await run_comm_loss_test(kit, silence_s=20.0)
             found = await comm_loss(kit)
             assert found["kind"] == "runs_on" and found["tested"]["result"] == "runs_on"
             assert not kit.station("fan-1").motor.energised, "the test stops the drive at its end"
@@ -134,7 +131,7 @@ def test_a_tested_stop_without_a_fault_counts_and_a_drive_that_the_profile_trust
         async with running_service() as kit:
             set_keypad(kit, STOP, 3.0)
             await asyncio.sleep(8)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             found = await comm_loss(kit)
             assert found["tested"]["result"] == "stops" and has_sentence(kit, "plant.comm_loss_tested_stops", found)
             dialect = kit.service.plant.drives["fan-1"].drive.dialect
@@ -144,7 +141,7 @@ def test_a_tested_stop_without_a_fault_counts_and_a_drive_that_the_profile_trust
             kit.service.plant.drives["fan-1"].invalidate_comm_loss()
             await asyncio.sleep(5)
             assert (await comm_loss(kit))["kind"] == "trips", "as the profile says"
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             assert (await comm_loss(kit))["kind"] == "runs_on", "as the test showed"
             with pytest.raises(WaiverRequired):
                 await start(kit)
@@ -258,13 +255,13 @@ def test_a_drive_that_only_accelerates_is_not_tested() -> None:
             set_keypad(kit, TRIP, 5.0)
             kit.station("fan-1").set_ramps(600.0, 1.0)
             await asyncio.sleep(8)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             why = i18n.text("plant.comm_loss_not_turning", "en", drive="fan-1")
             found = await comm_loss(kit)
             assert [why in text for text in events(kit)] == [True] and found["tested"] is None
             assert why in found["no_result"]["en"]
             kit.station("fan-1").set_ramps(1.0, 1.0)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             assert (await comm_loss(kit))["no_result"] is None
             assert [why in text for text in events(kit)] == [True, False]
 
@@ -279,12 +276,12 @@ def test_a_drive_that_stops_while_it_is_polled_ends_the_test_with_this_reason() 
             set_keypad(kit, STOP, 0.1)
             await asyncio.sleep(8)
             begun_at = kit.service.plant.now()
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             why = i18n.text("plant.comm_loss_off_before", "en", drive="fan-1")
             assert [why in text for text in events(kit)] == [True] and (await comm_loss(kit))["tested"] is None
             assert kit.service.plant.now() - begun_at < 30.0
             set_keypad(kit, STOP, 3.0)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             assert [why in text for text in events(kit)] == [True, False]
 
     run(scenario())
@@ -322,7 +319,7 @@ def test_a_changed_parameter_voids_the_test_until_it_reads_as_before() -> None:
         async with running_service() as kit:
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
             await kit.call("drive.reset", drive="fan-1")
             await change(kit, 100.0)
             found = await comm_loss(kit)
@@ -344,7 +341,7 @@ def test_a_record_survives_a_restart_and_is_ignored_for_another_drive_of_its_nam
         async with running_service(store=store) as kit:
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
-            await test_drive(kit)
+            await run_comm_loss_test(kit)
         async with running_service(store=store) as kit:
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
