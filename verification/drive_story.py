@@ -158,7 +158,7 @@ class _Story:
             self.station.motor.reset()
 
     async def _lose_line(self) -> None:
-        """No reply while the motor runs: no stop is reported as confirmed, and the next one after it is."""
+        """Lose all replies while the motor runs: no stop is reported as confirmed, and the next one after it is."""
         await self._run(self.slow_hz, Direction.FORWARD)
         self.station.faults.silent = True
         try:

@@ -30,7 +30,7 @@ class FrameLengths:
     delay_characters: float = 0.0
     """… plus so many characters; RTU: the 3.5 of silence by which a station knows that the request has ended."""
     reply_to: Callable[[bytes], int] | None = None
-    """Characters of the longest reply to one request; None: ``reply`` for each."""
+    """Return the characters of the longest reply to one request; None: ``reply`` for each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ class TimingBounds:
         self.foreign_traffic_max_s = self.gap_s + FOREIGN_TRAFFIC_MAX_CHARACTERS * self.character_s
 
     def reply_timeout_s(self, address: int, data: bytes) -> float:
-        """From the last bit of this request until its reply is whole or given up."""
+        """Return the time from the last bit of this request until its reply is whole or given up."""
         if address == self.variant.broadcast:
             return TURNAROUND_S
         return self._timeout_for_reply_s(self._longest_reply(data))

@@ -89,7 +89,7 @@ def _decode_outcome(decode: FuzzedDecoder, data: bytes) -> object:
 
 
 def _check_sizes(found: object, data: bytes, need: int) -> None:
-    """``need``: bytes that an earlier call required; with fewer no message may be complete."""
+    """Check the sizes of a result. ``need``: bytes that an earlier call required; with fewer no message is complete."""
     if isinstance(found, Complete | CompleteIfSilent) and not 0 < found.size <= len(data):
         raise ContractViolation(f"{data.hex(' ')}: {found} is longer than the data")
     if isinstance(found, Complete) and len(data) < need:

@@ -17,8 +17,8 @@ from verification.scenario.scenario import SentRequest
 
 @cell("cut_last_byte")
 def transmitter_disabled_too_early(run: CellRun) -> None:
-    """Requests without their last byte: no drive replies, and all are offline. A reply without it is invalid and read
-    again."""
+    """Cut off the last byte: without that of the requests all drives are offline; a reply without it is invalid and
+    read again."""
     scenario = run.scenario(1, 2, 3)
     scenario.cuts_last_byte = True
     for address in (1, 2, 3):

@@ -208,7 +208,7 @@ class SunfarReference:
         return None if found is None else _full_meaning(request, *found)
 
     def _short_meaning(self, request: list[int], frame: bytes) -> dict[str, int] | None:
-        """2.4.5: after the response come two zeros and the checksum."""
+        """Read a short reply: after the response come two zeros and the checksum (2.4.5)."""
         found = self._read(frame, SHORT)
         if found is None or found[0][0] != request[0] or found[0][2] != 0:
             return None

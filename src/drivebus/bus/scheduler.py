@@ -333,5 +333,5 @@ def _sync_due_since(station: Station) -> float:
 
 
 def _is_command(prepared: PreparedRequest) -> bool:
-    """Stops have a priority of their own, whatever priority they were requested with."""
+    """Return whether a stop of its station withdraws the request; a stop has another priority, whatever was given."""
     return prepared.priority is RequestPriority.COMMAND or prepared.effect is Effect.MOTION

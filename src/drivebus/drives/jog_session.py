@@ -105,11 +105,11 @@ class JogSession:
         return raise_for_status(outcome, stop=True)
 
     def _may_be_running(self) -> bool:
-        """Whether a frame that moves may have left: otherwise a stop would be that of another command."""
+        """Return whether a frame that moves may have left: otherwise a stop would be that of another command."""
         return self._op is not None and self._op.may_be_running
 
     def _motion_age_s(self) -> float:
-        """Seconds since the last bit of the frame that moves."""
+        """Return the seconds since the last bit of the frame that moves."""
         result = None if self._op is None else self._op.last_motion_result
         if result is None or result.sent_at is None:
             return 0.0

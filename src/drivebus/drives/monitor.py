@@ -25,7 +25,7 @@ READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and
 
 
 def status_polls(dialect: Dialect, names: tuple[str, ...], min_period_s: float = 0.0) -> list[Poll]:
-    """Polls of these signals, of the state and of the fault, none more often than every ``min_period_s``."""
+    """Return polls of these signals, of the state and of the fault, none more often than every ``min_period_s``."""
     polls = dialect.polls(names)
     known = {request for request, _ in polls}
     faults = tuple((request, FAULT_POLL_PERIOD_S) for request in dialect.fault_reads() if request not in known)

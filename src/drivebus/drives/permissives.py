@@ -156,7 +156,7 @@ def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[
 def _check_drive_state(
     command: DriveCommand, effect: Effect, conditions: BusConditions, evidence: DriveEvidence
 ) -> None:
-    """A start or jog begins at standstill; a setpoint whose frame may move (DZB100) only changes a run."""
+    """Check the state: a start or jog begins at standstill, a setpoint whose frame may move (DZB100) changes a run."""
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
     if not evidence.reports_run_state:

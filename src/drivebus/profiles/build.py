@@ -90,7 +90,7 @@ def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
 
 
 def _has_assumed_step(parsed: ProfileIn) -> bool:
-    """Whether nothing proves the step of the setpoint, and no option of the file or of its family asks for it."""
+    """Return whether nothing proves the step of the setpoint and no option of the file or its family asks for it."""
     asked = {m.SETPOINT_STEP} & parsed.options.keys() or protocol_family(parsed.family).scale_option
     return parsed.setpoint.is_assumed and not asked
 

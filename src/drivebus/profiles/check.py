@@ -201,7 +201,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _has_sync_registers(profile: ProfileIn) -> bool:
-    """Whether two neighbouring registers can be read at once, one of which is read anyway: a sync probe reads both."""
+    """Return whether two neighbouring registers, one of which is read anyway, can be read at once by a sync probe."""
     signals = {_locator_of(profile, one.notation, one) for one in profile.signals.values()}
     readable = {name: _locator_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
     signals |= {(profile.status.space, profile.status.register_)} if profile.status else set()

@@ -128,7 +128,7 @@ def _find_overlaps(path: tuple[str, ...], bits: dict[Any, BitIn]) -> Iterator[Is
 
 
 def _is_shared_stop(first: str, second: str) -> bool:
-    """Whether both are stops: a jog may end with the ordinary stop."""
+    """Return whether both are stops: a jog may end with the ordinary stop."""
     return {first, second} == {"stop", "jog_stop"}
 
 

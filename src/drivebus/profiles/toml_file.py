@@ -93,7 +93,7 @@ def line_of(text: str, path: Sequence[str | int]) -> int | None:
 
 
 def has_key(text: str, path: Sequence[str | int]) -> bool:
-    """Whether the key itself, not only a parent, is in the text."""
+    """Return whether the key itself, not only a parent, is in the text."""
     wanted = tuple(str(part) for part in path)
     return any(found == wanted for found, _ in iter_keys(text))
 

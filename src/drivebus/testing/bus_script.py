@@ -23,7 +23,7 @@ Wire = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 
 
 def silent_wire(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
-    """Wire without a station."""
+    """Answer nothing, as a wire without a station."""
     return ()
 
 

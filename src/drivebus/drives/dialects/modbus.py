@@ -171,7 +171,7 @@ class ModbusDialect(Dialect):
         return writes is not None and all(self._is_mapped(write) for write in writes)
 
     def _is_addressed_here(self, frame: bytes) -> bool:
-        """Only a stop is ever broadcast, and a stop needs no permit."""
+        """Return whether a frame is for this drive alone: only a stop is ever broadcast, and it needs no permit."""
         address = int(frame[1:3], 16) if self.codec.encoding == "ascii" else frame[0]
         return address == self.address
 
@@ -461,7 +461,7 @@ def _is_terminal_word(parameter: Parameter) -> bool:
 
 
 def _with_end_silence(timing: StationTiming, encoding: str) -> StationTiming:
-    """An RTU station recognises the end of a request by 3.5 characters of silence, after which its delay begins."""
+    """Return the timing with the 3.5 characters of silence after which the reply delay of an RTU station begins."""
     if encoding != "rtu":
         return timing
     return replace(timing, reply_delay_characters=max(timing.reply_delay_characters, RTU_END_SILENCE_CHARACTERS))

@@ -33,12 +33,12 @@ def _with_space(parse: _Parse) -> _Parse:
 
 
 def _parse_hundreds(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``F1.07`` to group x 100 + item."""
+    """Parse ``F1.07`` as group x 100 + item."""
     return _parse_grouped(text, highest, lambda group, item: group * 100 + item)
 
 
 def _parse_consecutive(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``F00.02`` to an index over all groups, from the sizes of the groups before it."""
+    """Parse ``F00.02`` as an index over all groups, from the sizes of the groups before it."""
     return _parse_grouped(text, highest, lambda group, item: _consecutive_index(group, item, group_sizes))
 
 
@@ -54,7 +54,7 @@ def _parse_grouped(text: str, highest: int, index_of: Callable[[int, int], int])
 
 
 def _parse_register(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``3002H``, ``0x3002`` or ``12290``."""
+    """Parse ``3002H``, ``0x3002`` or ``12290``."""
     if _is_hexadecimal(text):
         return _parse_hexadecimal(text)
     return ("holding", int(text)) if _DECIMAL.fullmatch(text) and int(text) <= highest else None
@@ -66,7 +66,7 @@ def _parse_hexadecimal(text: str) -> Locator | None:
 
 
 def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
-    """An item above 0 must be known to be in its group; item 0 of a group always is."""
+    """Return the index of an item. Raises ProfileError where it is not known to be in its group; item 0 always is."""
     known = {int(name[1:]): size for name, size in sizes.items()}
     lacking = [each for each in range(group) if each not in known]
     if group not in known and item > 0:

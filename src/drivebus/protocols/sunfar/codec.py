@@ -412,7 +412,7 @@ def _check_write_echo(request: SunfarWriteParameter, reply: SunfarReply) -> None
 
 
 def _is_own_echo(request: SunfarWriteParameter, reply: SunfarReply) -> bool:
-    """Whether the bytes are the request itself: class 3 reads as response 3, operation 00 as "not ready"."""
+    """Return whether the bytes are the request itself: class 3 reads as response 3, operation 00 as "not ready"."""
     return not request.save and reply.response is SunfarResponse.PASSWORD and reply.state is SunfarState.NOT_READY
 
 

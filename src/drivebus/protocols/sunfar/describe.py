@@ -115,7 +115,7 @@ def _is_request(data: bytes, fmt: FieldFormat) -> bool:
 
 
 def _begins_with_frame(data: bytes, fmt: FieldFormat, *layouts: FrameLayout) -> bool:
-    """Whether the first bytes are a whole frame of one of these layouts."""
+    """Return whether the first bytes are a whole frame of one of these layouts."""
     return any(len(data) >= layout.size and _is_readable(fmt, layout, data[: layout.size]) for layout in layouts)
 
 
@@ -255,7 +255,7 @@ def _check_standalone(data: bytes, fmt: FieldFormat) -> None:
 
 
 def _is_identity_only(data: bytes) -> bool:
-    """Whether byte 7 of a hex frame is a digit of its own; a packed item leaves it 0."""
+    """Return whether byte 7 of a hex frame is a digit of its own; a packed item leaves it 0."""
     return data[7] != 0 and _is_readable(PackedFormat(), IDENTITY_LAYOUT, data[: IDENTITY_LAYOUT.size])
 
 
@@ -402,7 +402,7 @@ def _frame_errata(data: bytes, fmt: FieldFormat, layout: FrameLayout, raw: Frame
 
 
 def _is_checksum_misspelled(frame: bytes, plain: FieldFormat, layout: FrameLayout) -> bool:
-    """Whether the checksum is right but in another spelling, with canonical fields."""
+    """Return whether the checksum is right but in another spelling, with canonical fields."""
     tolerant: FieldFormat = AsciiFormat(TOLERANT_HEX_DIGITS) if isinstance(plain, AsciiFormat) else MixedFormat()
     return _is_readable(tolerant, layout, frame) and not _is_readable(plain, layout, frame)
 

@@ -190,7 +190,7 @@ def _read_mixed(layout: FrameLayout, frame: bytes) -> FrameFields:
 
 
 def _is_nibble_field(raw: bytes) -> bool | None:
-    """True, False, or None where the bytes fit both encodings (always so for a one-byte digit)."""
+    """Return whether each byte of a field holds one digit; None where the bytes fit both encodings."""
     if any(raw[: len(raw) // 2]):
         return True
     return False if max(raw) > 0x0F else None

@@ -135,7 +135,7 @@ def _no_response(setting: AlarmConfig, view: DriveView) -> Observation:
 
 
 def _stale(setting: AlarmConfig, view: DriveView) -> Observation:
-    """Violated if the signal, or without one any signal that was ever read, has bad quality."""
+    """Observe whether the signal, or without one any signal that was ever read, has bad quality."""
     named = setting.signal
     wanted = [name for name in view.signals if name == named] if named else [*view.signals]
     bad = [

@@ -193,17 +193,17 @@ class Operation:
             raise params_error(self.name, pydantic_faults(error.errors(include_url=False))) from error
 
     def all_param_schemas(self) -> Json:
-        """JSON schemas of the parameters, by name, without references."""
+        """Return the JSON schemas of the parameters, by name, without references."""
         schema = self.params.model_json_schema()
         found: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
         return found
 
     def param_schemas(self) -> Json:
-        """JSON schemas of the parameters outside the path, by name."""
+        """Return the JSON schemas of the parameters outside the path, by name."""
         return {name: schema for name, schema in self.all_param_schemas().items() if name not in self.path_params}
 
     def required_params(self) -> list[str]:
-        """Names of ``param_schemas`` that must be given."""
+        """Return the names of ``param_schemas`` that must be given."""
         required = self.params.model_json_schema().get("required", [])
         return [name for name in required if name not in self.path_params]
 
