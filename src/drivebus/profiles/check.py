@@ -6,13 +6,13 @@ The checks yield issues and never raise. What a protocol family allows comes fro
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from drivebus.errors import ProfileError
 from drivebus.profiles.check_access import block_registers, check_access, check_codes, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
-from drivebus.profiles.diagnostics import Issue, issue, nearest_names
+from drivebus.profiles.diagnostics import Issue, issue, join_values, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, USUAL_STEPS_HZ, NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import (
@@ -75,9 +75,9 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
         except ValueError:
             yield issue("serial_format", path, text)
     if serial.format not in serial.formats:
-        yield issue("not_in", ("serial", "format"), serial.format, choices=_join(serial.formats))
+        yield issue("not_in", ("serial", "format"), serial.format, choices=join_values(serial.formats))
     if serial.baud not in serial.bauds:
-        yield issue("not_in", ("serial", "baud"), serial.baud, choices=_join(serial.bauds))
+        yield issue("not_in", ("serial", "baud"), serial.baud, choices=join_values(serial.bauds))
     yield from _check_waits(profile)
 
 
@@ -129,9 +129,9 @@ def _check_family(profile: ProfileIn) -> Iterator[Issue]:
     family = protocol_family(profile.family)
     for encoding in profile.encodings:
         if encoding not in family.encodings:
-            yield issue("choice", ("encodings",), encoding, choices=_join(family.encodings))
+            yield issue("choice", ("encodings",), encoding, choices=join_values(family.encodings))
     if profile.notation.style not in family.notations:
-        choices = _join(family.notations)
+        choices = join_values(family.notations)
         yield issue("choice", ("notation", "style"), profile.notation.style, related=(("family",),), choices=choices)
 
 
@@ -190,7 +190,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the model has a function to write one register, and one to read."""
     functions = profile.modbus.functions if profile.modbus else []
     if profile.modbus is not None and not {6, 16} & set(functions):
-        yield issue("missing_key", ("modbus", "functions"), _join(functions), name="6 / 16")
+        yield issue("missing_key", ("modbus", "functions"), join_values(functions), name="6 / 16")
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
@@ -236,9 +236,9 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
         maximum = parameter.maximum_option
         numbers = [name for name, option in profile.options.items() if option.span]
         if maximum is not None and maximum not in numbers:
-            yield issue("choice", ("parameters", notation, "maximum_option"), maximum, choices=_join(numbers))
+            yield issue("choice", ("parameters", notation, "maximum_option"), maximum, choices=join_values(numbers))
         if parameter.caveat is not None and parameter.caveat not in profile.caveats:
-            known = _join(profile.caveats)
+            known = join_values(profile.caveats)
             yield issue("choice", ("parameters", notation, "caveat"), parameter.caveat, choices=known)
 
 
@@ -253,16 +253,18 @@ def _check_options(profile: ProfileIn) -> Iterator[Issue]:
     options = {name: option for name, option in profile.options.items() if _is_described(option)}
     for name, option in profile.options.items():
         if name not in options:
-            known = _join(nearest_names(name, options) or options)
+            known = join_values(nearest_names(name, options) or options)
             yield issue("unknown_key", ("options", name, "value"), name, known=known)
         elif not _is_allowed(option):
             span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
-            yield issue("choice", ("options", name, "value"), option.value, choices=_join([*option.choices, *span]))
+            yield issue(
+                "choice", ("options", name, "value"), option.value, choices=join_values([*option.choices, *span])
+            )
     for option_name, variants in profile.commands.variants.items() if profile.commands else ():
         choices = [str(choice) for choice in options[option_name].choices] if option_name in options else []
         for value in variants:
             if value not in choices:
-                yield issue("choice", ("commands", "variants", option_name, value), value, choices=_join(choices))
+                yield issue("choice", ("commands", "variants", option_name, value), value, choices=join_values(choices))
 
 
 def _is_described(option: OptionIn) -> bool:
@@ -277,10 +279,6 @@ def _is_allowed(option: OptionIn) -> bool:
     if not option.choices and not option.span:
         return True
     return any(value == choice and type(value) is type(choice) for choice in option.choices)
-
-
-def _join(values: Iterable[object]) -> str:
-    return ", ".join(map(str, values)) or "-"
 
 
 def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
@@ -320,7 +318,7 @@ def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the register of the identity is that of a signal: its polls then show the model."""
     registers = {_register_of(profile, one.notation, one) for one in profile.signals.values()} - {None}
     if profile.identity is not None and profile.identity.register_ not in registers:
-        choices = _join(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
+        choices = join_values(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
         yield issue("choice", ("identity", "register"), f"{profile.identity.register_:04X}H", choices=choices)
     yield from check_codes(profile)
 
@@ -411,7 +409,7 @@ def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
     steps = setpoint.factor in USUAL_STEPS_HZ and setpoint.full_scale is None and setpoint.rpm is None
     if setpoint.is_assumed and not steps:
         shown = setpoint.full_scale or setpoint.rpm or setpoint.factor
-        usual = _join(f"{step:g}" for step in USUAL_STEPS_HZ)
+        usual = join_values(f"{step:g}" for step in USUAL_STEPS_HZ)
         related = tuple(("setpoint", name) for name in ("full_scale", "rpm", "factor"))
         yield issue("setpoint_evidence", ("setpoint", "evidence"), shown, related=related, usual=usual)
     if setpoint.rpm is not None and not protocol_family(profile.family).register_based:

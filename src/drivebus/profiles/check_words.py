@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
-from drivebus.profiles.diagnostics import Issue, KeyPath, issue
+from drivebus.profiles.diagnostics import Issue, KeyPath, issue, join_values
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.profiles.schema import BitIn, CommandsIn, ProfileIn
 
@@ -24,7 +24,7 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
         table = getattr(profile, section)
         if table is not None and bool(table.bits) is bool(table.values):
             yield issue(
-                "bits_or_values", (section,), _join(kind for kind in ("bits", "values") if getattr(table, kind))
+                "bits_or_values", (section,), join_values(kind for kind in ("bits", "values") if getattr(table, kind))
             )
     yield from _check_masks(profile)
     yield from _check_whole_words(profile)
@@ -220,7 +220,3 @@ def is_word(digits: str) -> bool:
     """Return whether the digits are a 16-bit number without leading zeros, which would allow the same word twice."""
     is_short = len(digits) <= 5 and digits.isascii() and digits.isdecimal()
     return is_short and int(digits) <= 0xFFFF and digits == str(int(digits))
-
-
-def _join(values: Iterable[object]) -> str:
-    return ", ".join(map(str, values)) or "-"

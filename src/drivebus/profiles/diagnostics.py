@@ -115,8 +115,13 @@ def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DE
     )
 
 
-def _text_key(room: str, part: str, kind: str) -> str:
-    own = f"{room}.{part}.{kind}"
+def join_values(values: Iterable[object]) -> str:
+    """Return values as one text, as a diagnostic names what was found or what may be chosen."""
+    return ", ".join(map(str, values)) or "-"
+
+
+def _text_key(catalogue: str, part: str, kind: str) -> str:
+    own = f"{catalogue}.{part}.{kind}"
     return own if i18n.known(own) else f"{DEFAULT_CATALOGUE}.{part}.{kind}"
 
 

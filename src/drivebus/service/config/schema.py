@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
-from drivebus.profiles.schema import LanguageCode, table_of_text
+from drivebus.profiles.schema import LanguageCode, StrictTable, table_of_text
 from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig
 
@@ -32,31 +32,25 @@ PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 OptionValue = str | int | float | bool
 
 
-class StrictModel(BaseModel):
-    """Base of all tables: no unknown keys, no coercion."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
-
-
 Title = Annotated[dict[LanguageCode, ShortText], BeforeValidator(table_of_text)]
 """Title by language. A plain string, or a table of one language, serves for all."""
 
 
-class PlantTable(StrictModel):
+class PlantTable(StrictTable):
     id: Id
     title: Title | None = None
     directory: PathText | None = None
     users: PathText | None = None
 
 
-class BusTable(StrictModel):
+class BusTable(StrictTable):
     link: Annotated[str, Field(min_length=1, max_length=1000)]
     baud: Annotated[int | None, Field(ge=50, le=4_000_000)] = None
     format: str | None = None
     title: Title | None = None
 
 
-class LimitsTable(StrictModel):
+class LimitsTable(StrictTable):
     minimum_hz: Hertz = 0.0
     maximum_hz: Hertz | None = None
     forward: bool = True
@@ -64,7 +58,7 @@ class LimitsTable(StrictModel):
     eeprom_writes_per_day: Annotated[int, Field(ge=0, le=10_000)] = DEFAULT_EEPROM_WRITES_PER_DAY
 
 
-class DriveTable(StrictModel):
+class DriveTable(StrictTable):
     bus: Id
     address: Annotated[int, Field(ge=0, le=255)]
     model: PathText
@@ -79,7 +73,7 @@ class DriveTable(StrictModel):
     on_restart: Literal["adopt", "stop"] = "adopt"
 
 
-class GroupTable(StrictModel):
+class GroupTable(StrictTable):
     drives: Annotated[list[Id], Field(min_length=1)]
     title: Title | None = None
     start_interval_s: Seconds = 0.0
@@ -88,7 +82,7 @@ class GroupTable(StrictModel):
     ratios: dict[Id, Annotated[float, Field(ge=0.01, le=100)]] = {}
 
 
-class InterlockTable(StrictModel):
+class InterlockTable(StrictTable):
     drives: Annotated[list[Id], Field(min_length=1)]
     require: Expression
     action: Literal["stop", "block_start"] = "stop"
@@ -100,7 +94,7 @@ AlarmKindName = Literal["above", "below", "fault", "no_response", "stale"]
 assert set(AlarmKindName.__args__) == set(AlarmKind)  # type: ignore[attr-defined]
 
 
-class AlarmTable(StrictModel):
+class AlarmTable(StrictTable):
     kind: AlarmKindName
     drives: list[Id] = []
     signal: str | None = None
@@ -114,32 +108,32 @@ class AlarmTable(StrictModel):
 _HISTORY = HistoryConfig()
 
 
-class RetentionTable(StrictModel):
+class RetentionTable(StrictTable):
     raw_days: Days = _HISTORY.retention.raw_days
     rollup_1s_days: Days = _HISTORY.retention.rollup_1s_days
     rollup_1min_days: Days = _HISTORY.retention.rollup_1min_days
     rollup_1h_days: Days = _HISTORY.retention.rollup_1h_days
 
 
-class HistoryTable(StrictModel):
+class HistoryTable(StrictTable):
     url: Annotated[str, Field(max_length=1000)] | None = None
     max_size_mb: Annotated[float, Field(ge=10, le=100_000_000)] = _HISTORY.max_size_mb
     retention: RetentionTable = RetentionTable()
 
 
-class AuditTable(StrictModel):
+class AuditTable(StrictTable):
     checkpoints: PathText | None = None
     key: PathText | None = None
     head: PathText | None = None
 
 
-class GatewayTable(StrictModel):
+class GatewayTable(StrictTable):
     """Base of the table of every gateway, ``[gateway.<name>]``."""
 
     enabled: bool = True
 
 
-class GatewayTables(StrictModel):
+class GatewayTables(StrictTable):
     """Tables of the gateways: ``plant_file_schema`` makes the subclass with a field for each installed one."""
 
     def configured(self) -> Iterator[tuple[str, GatewayTable]]:
@@ -147,7 +141,7 @@ class GatewayTables(StrictModel):
         return ((name, table) for name, table in self if isinstance(table, GatewayTable))
 
 
-class PlantFile(StrictModel):
+class PlantFile(StrictTable):
     """Whole file. ``service.config.gateways.plant_file_schema`` adds the tables of the installed gateways."""
 
     format: int

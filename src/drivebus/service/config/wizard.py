@@ -16,9 +16,10 @@ from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_s
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
 from drivebus.profiles.model import SETPOINT_STEP
+from drivebus.profiles.schema import StrictTable
 from drivebus.profiles.toml_file import line_of, toml_string
 from drivebus.service.config.load import CATALOGUE, config_error, syntax_diagnostic, unreadable_file_diagnostic
-from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText, StrictModel
+from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class PlantAnswers:
     buses: tuple[BusAnswer, ...]
 
 
-class _BusAnswerIn(StrictModel):
+class _BusAnswerIn(StrictTable):
     link: Annotated[str, Field(min_length=1, max_length=1000)]
     model: ShortText
     addresses: Annotated[str, Field(pattern=r"^[0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?)*$")]
@@ -65,7 +66,7 @@ class _BusAnswerIn(StrictModel):
     encoding: str | None = None
 
 
-class _PlantAnswersIn(StrictModel):
+class _PlantAnswersIn(StrictTable):
     title: ShortText = "plant"
     bus: Annotated[list[_BusAnswerIn], Field(min_length=1)]
 
