@@ -36,7 +36,7 @@ else
 endif
 
 check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
-	$(BIN)/python -m pytest tests/test_quality_gates.py $(ARGS)
+	$(BIN)/python -m pytest tests/test_quality_gates.py tests/test_docs.py::test_the_generated_parts_are_up_to_date $(ARGS)
 
 docs: $(VENV)/.test ## Write the generated pages again
 	$(BIN)/python docs/generate.py
@@ -44,7 +44,7 @@ docs: $(VENV)/.test ## Write the generated pages again
 bench: $(VENV)/.test ## Benchmarks beside their peers; writes docs/reports/
 	$(BIN)/python -m benchmarks $(ARGS)
 
-coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and gate that their tests run; writes docs/reports/
+coverage: $(VENV)/.test ## Branches of protocols, transaction, scheduler and permissives that their tests run; writes docs/reports/
 	$(BIN)/python -m coverage run -m pytest -q -p no:cacheprovider tests/protocols tests/bus tests/families tests/profiles tests/drives/test_permissives.py
 	PYTHONPATH=tests $(BIN)/python -m coverage_report $(ARGS)
 

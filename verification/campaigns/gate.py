@@ -1,4 +1,4 @@
-"""``gate``: model check of the motion gate; no path leads to a frame that moves a motor without all permissives.
+"""``gate``: model check of the permissives; no path leads to a frame that moves a motor without all permissives.
 
 Explicit states are searched breadth first until no new one is found: the real permissives, operation, permit and bus
 core of each model and command kind, on a grid of time, against a permit monitor with its own records and its own

@@ -1,1 +1,1 @@
-"""Model check of the motion gate: every state from which a frame that moves a motor could be sent."""
+"""Model check of the permissives: every state from which a frame that moves a motor could be sent."""

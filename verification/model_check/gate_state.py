@@ -44,7 +44,7 @@ class TransitionEvents:
     refused: list[tuple[str, ...]] = field(default_factory=list)
     """Missing conditions of each frame that the bus rejected."""
     denied: list[tuple[str, ...]] = field(default_factory=list)
-    """Missing conditions of each permit that the gate refused."""
+    """Missing conditions of each permit that the permissives refused."""
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""Inputs of the motion gate: all combinations of what a drive and its bus may have shown.
+"""Inputs of the permissives: all combinations of what a drive and its bus may have shown.
 
 Any combination may hold at any instant, which covers every order of readings and checks. The permit comes from the real
 operation with the bus's own conditions.
@@ -137,7 +137,7 @@ def bus_snapshot(core: BusCore, now: float) -> BusConditions:
 def request_permit(
     subject: ModelSubject, command: DriveCommand, place: int, bus_state: BusConditions, shown: PermissiveInputs
 ) -> Permit | None:
-    """Return the permit of the real gate; None where it refuses."""
+    """Return the permit of the real permissives; None where they refuse."""
     op, now = subject.op, bus_state.now
     op.derived, op.limits_checked = DerivedState(shown.state), shown.limits
     op.drive.preflight = CHECK_RESULTS[shown.preflight]

@@ -33,7 +33,7 @@ class SearchDomain:
 
 @dataclass(frozen=True, slots=True)
 class PermitDecision:
-    """Decisions of the gate on every combination of inputs in one situation."""
+    """Decisions of the permissives on every combination of inputs in one situation."""
 
     combinations: int
     sole_reasons: frozenset[str]
@@ -166,7 +166,7 @@ class StateSearch:
         return f"{self.subject.name}: " + " > ".join(reversed(events))
 
     def _decide(self, state: GateState, place: int) -> PermitDecision:
-        """Return the decisions of the gate, computed once for each situation."""
+        """Return the decisions of the permissives, computed once for each situation."""
         situation = state.command_key(), state.monitor.latched, state.shadow, place
         found = self._decisions.get(situation)
         if found is None:
@@ -176,7 +176,7 @@ class StateSearch:
 
 
 def decide_permit(subject: ModelSubject, state: GateState, place: int, small: bool) -> PermitDecision:
-    """Let the gate decide on every combination of inputs."""
+    """Let the permissives decide on every combination of inputs."""
     assert state.command is not None and state.model_command is not None
     subject.command_word = state.shadow
     events = permissive_inputs.bus_snapshot(state.core, state.now)
