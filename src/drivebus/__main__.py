@@ -7,10 +7,12 @@ import sys
 from drivebus.cli.extras import require_extra
 from drivebus.errors import ConfigurationError
 from drivebus.i18n import preferred
+from drivebus.terminal import open_missing_streams
 
 
 def main() -> None:
     """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2."""
+    open_missing_streams()
     try:
         require_extra("cli")
     except ConfigurationError as error:

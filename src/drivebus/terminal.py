@@ -1,4 +1,4 @@
-"""The terminal of this process: whether it was closed, and the output after that."""
+"""Terminal and standard streams of this process: whether they are closed, and the output after that."""
 
 from __future__ import annotations
 
@@ -7,6 +7,21 @@ import os
 import stat
 import sys
 from contextlib import suppress
+from typing import TextIO
+
+
+def open_missing_streams() -> None:
+    """Open the null device in the place of each standard stream that was closed when the process began.
+
+    Otherwise the first file or port that is opened would get its number, and Python's stream would be None.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            null_device = os.open(os.devnull, os.O_RDWR)  # with the lowest free number, which is this one
+            os.set_inheritable(null_device, True)
+            setattr(sys, name, os.fdopen(null_device, mode, encoding="utf-8"))
 
 
 def terminal_is_closed() -> bool:
@@ -18,14 +33,25 @@ def terminal_is_closed() -> bool:
     return False
 
 
-def discard_output(*, redirected: bool = True) -> None:
-    """Discard all further output, which would fail: at the end of the process too, with exit code 120.
+def discard_terminal_output() -> None:
+    """Discard all further output to a terminal, which was closed; files and pipes still get theirs."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            if stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+                discard_output(stream)
 
-    ``redirected`` False: only that to a terminal; files and pipes still get theirs.
-    """
-    with suppress(OSError, ValueError):
-        devnull = os.open(os.devnull, os.O_WRONLY)
-        for stream in (sys.stdout, sys.stderr):
-            if redirected or stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
-                os.dup2(devnull, stream.fileno())
-        os.close(devnull)
+
+def print_line(text: str, stream: TextIO) -> None:
+    """Print a line at once; a stream that can't be written gets no further output."""
+    try:
+        print(text, file=stream, flush=True)
+    except OSError:
+        discard_output(stream)
+
+
+def discard_output(stream: TextIO) -> None:
+    """Discard all further output to a stream, which would fail: at the end of the process too, with exit code 120."""
+    with suppress(OSError, ValueError):  # a stream of a test has no descriptor
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, stream.fileno())
+        os.close(null_device)

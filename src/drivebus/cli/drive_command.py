@@ -17,7 +17,7 @@ from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.stop_errors import interruption_is_unconfirmed, stop_errors
+from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def drive_command(
     """
 
     def run_stop(**given: Any) -> ExitCode:
-        with interruption_is_unconfirmed(dry_run=given["dry_run"]), stop_errors(given["drive"]):
+        with stop_to_the_end(dry_run=given["dry_run"]), stop_errors(given["drive"]):
             return run(**given)
 
     def run(**given: Any) -> ExitCode:

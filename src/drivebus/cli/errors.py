@@ -47,8 +47,9 @@ def exit_code_of(error: BaseException) -> ExitCode:
 def report_error(error: DrivebusError) -> ExitCode:
     """Print an error on standard error, and as a document with ``--json``; return its exit code."""
     code = exit_code_of(error)
-    print_error(error)
-    output.print_json(error_json(error) | {"exit": int(code)}, stream=True)
+    with output.continue_without_output():
+        print_error(error)
+        output.print_json(error_json(error) | {"exit": int(code)}, stream=True)
     return code
 
 
@@ -64,9 +65,9 @@ def print_error(error: DrivebusError) -> None:
     outcome = getattr(error, "outcome", None)
     for note in outcome.note_texts(output.language()) if outcome is not None else ():
         if note != sentence:
-            click.echo(output.wrap_for(note, sys.stderr, indent=2), err=True)
+            output.echo(output.wrap_for(note, sys.stderr, indent=2), err=True)
     if hint := error_hint(error):
-        click.echo(output.wrap_for(hint, sys.stderr), err=True)
+        output.echo(output.wrap_for(hint, sys.stderr), err=True)
 
 
 def error_json(error: DrivebusError) -> dict[str, Any]:
@@ -110,10 +111,11 @@ def report_usage(error: click.ClickException) -> ExitCode:
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "drivebus"
     sentence = usage_text(error)
-    _print_error_line(sentence)
-    click.echo(output.text("cli.try_help", command=path), err=True)
     described = {"type": "UsageError", "key": "cli.usage", "text": sentence, "scope": "configuration"}
-    output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
+    with output.continue_without_output():
+        _print_error_line(sentence)
+        output.echo(output.text("cli.try_help", command=path), err=True)
+        output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
     return ExitCode.USAGE
 
 
@@ -150,7 +152,7 @@ def _parameter_name(error: click.BadParameter) -> str:
 
 def _print_error_line(sentence: str) -> None:
     text = output.wrap_for(f"drivebus: {sentence}", sys.stderr)
-    click.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True)
+    output.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True)
 
 
 def supports_colour(stream: Any) -> bool:

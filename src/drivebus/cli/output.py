@@ -6,7 +6,8 @@ import json
 import re
 import sys
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import click
 
 from drivebus import i18n
+from drivebus.terminal import discard_output
 
 _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
 _MAX_PAGE_CELLS = 98  # lines of text are no longer, however wide the terminal is
@@ -77,28 +79,52 @@ def text(key: str, /, **params: Any) -> str:
 
 # --- printing -----------------------------------------------------------------------------------------------------
 
+_continues: ContextVar[bool] = ContextVar("drivebus_continues_without_output", default=False)
+
+
+@contextmanager
+def continue_without_output() -> Iterator[None]:
+    """Let the block go on where its output can't be written: a full disk or a closed pipe must not prevent a stop."""
+    before = _continues.set(True)
+    try:
+        yield
+    finally:
+        _continues.reset(before)
+
+
+def echo(ready: str, *, err: bool = False) -> None:
+    """Print a text as it is, on standard output or ``err``. Raises OSError, but not in ``continue_without_output``."""
+    try:
+        click.echo(ready, err=err)
+    except OSError as error:
+        if not _continues.get():
+            raise
+        discard_output(sys.stderr if err else sys.stdout)
+        if not err:
+            print_note("cli.output_lost", reason=error.strerror or error)
+
 
 def print_message(key: str, /, **params: Any) -> None:
     """Print a sentence on standard output; nothing with ``--json``."""
     if not as_json():
-        click.echo(wrap_for(text(key, **params), sys.stdout))
+        echo(wrap_for(text(key, **params), sys.stdout))
 
 
 def print_note(key: str, /, **params: Any) -> None:
     """Print a sentence on standard error: progress, warnings, hints."""
-    click.echo(wrap_for(text(key, **params), sys.stderr), err=True)
+    echo(wrap_for(text(key, **params), sys.stderr), err=True)
 
 
 def print_text(ready: str) -> None:
     """Print a text on standard output as it is; nothing with ``--json``."""
     if not as_json():
-        click.echo(ready)
+        echo(ready)
 
 
 def print_json(value: Any, *, stream: bool = False) -> None:
     """Print a JSON document with ``--json``; ``stream`` puts it on one line."""
     if as_json():
-        click.echo(json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value))
+        echo(json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value))
 
 
 def to_json_value(value: Any) -> Any:
@@ -221,7 +247,10 @@ def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], stream: Any
 
 
 class ProgressBar:
-    """Progress bar on standard error with a description and the remaining time; nothing if it is no terminal."""
+    """Progress bar on standard error with a description and the remaining time; nothing if it is no terminal.
+
+    A terminal that was closed is no error: the work goes on.
+    """
 
     def __init__(self) -> None:
         self._bar: Any = None
@@ -240,7 +269,8 @@ class ProgressBar:
 
     def __exit__(self, *exc: object) -> None:
         if self._bar is not None:
-            self._bar.stop()
+            with suppress(OSError):
+                self._bar.stop()
 
     def update(self, description: str, done: float, total: float) -> None:
         """Show ``done`` of ``total`` seconds."""

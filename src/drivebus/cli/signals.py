@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
-from drivebus.terminal import discard_output
+from drivebus.terminal import discard_terminal_output
 
 T = TypeVar("T")
 
@@ -88,6 +88,6 @@ def shutdown_signals(*, may_suspend: bool = True) -> Iterator[ShutdownSignal]:
 
 
 def _on_signal(shutdown: ShutdownSignal, name: str) -> None:
-    if name == "SIGHUP":
-        discard_output(redirected=False)  # a failed write must not interrupt a stop
     shutdown.request(name)
+    if name == "SIGHUP":
+        discard_terminal_output()  # a failed write must not interrupt a stop

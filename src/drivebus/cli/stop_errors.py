@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from drivebus.cli import output
 from drivebus.errors import OutcomeUnknown, PortUnavailable, ServiceUnavailable, StopUnconfirmed
+from drivebus.terminal import discard_terminal_output
 from drivebus.values import Text
 
 
@@ -24,11 +28,30 @@ def stop_errors(name: str | None) -> Iterator[None]:
 
 
 @contextmanager
-def interruption_is_unconfirmed(*, dry_run: bool) -> Iterator[None]:
-    """Raise StopUnconfirmed where Ctrl-C ends a stop: it is not known whether it was sent. A dry run sends none."""
+def stop_to_the_end(*, dry_run: bool) -> Iterator[None]:
+    """Send and confirm a stop although the terminal is closed or the output can't be written.
+
+    Raises StopUnconfirmed where Ctrl-C ends it: it is not known whether it was sent. A dry run sends none.
+    """
+    if dry_run:
+        yield
+        return
+    try:
+        with output.continue_without_output(), _closed_terminal_is_ignored():
+            yield
+    except KeyboardInterrupt:
+        raise StopUnconfirmed("bus_stop.interrupted") from None
+
+
+@contextmanager
+def _closed_terminal_is_ignored() -> Iterator[None]:
+    """Ignore the signal of a closed terminal, unless it is ignored already (``nohup``)."""
+    hangup: Any = getattr(signal, "SIGHUP", None)
+    if hangup is None or signal.getsignal(hangup) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(hangup, lambda *_: discard_terminal_output())
     try:
         yield
-    except KeyboardInterrupt:
-        if dry_run:
-            raise
-        raise StopUnconfirmed("bus_stop.interrupted") from None
+    finally:
+        signal.signal(hangup, signal.SIG_DFL)

@@ -12,6 +12,7 @@ from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.service.process.tuning import relax_gc
+from drivebus.terminal import print_line
 from drivebus.web.app import make_app
 from drivebus.web.gateway import WebConfig
 from drivebus.web.server import HttpServer, listen_host
@@ -45,7 +46,7 @@ def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebCo
     # Before the address, whose reader may use the secret at once.
     secret = auth.setup_secret.issue() if auth.needs_setup else None
     if arguments.address_output != "not":
-        print(json.dumps({"page": address}) if arguments.address_output == "json" else address, flush=True)
+        print_line(json.dumps({"page": address}) if arguments.address_output == "json" else address, sys.stdout)
     if secret is not None:
         _print_notice("auth.setup_secret", address=address, secret=secret, file=str(auth.setup_secret.path))
     if listen_host(arguments.settings, auth) != arguments.settings.host:
@@ -53,7 +54,7 @@ def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebCo
 
 
 def _print_notice(key: str, **params: str) -> None:
-    print(i18n.text(key, i18n.preferred(), **params), file=sys.stderr, flush=True)
+    print_line(i18n.text(key, i18n.preferred(), **params), sys.stderr)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,6 @@ OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" 
 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
-    from drivebus.terminal import discard_output
 
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
@@ -41,7 +40,6 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
             try:
                 code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
             except OSError:  # the terminal or the pipe is gone
-                discard_output()
                 code = ExitCode.INTERRUPTED
             except BaseException as error:
                 if not nothing_moved(error):
@@ -182,8 +180,8 @@ def _print_remark(remark: Remark) -> None:
 
 def _end_line() -> None:
     """End the line that ``_redraw`` draws again and again on a terminal."""
-    if sys.stdout.isatty() and not output.as_json():
-        click.echo()
+    if sys.stdout.isatty():
+        output.print_text("")
 
 
 def _redraw(text: str) -> None:
@@ -199,17 +197,13 @@ def _redraw(text: str) -> None:
 
 async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
     """Stop and confirm; an unconfirmed stop decides the exit code. Nothing is printed before the stop is sent."""
-    from drivebus.terminal import discard_output
-
     stopping = asyncio.ensure_future(drive.stop(wait=True))
     await asyncio.sleep(0)
-    try:
+    with output.continue_without_output():
         _end_line()
         output.print_message("run.stopping")
-    except OSError:
-        discard_output()
-    outcome = await stopping
-    stopped = print_outcome(outcome, bus.now(), event="stopped", stream=True)
+        outcome = await stopping
+        stopped = print_outcome(outcome, bus.now(), event="stopped", stream=True)
     return code if stopped is ExitCode.DONE else stopped
 
 

@@ -38,14 +38,11 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
 async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     from drivebus.service.process.logging_setup import LOG
     from drivebus.service.process.main import run_service
-    from drivebus.terminal import discard_output
 
     def ready() -> None:
-        try:
+        with output.continue_without_output():
             output.print_json({"plant": config.id, "directory": str(config.directory)}, stream=True)
             output.print_message("serve.ready", plant=config.id, directory=config.directory)
-        except OSError:  # the terminal or the pipe is gone; the service goes on without output
-            discard_output()
 
     address_output: AddressOutput = "json" if output.as_json() else "plain"
     outcomes = await run_service(

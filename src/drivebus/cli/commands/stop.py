@@ -17,7 +17,7 @@ from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.stop_errors import interruption_is_unconfirmed, stop_errors
+from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
 from drivebus.cli.stop_result import drives_by_status, exit_code, print_reasons, print_service_result, result_text
 from drivebus.errors import (
     ConfigurationError,
@@ -44,7 +44,7 @@ def _stop(
     target: str | None = None,
     **given: Any,
 ) -> ExitCode:
-    with interruption_is_unconfirmed(dry_run=given["dry_run"]):
+    with stop_to_the_end(dry_run=given["dry_run"]):
         if everything:
             return _stop_all(target, directory, quick, assume_model, given)
         if directory is not None:

@@ -28,7 +28,7 @@ from drivebus.service.process.logging_setup import AT_LONG_INTERVALS, LogFormat
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.process.tuning import raise_file_limit, relax_gc
-from drivebus.terminal import discard_output, terminal_is_closed
+from drivebus.terminal import discard_terminal_output, terminal_is_closed
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
@@ -145,7 +145,7 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
 
     def end_without_terminal() -> None:
         if terminal_is_closed():
-            discard_output(redirected=False)
+            discard_terminal_output()
             ending.set()
 
     def on_hangup() -> None:
