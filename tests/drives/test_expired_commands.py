@@ -21,7 +21,7 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import Direction
-from drivebus.errors import Expired, StartInhibited
+from drivebus.errors import Expired, StartInhibited, Superseded
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
@@ -84,6 +84,28 @@ def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_e
     assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
     assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
     assert len(bus.sent(sunfar.SunfarWriteParameter)) == 1
+
+
+def test_a_list_of_writes_that_a_stop_supersedes_names_what_was_written() -> None:
+    """The first values stay in the drive; the error named the stop only."""
+    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
+
+    def stop(ask: BusRequest) -> None:
+        if ask.request == sunfar.SunfarReadParameter(1, 1, 10):
+            bus.conditions = replace(bus.conditions, stop_epoch=1)
+
+    bus.on_request = stop
+    values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
+    outcome = bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
+    assert isinstance(outcome.params["why"], Superseded) and outcome.params["notation"] == "F1.10"
+    assert [(key, params["notation"]) for key, params in outcome.notes] == [
+        ("drives.write_confirmed", "F0.2"),
+        ("drives.write_unsent", "F6.12"),
+    ]
+    assert len(bus.sent(sunfar.SunfarWriteParameter)) == 1
+    with pytest.raises(Superseded):
+        bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 31.0}, True))
 
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:

@@ -24,11 +24,11 @@ from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions,
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
 from drivebus.errors import (
+    BusError,
     CapabilityError,
     ConfigurationError,
     DrivebusError,
     DriveError,
-    Expired,
     PreflightError,
 )
 from drivebus.profiles.diagnostics import bilingual_text
@@ -123,7 +123,7 @@ def write_values(
     for place, wanted in enumerate(checked, 1):
         try:
             outcome = yield from _write_one(op, wanted, save)
-        except (DriveError, Expired, ConfigurationError) as withheld:
+        except (BusError, DriveError, ConfigurationError) as withheld:  # of a write that was not sent
             if not notes:
                 raise
             outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
