@@ -131,9 +131,13 @@ def test_a_long_name_loses_its_middle_because_names_differ_at_the_end(scripts: A
 
 ALARMED_NAMES = """
   const parse = JSON.parse;
-  const changed = (_, found) => (found?.title?.en && found.bus
-    ? { ...found, title: { en: `Line 0 motor ${found.id}`, zh: found.title.zh }, alarms: { critical: 1 }, state: STATE }
-    : found);
+  const raised = { priority: 'critical', cleared_ms: null, acknowledged_ms: 1, shelved_until_ms: null, raised_ms: 1 };
+  const drives = ['fan-1', 'fan-2', 'fan-3', 'pump-1', 'pump-2'];
+  const changed = (_, found) => {
+    if (Array.isArray(found?.active)) return { active: drives.map((drive) => ({ ...raised, id: drive, drive })) };
+    if (!found?.title?.en || !found.bus) return found;
+    return { ...found, title: { en: `Line 0 motor ${found.id}`, zh: found.title.zh }, state: STATE };
+  };
   JSON.parse = (text, ...rest) => parse(text, ...(rest.length ? rest : [changed]));
 """
 
@@ -172,7 +176,11 @@ TURNS = """async () => {
   for (const turn of turns) {
     const quiet = { state: 'stopped', presence: 'online', fault: null, alarms: {}, start_inhibited: false,
       stop_pending: false };
-    const topics = Object.fromEntries(store.idsOf('drives').value.map((id) => [`drives/${id}`, { ...quiet, ...turn }]));
+    const ids = store.idsOf('drives').value;
+    const topics = Object.fromEntries(ids.map((id) => [`drives/${id}`, { ...quiet, ...turn }]));
+    const active = turn.alarms ? ids.map((id) => ({ id, drive: id, priority: 'critical', cleared_ms: null,
+      acknowledged_ms: 1, shelved_until_ms: null, raised_ms: 1 })) : [];
+    topics.alarms = { active };
     store.applyDelta({ topics });
     await new Promise((resolve) => { setTimeout(resolve, 100); });
     const moved = heights().map((height, n) => height - known[n]).filter((by) => Math.abs(by) > 1);

@@ -3,7 +3,7 @@ import { html, signal, useEffect, useRef } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
-import { openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
+import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
 import { chooseSound, isSoundOn } from "./alarm-sound.js";
 import { Icon } from "./icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
@@ -12,7 +12,7 @@ import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { usePublishedHeight } from "./published-height.js";
 import { drive, topic } from "./store.js";
-import { acknowledgeAll, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
+import { acknowledgeAll, alarmSubject, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
 import { ControlRequestNotices } from "./parts/control-request-notices.js";
 import { listed } from "./parts/selection.js";
 import { PriorityMark } from "./parts/state.js";
@@ -93,22 +93,26 @@ function Acknowledge({ alarms }) {
     error=${error} />`;
 }
 
-/** Newest alarm of the highest priority that is not acknowledged, or the group of equal ones that it belongs to. Its
- * place is reserved: an alarm that comes or goes moves no button. */
+/** Most urgent alarm that is not acknowledged, or the group of equal ones that it belongs to; a cleared one only where no
+ * condition holds. Its place is reserved: an alarm that comes or goes moves no button. */
 function AlarmStrip() {
   if (route.value.page === "alarms") return null;
-  const [equal, ...more] = groupAlarms(unacknowledged(openAlarms()));
+  const waiting = unacknowledged(openAlarms());
+  const active = uncleared(waiting);
+  const [equal] = groupAlarms(active.length > 0 ? active : waiting);
   return html`<section class="strip" aria-label=${t("page.nav_alarms")}>${equal
-    ? html`<${StripAlarm} equal=${equal} others=${more.flat().length} />`
+    ? html`<${StripAlarm} equal=${equal} others=${waiting.length - equal.length} />`
     : isLive.value && html`<p class="strip-calm"><${Icon} name="check" />${t("page.no_alarm_waits")}</p>`}</section>`;
 }
 
 function StripAlarm({ equal, others }) {
   const [alarm] = equal;
-  const view = alarm.drive && drive(alarm.drive).value;
-  const text = view ? titleOf(view) + t("page.colon") + localized(alarm.title) : localized(alarm.text);
+  const cleared = isCleared(alarm);
+  const titled = (alarm.drive && drive(alarm.drive).value) || cleared; // the sentence says what no longer holds
+  const text = titled ? alarmSubject(alarm) + localized(alarm.title) : localized(alarm.text);
   const group = t("page.alarm_group", { title: localized(alarm.title), n: equal.length });
-  return html`<div class=${`banner alarm ${alarm.priority}`}><${PriorityMark} priority=${alarm.priority} />
+  return html`<div class=${`banner alarm ${alarm.priority} ${cleared ? "cleared" : ""}`}><${PriorityMark}
+    priority=${alarm.priority} />${cleared && html`<b class="state">${t("page.alarm_cleared")}</b>`}
     ${equal.length > 1 ? html`<a href=${href("alarms")}>${group} · ${groupSubject(equal)}</a>`
       : html`<a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${text}</a>`}
     ${others > 0 && html`<a class="more" href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}

@@ -29,13 +29,30 @@ const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.se
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
   alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
 
-/** Bus and names of a group's drives in their order, each once; of many the first ones and the number of the others. */
-export function groupSubject(alarms) {
-  const names = [...new Set(alarms.map((alarm) => (alarm.drive ? driveTitle(alarm.drive) : alarm.subject)))]
-    .sort(collator.compare);
+/** Name of an alarm's drive or bus, else its subject. */
+const nameOf = ({ drive: id, subject }) => {
+  if (id) return driveTitle(id);
+  const onBus = subject && bus(subject).value;
+  return onBus ? titleOf(onBus) : subject;
+};
+
+/** "Supply fan: ", to be followed by the alarm's title; "" for an alarm of the whole plant. */
+export function alarmSubject(alarm) {
+  const name = nameOf(alarm);
+  return name ? name + t("page.colon") : "";
+}
+
+/** Names of the drives of these alarms in their order, each once; of many the first ones and the number of the others. */
+export function subjectNames(alarms) {
+  const names = [...new Set(alarms.map(nameOf))].sort(collator.compare);
   const rest = names.length - NAMES_SHOWN;
   const first = names.slice(0, NAMES_SHOWN).join(t("language.between_items"));
-  const shown = rest > 0 ? t("page.names_more", { names: first, n: rest }) : first;
+  return rest > 0 ? t("page.names_more", { names: first, n: rest }) : first;
+}
+
+/** Bus and names of a group's drives. */
+export function groupSubject(alarms) {
+  const shown = subjectNames(alarms);
   const title = busTitle(alarms[0].drive);
   return title ? title + t("page.colon") + shown : shown;
 }

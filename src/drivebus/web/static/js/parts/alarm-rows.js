@@ -1,7 +1,7 @@
 // Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { isShelved, unacknowledged } from "../alarm-list.js";
+import { isCleared, isShelved, unacknowledged, uncleared } from "../alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
 import { now, isLive } from "../live.js";
@@ -9,7 +9,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus, serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
-import { acknowledgeAll, groupAlarms, groupSubject, unshelveAll } from "./alarm-groups.js";
+import { acknowledgeAll, groupAlarms, groupSubject, subjectNames, unshelveAll } from "./alarm-groups.js";
 import { AlarmState } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve.js";
 import { PriorityMark } from "./state.js";
@@ -35,6 +35,15 @@ function plantNowTicking() {
   return serviceNow();
 }
 
+/** How many alarms of a group still hold and which, and how many are cleared. */
+function groupState(alarms) {
+  const active = uncleared(alarms);
+  const [n, cleared] = [active.length, alarms.length - active.length];
+  if (cleared === 0) return t("page.alarm_group_active", { n });
+  return n === 0 ? t("page.alarm_group_cleared", { n: cleared })
+    : t("page.alarm_group_partly", { n, names: subjectNames(active), cleared });
+}
+
 function GroupRow({ alarms }) {
   const [open, setOpen] = useState(false);
   const [shelving, setShelving] = useState(false);
@@ -43,11 +52,11 @@ function GroupRow({ alarms }) {
   const waiting = unacknowledged(alarms);
   const oldest = alarms.reduce((one, other) => (other.raised_ms < one.raised_ms ? other : one));
   return html`<li class=${`${rowClass(first.priority, waiting.length === 0,
-    alarms.every((alarm) => alarm.cleared_ms !== null))} group`}>
+    alarms.every(isCleared))} group`}>
     <${PriorityMark} priority=${first.priority} />
     <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
       <span>${groupSubject(alarms)}</span><${AlarmRemedy} alarm=${first} /></div>
-    <div class="when"><b>${t("page.alarm_group_open", { n: waiting.length })}</b>
+    <div class="when"><b>${groupState(alarms)}</b><span>${t("page.alarm_group_open", { n: waiting.length })}</span>
       <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
       disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => run(() => acknowledgeAll(waiting))}>
@@ -71,7 +80,7 @@ function AlarmRow({ alarm }) {
   const able = may("operate");
   const off = !isLive.value;
   const acknowledged = alarm.acknowledged_ms !== null;
-  return html`<li class=${rowClass(alarm.priority, acknowledged, alarm.cleared_ms !== null)}>
+  return html`<li class=${rowClass(alarm.priority, acknowledged, isCleared(alarm))}>
     <${PriorityMark} priority=${alarm.priority} />
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${localized(alarm.text)}</p><${AlarmRemedy} alarm=${alarm} /></div>

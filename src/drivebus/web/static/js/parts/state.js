@@ -31,10 +31,12 @@ export function StateMark({ known, direction, size = 22 }) {
 
 const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", low: "low" };
 
-/** An alarm's priority by shape, word and colour. */
-export function PriorityMark({ priority, word = true, size = 18 }) {
-  return html`<span class=${`priority ${priority}`}><${Icon} name=${PRIORITY_ICONS[priority] ?? "warning"} size=${size} />
-    <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span></span>`;
+/** An alarm's priority by shape, word and colour; of a cleared alarm without the colour. */
+export function PriorityMark({ priority, cleared = false, word = true, size = 18 }) {
+  return html`<span class=${`priority ${priority} ${cleared ? "cleared" : ""}`}><${Icon}
+    name=${PRIORITY_ICONS[priority] ?? "warning"} size=${size} />
+    <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span>${cleared && html`<span class="sr">
+      ${t("page.alarm_cleared")}</span>`}</span>`;
 }
 
 /** Badge: what the drive does at a communication loss. */

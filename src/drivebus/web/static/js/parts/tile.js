@@ -2,6 +2,7 @@
 import { html, useComputed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { ageOf, duration, readingWithoutAge, slowInterval, stateOf } from "../format.js";
+import { isCleared, mostUrgentAlarm } from "../alarm-list.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
@@ -36,9 +37,14 @@ function ageText(view) {
   return slow === null ? age : t("page.age_of_interval", { age, interval: duration(slow) });
 }
 
-function HighestPriority({ alarms }) {
-  const [priority] = ["critical", "high", "medium", "low"].filter((name) => alarms[name] > 0);
-  return priority ? html`<${PriorityMark} priority=${priority} />` : null;
+/** Priority of the drive's most urgent alarm; outlined where its condition no longer holds. */
+function AlarmMark({ id }) {
+  const shown = useComputed(() => {
+    const alarm = mostUrgentAlarm(id);
+    return alarm ? `${alarm.priority} ${isCleared(alarm) ? "cleared" : ""}` : "";
+  });
+  const [priority, cleared] = shown.value.split(" ");
+  return priority ? html`<${PriorityMark} priority=${priority} cleared=${cleared === "cleared"} />` : null;
 }
 
 function Fault({ fault }) {
@@ -64,7 +70,7 @@ export function Tile({ id }) {
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename" title=${name}>${
         isDense ? shortened(name, DENSE_NAME_LENGTH) : name}</span>
-        <${HighestPriority} alarms=${view.alarms} /></span>
+        <${AlarmMark} id=${id} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
       <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief
         digits=${isDense ? 1 : undefined} />

@@ -1,0 +1,116 @@
+"""Alarms whose condition no longer holds, on the page in a real browser with a real plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from drivebus.service.alarms import SystemAlarm
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, unplugged
+
+FANS = ("fan-1", "fan-2", "fan-3")
+
+
+class Alarms:
+    """Equal alarms of the fans, raised and cleared by hand."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+
+    def raise_for(self, *fans: str) -> None:
+        self._change(self._stage.service.plant.raise_alarm, fans)
+
+    def clear_for(self, *fans: str) -> None:
+        self._change(self._stage.service.plant.clear_alarm, fans)
+
+    def _change(self, change: Callable[..., None], fans: tuple[str, ...]) -> None:
+        async def act() -> None:
+            for fan in fans:
+                change(SystemAlarm.FOREIGN_MASTER, fan, subject="fans")
+
+        self._stage.do(act)
+
+
+@pytest.fixture
+def alarms(stage: Stage) -> Iterator[Alarms]:
+    found = Alarms(stage)
+    yield found
+    found.clear_for(*FANS)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_strip_shows_what_holds_before_what_is_over(
+    stage: Stage, visit: Any, alarms: Alarms, language: str
+) -> None:
+    """Regression: after the port was back, a red strip said that it is lost, in front of an alarm that still held."""
+    expect = expecting()
+
+    def word(key: str, **params: Any) -> str:
+        return i18n.text(key, language, **params)
+
+    alarms.raise_for("fan-1")
+    page = visit("#/fleet", role="operator", language=language)
+    strip = page.locator(".strip .banner")
+    bus, fan = {"en": ("Fan line", "Supply fan"), "zh": ("风机线路", "送风机")}[language]
+    with unplugged(stage, "fans"):
+        expect(strip.locator("a").first).to_contain_text(word("alarms.text.port_lost", bus=bus, reason="").strip())
+        red = strip.evaluate("one => getComputedStyle(one).backgroundColor")
+    expect(strip.locator("a").first).to_have_text(fan + word("page.colon") + word("alarms.title.foreign_master"))
+    expect(strip.locator("a.more")).to_be_visible()
+    expect(strip.locator(".state")).to_have_count(0)
+    alarms.clear_for("fan-1")
+    expect(strip.locator("a").first).to_have_text(bus + word("page.colon") + word("alarms.title.port_lost"))
+    expect(strip.locator(".state")).to_have_text(word("page.alarm_cleared"))
+    assert strip.evaluate("one => getComputedStyle(one).backgroundColor") != red
+
+
+def test_a_group_of_alarms_says_which_still_hold_and_is_listed_by_them(
+    stage: Stage, visit: Any, alarms: Alarms
+) -> None:
+    """Regression: a group whose condition was over on every drive looked like one that still held."""
+    expect = expecting()
+
+    def word(key: str, **params: Any) -> str:
+        return i18n.text(f"page.{key}", "en", **params)
+
+    alarms.raise_for(*FANS)
+    page = visit("#/alarms", role="operator")
+    group = page.locator(".alarmrow.group")
+    state = group.locator(".when b").first
+    expect(state).to_have_text(word("alarm_group_active", n=3))
+    alarms.clear_for("fan-1", "fan-3")
+    expect(state).to_have_text(word("alarm_group_partly", n=1, names="Extract fan", cleared=2))
+    group.locator(".whole > summary").click()
+    states = group.locator(".alarms .alarmstate")
+    expect(states).to_have_text(
+        [word("alarm_unacknowledged"), word("alarm_cleared_unacknowledged"), word("alarm_cleared_unacknowledged")]
+    )
+    strip = visit("#/fleet", role="viewer").locator(".strip a").first
+    expect(strip).to_have_text("Extract fan: " + i18n.text("alarms.title.foreign_master", "en"))
+    red = group.evaluate("one => getComputedStyle(one).backgroundColor")
+    alarms.clear_for("fan-2")
+    expect(state).to_have_text(word("alarm_group_cleared", n=3))
+    assert group.evaluate("one => getComputedStyle(one).backgroundColor") != red
+
+
+def test_the_mark_of_an_alarm_on_a_tile_has_its_colour_only_while_it_holds(
+    stage: Stage, visit: Any, alarms: Alarms
+) -> None:
+    """Regression: a drive whose fault was reset had the mark of a critical alarm until it was acknowledged."""
+    expect = expecting()
+    alarms.raise_for("fan-2")
+    page = visit("#/fleet", role="operator")
+    mark = page.locator(".tile", has=page.locator("[data-drive=fan-2]")).locator(".priority")
+    mark.wait_for()
+    colour = "one => getComputedStyle(one).backgroundColor"
+    red = mark.evaluate(colour)
+    assert i18n.text("page.alarm_cleared", "en") not in mark.inner_text()
+    alarms.clear_for("fan-2")
+    expect(mark).to_contain_text(i18n.text("page.alarm_cleared", "en"))
+    assert mark.evaluate(colour) != red
+    page.click("[data-do=acknowledge]")
+    expect(mark).to_have_count(0)
