@@ -68,6 +68,27 @@ def test_every_command_line_of_a_page_parses(page: Path) -> None:
         check(words)
 
 
+MENTIONED = re.compile(r"`drivebus ([a-z]+(?:-[a-z]+)*)(?: ([a-z]+))?[^`]*`")
+EVERY_PAGE = [*DOCS.rglob("*.md"), *(DOCS.parent / name for name in ("README.md", "README.zh.md", "CONTRIBUTING.md"))]
+
+
+def is_command(name: str, further: str) -> bool:
+    """Return whether a command exists; ``further`` is its subcommand where it is a group."""
+    command = cli.get_command(click.Context(cli), name)
+    if isinstance(command, LazyGroup) and further:
+        return command.get_command(click.Context(command), further) is not None
+    return command is not None
+
+
+def test_every_command_that_a_page_mentions_exists() -> None:
+    """Regression: the page on security named ``drivebus user code``."""
+    found = {
+        (page.name, *words) for page in EVERY_PAGE for words in MENTIONED.findall(page.read_text(encoding="utf-8"))
+    }
+    assert len(found) > 100
+    assert sorted(one for one in found if not is_command(*one[1:])) == []
+
+
 def run_in_fresh_shell(script: str, home: Path) -> str:
     """Run commands one after another as a newcomer does, in an empty folder; return what they print."""
     path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
