@@ -1,4 +1,4 @@
-"""Frames a second in each direction for all five encodings; RTU beside pymodbus' framer in the same run."""
+"""Frames a second in each direction for Sunfar, DZB100 and Modbus; RTU beside pymodbus' framer in the same run."""
 
 from __future__ import annotations
 

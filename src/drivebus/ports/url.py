@@ -19,7 +19,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
 from drivebus.values import parse_decimal
 
-DEFAULT_SETTINGS = SerialSettings(9600)  # factory baud rate of all four models, or the first that they offer
+DEFAULT_SETTINGS = SerialSettings(9600)  # the factory setting of most models
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
 PORT_URL_EXAMPLES = (
     "/dev/ttyUSB0, COM3, serial:///dev/ttyUSB0?baud=9600&format=8E1, tcp://192.168.1.50:4001, sim://c320@1"

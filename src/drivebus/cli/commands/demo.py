@@ -1,4 +1,4 @@
-"""``demo``: a virtual plant of all four models, in the browser or in the terminal."""
+"""``demo``: a virtual plant of twelve drives, in the browser or in the terminal."""
 
 from __future__ import annotations
 
