@@ -1,4 +1,4 @@
-"""C320, DZB100, VC660 and DF800 on simulated buses in virtual time: at every line quality each poll gets its own reply."""
+"""C320, DZB100, VC660 and DF800 in virtual time: at every line quality each poll gets its own reply."""
 
 from __future__ import annotations
 

@@ -12,8 +12,7 @@ from drivebus import profiles
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
-from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer
-from drivebus.cli.demo.story import PAGE_CONTINUATION, caption
+from drivebus.cli.demo.script import END_S, OPENING, PAGE_CONTINUATION, TERMINAL_CONTINUATION, ScriptPlayer, caption
 from drivebus.cli.demo.terminal import DemoClient
 from drivebus.service.config import load
 from drivebus.simulator.models.c320 import FAULT_CODES
@@ -33,7 +32,7 @@ def test_the_plant_has_at_least_eight_drives_of_all_four_families_on_four_buses(
 
 
 def test_the_script_has_starts_a_trip_a_reset_and_an_adapter_that_is_unplugged_and_plugged() -> None:
-    steps = OPENING + CONTINUATION
+    steps = OPENING + TERMINAL_CONTINUATION
     actions = [step.action for step in steps]
     assert {"run", "set", "trip", "reset", "unplug", "plug", "stop", "stop_all"} <= set(actions)
     assert [step.at_s for step in steps] == sorted(step.at_s for step in steps)
@@ -125,7 +124,7 @@ def test_a_script_that_is_taken_over_sends_no_further_command() -> None:
     async def play() -> None:
         messages: list[str] = []
         player = ScriptPlayer(call, MemoryDemoPlant(), messages.append)
-        playing = asyncio.create_task(player.play(OPENING + CONTINUATION, END_S))
+        playing = asyncio.create_task(player.play(OPENING + TERMINAL_CONTINUATION, END_S))
         await asyncio.sleep(4.5)
         player.take_over()
         await playing

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 from drivebus import profiles
-from drivebus.cli.demo.history import HISTORY_HOURS, SAMPLE_INTERVAL_S, HistoryGenerator
+from drivebus.cli.demo.history import (
+    HISTORY_HOURS,
+    SAMPLE_INTERVAL_S,
+    HistoryGenerator,
+    numbered,
+    past_alarms,
+    past_statistics,
+)
 from drivebus.cli.demo.layout import BUSES
-from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample

@@ -1,4 +1,4 @@
-"""The codecs of this package obey the contract of the conformance kit: those of Sunfar, DZB100 and Modbus, on known frames."""
+"""The codecs of Sunfar, DZB100 and Modbus obey the contract of the conformance kit, on known frames."""
 
 from __future__ import annotations
 

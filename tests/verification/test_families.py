@@ -13,9 +13,8 @@ from drivebus.protocols.codec import Effect
 from drivebus.protocols.family import protocol_families
 from verification.campaign import CAMPAIGN_NAMES, CampaignRun
 from verification.campaigns import fuzz, late
-from verification.codec_fuzz.registry import FUZZED_CODECS
 from verification.drive_variants import NOT_YET_COVERED_BY
-from verification.families.campaigns import campaign_of, family_campaigns
+from verification.families.campaigns import FUZZED_CODECS, campaign_of, family_campaigns
 from verification.families.registry import DRIVE_VARIANTS, FAMILY_NAMES, family_facts
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import worst_effect

@@ -15,7 +15,7 @@ from verification.campaign import CampaignRun
 from verification.campaigns import flips
 from verification.codec_fuzz import bit_flips
 from verification.codec_fuzz.bit_flips import FLIP_COUNTS, FlipCase
-from verification.codec_fuzz.registry import FUZZED_CODECS
+from verification.families.campaigns import FUZZED_CODECS
 from verification.reference.modbus import reference_crc
 
 VECTORS = Path(__file__).parents[2] / "vectors"

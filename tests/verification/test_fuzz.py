@@ -31,7 +31,7 @@ from verification.codec_fuzz.fuzz_block import (
     feed_incrementally,
 )
 from verification.codec_fuzz.fuzzed_codec import FuzzedCodec
-from verification.codec_fuzz.registry import FUZZED_CODECS
+from verification.families.campaigns import FUZZED_CODECS
 from verification.reference.frame_shapes import FrameShape
 
 every_entry = pytest.mark.parametrize("entry", FUZZED_CODECS.values(), ids=FUZZED_CODECS)

@@ -24,7 +24,7 @@ from verification.codec_fuzz.fuzz_block import (
     run_block,
 )
 from verification.codec_fuzz.fuzzed_codec import FuzzedCodec
-from verification.codec_fuzz.registry import FUZZED_CODECS
+from verification.families.campaigns import FUZZED_CODECS
 
 # --- cost of decoding -------------------------------------------------------------------------------------------------
 

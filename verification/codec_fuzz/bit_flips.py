@@ -20,8 +20,7 @@ from typing import Any
 
 from verification.campaign import map_in_order
 from verification.codec_fuzz.fuzz_block import accepted_size, decode_outcome
-from verification.codec_fuzz.registry import FUZZED_CODECS
-from verification.families.campaigns import family_campaigns
+from verification.families.campaigns import FUZZED_CODECS, family_campaigns
 from verification.families.family_campaign import StrengthCase, WorkedFrame
 
 FLIPS_FILE = Path(__file__).parent / "data" / "flips.json"

@@ -17,7 +17,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult, Incomplete
 from verification.codec_fuzz.collision_odds import CollisionOdds, noise_odds
 from verification.codec_fuzz.fuzzed_codec import FuzzedCodec, ValidExchange
-from verification.codec_fuzz.registry import FUZZED_CODECS
+from verification.families.campaigns import FUZZED_CODECS
 from verification.reference.frame_shapes import FrameShape
 
 # --- kinds of damage --------------------------------------------------------------------------------------------------

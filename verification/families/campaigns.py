@@ -25,3 +25,7 @@ def campaign_of(model: str) -> FamilyCampaign:
 def written_parameter(model: str) -> WrittenParameter:
     """Return the parameter of a model that campaigns write. Raises KeyError where they write none."""
     return campaign_of(model).written_parameters[model]
+
+
+FUZZED_CODECS = {codec.name: codec for campaign in family_campaigns().values() for codec in campaign.fuzzed_codecs}
+"""Every codec that ``fuzz`` and ``flips`` cover, by its name."""

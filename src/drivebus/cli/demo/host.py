@@ -20,13 +20,26 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.cli import output
-from drivebus.cli.demo.history import HISTORY_HOURS, DemoEvent, HistoryGenerator
+from drivebus.cli.demo.history import (
+    HISTORY_HOURS,
+    DemoEvent,
+    HistoryGenerator,
+    numbered,
+    past_alarms,
+    past_statistics,
+)
 from drivebus.cli.demo.layout import BUSES
-from drivebus.cli.demo.past import numbered, past_alarms, past_statistics
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
-from drivebus.cli.demo.script import CONTINUATION, END_S, OPENING, ScriptPlayer, ScriptStep
-from drivebus.cli.demo.story import PAGE_CONTINUATION, caption
+from drivebus.cli.demo.script import (
+    END_S,
+    OPENING,
+    PAGE_CONTINUATION,
+    TERMINAL_CONTINUATION,
+    ScriptPlayer,
+    ScriptStep,
+    caption,
+)
 from drivebus.cli.errors import ExitCode
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore
@@ -285,7 +298,9 @@ async def _serve_parent(config: PlantConfig, plant: DemoPlant) -> None:
 
     reading = asyncio.create_task(read_parent())
     send({"socket": str(socket_path(config.directory, SERVICE_SOCKET))})
-    await _play(config, plant, OPENING + CONTINUATION, END_S, lambda text: send({"message": text}), players.append)
+    await _play(
+        config, plant, OPENING + TERMINAL_CONTINUATION, END_S, lambda text: send({"message": text}), players.append
+    )
     if not players[0].taken_over:
         send({"finished": True})
     await reading

@@ -1,4 +1,4 @@
-"""Script of the demo: steps with their times, and the player that executes them as a client of the service."""
+"""Script of the demo: steps with their times and captions, and the player that executes them as a client."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant
@@ -51,8 +52,14 @@ OPENING = (
     ScriptStep(15.0, "set", "fan-1", 50.0),
     ScriptStep(20.0, "trip", "fan-3"),
 )
-"""Steps of every demo: after them the plant in the browser is left to the user."""
-CONTINUATION = (
+"""Steps of every demo."""
+PAGE_CONTINUATION = (
+    ScriptStep(40.0, "unplug", "C"),
+    ScriptStep(48.0, "plug", "C"),
+    ScriptStep(58.0, "message", "yours"),
+)
+"""Further steps of the demo in the browser; the fault is left to the user."""
+TERMINAL_CONTINUATION = (
     ScriptStep(23.0, "reset", "fan-3"),
     ScriptStep(25.0, "run", "fan-3", 30.0),
     ScriptStep(27.0, "unplug", "C"),
@@ -63,6 +70,22 @@ CONTINUATION = (
 )
 """Further steps of the demo in the terminal."""
 END_S = 44.0  # after the last ramp
+
+
+def caption(step: ScriptStep) -> Json:
+    """Return the notice of the page for a step."""
+    name = step.subject if step.action == "message" else step.action
+    role, _, number = step.subject.partition("-")
+    return {
+        language: i18n.text(
+            f"demo.story.{name}",
+            language,
+            name=i18n.text(f"demo.role.{role}", language, number=number) if number else "",
+            bus=step.subject,
+            hz=f"{step.frequency_hz:g}",
+        )
+        for language in i18n.LANGUAGES
+    }
 
 
 class ScriptPlayer:
