@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -180,6 +181,18 @@ def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
         terminal.hang_up()
         terminal.exit_code()
     assert plant.state() == "stopped"
+
+
+def test_a_jog_whose_adapter_is_pulled_ends_while_the_key_is_still_held(tmp_path: Path) -> None:
+    """The motor turns on and no stop can be sent: nothing said so before the key was released."""
+    words = ("simulate", "--json", *DRIVE, "--baud", "19200", "--link", str(tmp_path / "drive"))
+    with running_command(*words) as adapter:
+        assert adapter.stdout is not None
+        with PtyTerminal("jog", json.loads(adapter.stdout.readline())["url"], *DRIVE) as terminal:
+            terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press(" "))
+            adapter.kill()
+            terminal.wait_for("STOP NOT SENT", meanwhile=lambda: terminal.press(" "))
+            assert terminal.exit_code() == 4
 
 
 def test_an_unconfirmed_stop_exits_with_4(offline_drive: str) -> None:

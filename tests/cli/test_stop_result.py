@@ -190,18 +190,38 @@ def test_a_stop_that_is_not_confirmed_is_printed_with_its_reason_once_for_all_dr
     assert "\n  fan, saw: STOP NOT SENT: the port is not open\n" in text
 
 
-def test_addresses_that_a_lost_port_left_unasked_are_not_called_without_reply(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A drive may be there: a stop of the others alone is no success."""
-    transact, asked = Bus.transact, []
+def lose_the_port_in_the_sweep(monkeypatch: pytest.MonkeyPatch, returns_after_s: float | None) -> list[int]:
+    """Unplug the adapter at the eighth request of a command; return the addresses that are asked from now on."""
+    transact, asked = Bus.transact, list[int]()
 
     async def lose_the_port(bus: Bus, request: BusRequest) -> BusResult:
         asked.append(request.station)
         if len(asked) == 8:
             simulated_bus_of(bus.port).unplug()
-            asyncio.get_running_loop().call_later(0.2, simulated_bus_of(bus.port).replug)
+            if returns_after_s is not None:
+                asyncio.get_running_loop().call_later(returns_after_s, simulated_bus_of(bus.port).replug)
         return await transact(bus, request)
 
     monkeypatch.setattr(Bus, "transact", lose_the_port)
+    return asked
+
+
+@pytest.mark.parametrize("addresses", [(1, 20), (20, 21)])
+def test_a_port_that_returns_lets_the_other_addresses_be_stopped(
+    monkeypatch: pytest.MonkeyPatch, addresses: tuple[int, ...]
+) -> None:
+    """Before and after the loss, and where no drive had replied before it: a drive there was sent no stop."""
+    lose_the_port_in_the_sweep(monkeypatch, returns_after_s=1.0)
+    url = f"sim://c320@{','.join(map(str, addresses))}"
+    result = CliRunner().invoke(cli, ["stop", "--all", url, "--model", "c320", "--baud", "19200", "--json"])
+    document = json.loads(result.stdout)
+    assert (result.exit_code, document["lost"], len(document["absent"])) == (0, [], 29)
+    assert document["confirmed"] == list(addresses)
+
+
+def test_addresses_that_a_lost_port_left_unasked_are_not_called_without_reply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive may be there: a stop of the others alone is no success."""
+    asked = lose_the_port_in_the_sweep(monkeypatch, returns_after_s=None)
     words = ["stop", "--all", "sim://c320@1-2", "--model", "c320", "--baud", "19200"]
     document = json.loads(CliRunner().invoke(cli, [*words, "--json"]).stdout)
     assert document["lost"] and len(document["absent"]) + len(document["lost"]) == 29

@@ -41,6 +41,7 @@ def test_an_unanswered_jog_is_never_repeated_but_stopped_at_once() -> None:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(on_command=lost))
     outcome = bus.run(begin_jog(operation_for(bus.dialect), 5.0, FORWARD))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.jog_unknown")
+    assert outcome.text("en").endswith("Its stop: the drive reports stopped")
     first, second, *_ = operations(bus)
     assert (first, second) == (sunfar.SunfarOperation.JOG_FORWARD_AT, sunfar.SunfarOperation.JOG_STOP)
     assert operations(bus).count(sunfar.SunfarOperation.JOG_FORWARD_AT) == 1

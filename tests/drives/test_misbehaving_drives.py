@@ -14,6 +14,7 @@ from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
+from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S
 from drivebus.drives.permissives import (
     MIN_FAILURES_FOR_ERROR_RATE,
     CommandKind,
@@ -75,6 +76,7 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
             task.cancel()
             with pytest.raises((DrivebusError, asyncio.CancelledError)):
                 await task
+            await asyncio.sleep(STOP_PROGRESS_TIMEOUT_S)  # a jog that was to be renewed has begun its stop at the loss
             assert drive.stop_pending
             simulated_bus_of(bench.port).replug()
             await asyncio.sleep(10.0)

@@ -10,7 +10,7 @@ import pytest
 from drivebus.bus import Bus
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.errors import OutcomeUnknown, PortLost, StopUnconfirmed, Superseded
+from drivebus.errors import OutcomeUnknown, PortLost, StartInhibited, StopUnconfirmed, Superseded
 from drivebus.protocols.sunfar import SunfarWriteParameter
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.motor import Motor, OutputPhase
@@ -19,6 +19,7 @@ from drivebus.testing.bus_script import ScriptedPort, silent_wire
 from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
 
 MODELS = ("c320", "vc660", "dzb100", "df800")
+JOG_HZ = {"c320": 5.0, "vc660": None}
 
 
 async def unconfirmed_stop(drive: Drive, wait: bool = True) -> Outcome:
@@ -154,6 +155,52 @@ def test_a_port_lost_at_the_start_frame_is_not_called_a_newer_stop(model: str, m
             assert caught.value.key == "drives.command_port_lost"
             assert "it is unknown whether the drive executed it" in str(caught.value)
             assert caught.value.outcome.status is OutcomeStatus.UNKNOWN
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_a_jog_whose_port_is_lost_at_its_frame_is_not_called_stopped(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was called *unknown; a stop was sent*: none had left."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            start = Motor.run
+
+            def start_and_lose_the_port(motor: Motor, target_hz: float) -> None:
+                start(motor, target_hz)
+                line_of(bench).unplug()
+
+            monkeypatch.setattr(Motor, "run", start_and_lose_the_port)
+            with pytest.raises(OutcomeUnknown) as caught:
+                await bench.drive().jog(JOG_HZ[model]).start()
+            assert caught.value.key == "drives.jog_unknown"
+            assert "Its stop: STOP NOT SENT: the port is not open" in str(caught.value)
+            assert "其停机：停机命令未发送" in caught.value.outcome.text("zh")
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_a_jog_is_not_renewed_while_its_port_is_lost(model: str) -> None:
+    """A held key kept a motor turning that no stop could reach, without a word, and went on when the port was back."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            jog = bench.drive().jog(JOG_HZ[model])
+            await jog.start()
+            await asyncio.sleep(0.2)
+            jog.renew()
+            line_of(bench).unplug()
+            with pytest.raises(StartInhibited) as caught:
+                jog.renew()
+            assert caught.value.key == "drives.jog_port_lost"
+            await asyncio.sleep(1.0)
+            line_of(bench).replug()
+            await asyncio.sleep(10.0)
+            assert bench.station().motor.phase is OutputPhase.OFF
 
     run_virtual(scenario())
 

@@ -56,11 +56,16 @@ class JogSession:
         return self.start_outcome
 
     def renew(self) -> None:
-        """Extend the lease from now. Raises StartInhibited where it has run out: only a new jog may begin then."""
+        """Extend the lease from now. Raises StartInhibited where it has run out: only a new jog may begin then.
+
+        A lost port ends it likewise, within the lease: no stop could be sent when it is released.
+        """
         if self._timer is not None and self._runner.bus.now() > self._expires_at:
             self._expire()  # the event loop or the machine was held up and the timer has not run yet
         if self.expired or self._timer is None:
             raise StartInhibited("drives.jog_lease_expired", lease_s=self.lease_s)
+        if not self._runner.bus.is_open:
+            raise StartInhibited("drives.jog_port_lost")
         self._arm(self.lease_s)
 
     async def stop(self) -> Outcome:

@@ -84,18 +84,21 @@ async def _jog_while_held(
     direction: Direction,
 ) -> None:
     """Jog while the key repeats, then stop the drive and confirm it."""
-    async with drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S) as session:
-        _print_jog_outcome(session.start_outcome, bus, "begun")
-        loop = asyncio.get_running_loop()
-        while not shutdown.received and keys.last_key == key:
-            left_s = keys.last_key_at + DEAD_MAN_TIMEOUT_S - loop.time()
-            if left_s <= 0:
-                break
-            session.renew()
-            pressed = await shutdown.interruptible(_next_key(keys, left_s))
-            if pressed != key:
-                break
-    _print_jog_outcome(session.stop_outcome, bus, "ended")
+    session = drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S)
+    try:
+        async with session:
+            _print_jog_outcome(session.start_outcome, bus, "begun")
+            loop = asyncio.get_running_loop()
+            while not shutdown.received and keys.last_key == key:
+                left_s = keys.last_key_at + DEAD_MAN_TIMEOUT_S - loop.time()
+                if left_s <= 0:
+                    break
+                session.renew()
+                pressed = await shutdown.interruptible(_next_key(keys, left_s))
+                if pressed != key:
+                    break
+    finally:  # a renewal that was refused is an error of its own; the stop is not
+        _print_jog_outcome(session.stop_outcome, bus, "ended")
 
 
 async def _next_key(keys: KeyQueue, timeout_s: float) -> str | None:

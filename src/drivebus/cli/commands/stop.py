@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Awaitable, Mapping
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from drivebus.drives.outcome import Outcome
     from drivebus.profiles import DriveProfile
 
+MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
+PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop without progress
+PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
 _BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
 
@@ -142,12 +146,43 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool
     with record_port(target.open_port(), target.record) as port:
         async with Bus(port) as bus:
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
-            present, lost = await _sweep(bus, drives) if find else (drives, [])
-            report = await stop_bus(bus, present)
-            absent = tuple(drive.address for drive in drives if drive not in present and drive not in lost)
+            report, lost = await _stop_present(bus, drives) if find else (await stop_bus(bus, drives), ())
+            present = {address for address, _ in report.outcomes}
+            absent = tuple(address for address in addresses if address not in present and address not in lost)
             for drive in drives:
                 drive.close()
-            return _print_report(report, absent, tuple(drive.address for drive in lost), bus.now())
+            return _print_report(report, absent, lost, bus.now())
+
+
+async def _stop_present(bus: Bus, drives: list[Drive]) -> tuple[StopReport, tuple[int, ...]]:
+    """Stop the drives that reply, also at the addresses that a lost port left out, once it is back.
+
+    Return the report and the addresses that the port lost.
+    """
+    from drivebus.drives import stop_bus
+
+    lost, reports = drives, []
+    for _ in range(MAX_SWEEPS):
+        present, lost = await _sweep(bus, lost)
+        reports.append(await stop_bus(bus, present))
+        if not lost or not await _is_open_soon(bus):
+            break
+    report = replace(
+        reports[0],
+        ended_at=reports[-1].ended_at,
+        broadcasts=tuple(exchange for each in reports for exchange in each.broadcasts),
+        outcomes=tuple(sorted(((a, o) for each in reports for a, o in each.outcomes), key=itemgetter(0))),
+    )
+    return report, tuple(drive.address for drive in lost)
+
+
+async def _is_open_soon(bus: Bus) -> bool:
+    """Return whether the port is open, now or after a short wait for its return."""
+    for _ in range(PORT_RETURN_POLLS):
+        if bus.is_open:
+            break
+        await asyncio.sleep(PORT_POLL_INTERVAL_S)
+    return bus.is_open
 
 
 async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive]]:

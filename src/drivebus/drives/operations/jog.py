@@ -14,6 +14,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction
 from drivebus.errors import LimitError
+from drivebus.values import Text
 
 MAX_JOG_LEASE_S = 0.5  # longest time that the motor turns after the last renewal
 
@@ -49,8 +50,8 @@ def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOpe
         return refused
     if result.error is None:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")
-    yield from end_jog(op)
-    return op.outcome(OutcomeStatus.UNKNOWN, "drives.jog_unknown")
+    stopped = yield from end_jog(op)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.jog_unknown", ended=Text.per_language(stopped.text))
 
 
 def end_jog(op: OperationContext) -> DriveOperation[Outcome]:
