@@ -130,4 +130,10 @@ def test_every_kind_of_fault_has_three_texts_and_a_rejected_file() -> None:
         for part in ("kind", "expected", "remedy"):
             assert f"plant_config.{part}.{kind}" in known or f"profiles.{part}.{kind}" in known
     # A file alone does not show the first three: its size, its mode, and a check over the API. The last is a warning.
-    assert kinds - all_expected_kinds(FILES) == {"too_large", "unreadable", "model_outside", "long_interval"}
+    assert kinds - all_expected_kinds(FILES) == {
+        "too_large",
+        "unreadable",
+        "model_outside",
+        "long_interval",
+        "unverified_database",
+    }

@@ -55,6 +55,17 @@ def test_a_login_code_pasted_into_the_open_page_logs_in(stage: Stage, visit: Any
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
 
 
+def test_the_end_of_a_session_leaves_no_value_of_a_drive_on_the_page_or_in_its_memory(visit: Any) -> None:
+    page = visit("#/fleet")
+    count = "import('/static/js/store.js').then((m) => m.idsOf('drives').value.length)"
+    drawn = "new Promise((done) => requestAnimationFrame(() => setTimeout(done)))"
+    assert page.evaluate(count) > 0 and page.locator("article, tr").count() > 0
+    page.get_by_role("button", name=i18n.text("page.log_out", "en")).click()
+    page.locator("input[name=password]").wait_for()
+    assert page.evaluate(f"{drawn}.then(() => {count})") == 0
+    assert "Hz" not in page.locator("body").inner_text()
+
+
 def test_a_wrong_password_shows_an_error_and_no_data_and_is_counted_at_the_next_login(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet", role=None)
     page.fill("input[name=name]", "operator")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from drivebus.profiles.diagnostics import (
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
 from drivebus.service.config import build, check, check_buses
 from drivebus.service.config.build import ParsedPlant, state_directory
+from drivebus.service.config.database import remote_hosts, unverified_sslmode
 from drivebus.service.config.gateways import installed_gateways, plant_file_schema
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import restore_url
@@ -106,8 +107,16 @@ def _parse(
     if found:
         raise config_error(_with_lines(found, text, source))
     assert parsed is not None
-    warnings = _with_lines(list(check_buses.interval_warnings(parsed)), text, source)
+    unsafe = [*check_buses.interval_warnings(parsed), *_database_warnings(parsed.file.history.url)]
+    warnings = _with_lines(unsafe, text, source)
     return build.plant_config(parsed, source, warnings)
+
+
+def _database_warnings(url: str | None) -> Iterator[Issue]:
+    """Yield a database elsewhere whose certificate the URL leaves unverified."""
+    mode = None if url is None else unverified_sslmode(url)
+    if url is not None and mode is not None:
+        yield issue("unverified_database", ("history", "url"), f"sslmode={mode}", host=", ".join(remote_hosts(url)))
 
 
 def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:

@@ -16,6 +16,7 @@ from typing import Any
 
 import asyncpg  # type: ignore[import-untyped]
 
+from drivebus.service.config.database import default_sslmode
 from drivebus.service.historian.store import SqlRow
 
 POSTGRES_CONNECT_TIMEOUT_S = 5.0
@@ -50,7 +51,12 @@ class PostgresConnection:
     def connect(self) -> None:
         self._runner = asyncio.Runner()
         self._connection = self._run_coroutine(
-            asyncpg.connect(self._url, timeout=POSTGRES_CONNECT_TIMEOUT_S, command_timeout=POSTGRES_QUERY_TIMEOUT_S)
+            asyncpg.connect(
+                self._url,
+                ssl=default_sslmode(self._url),
+                timeout=POSTGRES_CONNECT_TIMEOUT_S,
+                command_timeout=POSTGRES_QUERY_TIMEOUT_S,
+            )
         )
         if "$user" in self.fetch("SHOW search_path")[0][0]:
             self.execute(f"SET search_path TO {POSTGRES_SCHEMA}")

@@ -163,8 +163,10 @@ export function start() {
   });
 }
 
+/** Close the connection of a session that has ended, and drop its values. */
 function disconnect() {
   clearTimeout(timer);
+  applySnapshot({ topics: {} });
   if (socket) {
     socket.onclose = null;
     socket.close();
