@@ -114,6 +114,43 @@ async def test_a_profile_that_others_can_write_or_replace_is_refused(tmp_path: P
     assert refused.value.params["path"] == str((folder / others_can_write).resolve())
 
 
+@pytest.mark.parametrize("is_link_of_link", [False, True])
+def test_a_link_that_others_can_replace_is_refused(tmp_path: Path, is_link_of_link: bool) -> None:
+    """Another user could lead it to another plant of the same user, or to a certificate of its own."""
+    private, shared = tmp_path / "private", tmp_path / "shared"
+    private.mkdir()
+    shared.mkdir()
+    (private / "hall.toml").write_text("")
+    link = shared / "plant.toml"
+    link.symlink_to("../private/hall.toml")
+    if is_link_of_link:
+        link = private / "plant.toml"
+        link.symlink_to(shared / "plant.toml")
+    config = plant_config(directory=tmp_path / "state", source=str(link))
+    check_plant_files(config)
+    shared.chmod(0o777)
+    with pytest.raises(ConfigurationError, match="chmod go-w") as refused:
+        check_plant_files(config)
+    assert refused.value.params["path"] == str(shared)
+
+
+def test_a_link_of_another_user_in_a_folder_of_all_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its owner can lead it elsewhere although the sticky bit keeps all others from that."""
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o1777)
+    (shared / "hall.toml").write_text("")
+    link = shared / "plant.toml"
+    link.symlink_to("hall.toml")
+    config = plant_config(directory=tmp_path / "state", source=str(link))
+    check_plant_files(config)
+    owner = link.lstat()
+    monkeypatch.setattr(Path, "lstat", lambda path: SimpleNamespace(st_uid=65_534, st_mode=owner.st_mode))
+    with pytest.raises(ConfigurationError) as refused:
+        check_plant_files(config)
+    assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(link))
+
+
 def test_files_of_an_installed_model_are_not_checked() -> None:
     """They have the owner and mode that the package manager gave them."""
     assert own_files("c320") == [] == own_files("huanyang_hy")

@@ -26,7 +26,7 @@ from drivebus.service.process import lock, main
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.logging_setup import RepetitionFilter
 from fixtures.receiver import wait_until
-from fixtures.service import LOCAL, running_service
+from fixtures.service import LOCAL, plant_config, running_service
 
 
 @pytest.fixture
@@ -99,6 +99,22 @@ async def test_a_socket_whose_directory_may_not_be_entered_for_a_time_is_restore
                 assert all("is missing: Permission denied" in line for line in caplog.messages)
             (folder / STOP_SOCKET).unlink()
             await wait_until((folder / STOP_SOCKET).is_socket)
+
+
+async def test_no_second_service_starts_on_a_directory_that_was_removed_and_created_again() -> None:
+    """Its lock was gone: the second service took the sockets, and a stop reached the one without the ports."""
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        folder = Path(name) / "state"
+        folder.mkdir(mode=0o700)
+        async with running_service() as kit, main._service_sockets(kit.service, folder):
+            with pytest.raises(ConfigurationError) as refused:
+                await asyncio.wait_for(main.run_service(plant_config(directory=folder)), 10.0)
+            assert refused.value.key == "plant.runs_already"
+            assert (await stop._request_stop(folder))["outcomes"]
+        killed = await asyncio.start_unix_server(lambda reader, writer: None, folder / STOP_SOCKET)
+        killed.close()
+        assert (folder / STOP_SOCKET).is_socket()
+        await main._check_no_service_answers(folder)
 
 
 async def test_a_socket_that_is_removed_again_and_again_fills_no_log(

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import signal
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from drivebus.service.ipc.protocol import (
     STOP_SOCKET,
     create_runtime_folder,
     remove_runtime_folders,
+    short_socket_path,
+    socket_path,
 )
 from drivebus.service.ipc.server import SocketServer, StopServer
 from drivebus.service.process.gateway_arguments import AddressOutput
@@ -54,6 +56,7 @@ async def run_service(
     notify, ending = SystemdNotifier(), asyncio.Event()
     check_plant_files(config)
     with single_instance(config.directory), handle_signals(loop, ending) as on_reload:
+        await _check_no_service_answers(config.directory)
         async with AsyncExitStack() as stack:
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
             await service.start()
@@ -70,6 +73,17 @@ async def run_service(
             notify.send("STOPPING=1")
             outcomes, _ = await asyncio.gather(service.stop(), gateways.close())
     return outcomes
+
+
+async def _check_no_service_answers(directory: Path) -> None:
+    """Check that no service listens in the directory: its lock is gone where the directory was removed meanwhile.
+
+    Raises ConfigurationError.
+    """
+    with suppress(OSError), short_socket_path(socket_path(directory, STOP_SOCKET)) as short:
+        _, writer = await asyncio.open_unix_connection(short)
+        writer.close()
+        raise ConfigurationError("plant.runs_already", directory=str(directory))
 
 
 @asynccontextmanager

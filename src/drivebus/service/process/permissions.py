@@ -7,7 +7,7 @@ import os
 import pwd
 import shlex
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -67,18 +67,36 @@ def _service_user(config: PlantConfig) -> int:
 
 
 def _check_folders(path: Path, user: int | None = None) -> None:
-    """Check that only this user and root can replace a file: nobody else may write a folder above it.
+    """Check that only this user and root can replace a file or a link to it: nobody else may write a folder above them.
 
-    In a folder with the sticky bit, as /tmp, others can replace nothing, but create what is missing.
+    In a folder with the sticky bit, as /tmp, others can replace only links of their own, but create what is missing.
     Raises ConfigurationError, OSError.
     """
-    child = path.resolve()
-    for folder in child.parents:
-        if not folder.stat().st_mode & stat.S_ISVTX:
-            check_trusted(folder, user=user)
-        elif not child.exists():
-            raise ConfigurationError("plant.shared_folder", path=str(child), folder=str(folder))
-        child = folder
+    for child in _names(path):
+        if child.is_symlink():
+            _check_owner(child, child.lstat().st_uid, {os.geteuid() if user is None else user, ROOT})
+        for folder in child.parents:
+            if not folder.stat().st_mode & stat.S_ISVTX:
+                check_trusted(folder, user=user)
+            elif not child.exists():
+                raise ConfigurationError("plant.shared_folder", path=str(child), folder=str(folder))
+            child = folder
+
+
+def _names(path: Path) -> Iterator[Path]:
+    """Yield the absolute name of a file, each one that a symbolic link leads to, and the real one. Raises OSError."""
+    real, name = path.resolve(), path.absolute()
+    while name.is_symlink():  # without a loop, as the real name was found
+        yield name
+        name = name.parent / name.readlink()
+    yield real
+
+
+def _check_owner(path: Path, owner: int, owners: Set[int]) -> None:
+    """Raise ConfigurationError with the command that mends it unless the owner is one of these."""
+    if owner not in owners:
+        names = {"owner": _user_name(owner), "user": _user_name(min(owners - {ROOT}, default=ROOT))}
+        raise ConfigurationError("plant.foreign_owner", path=str(path), quoted=shlex.quote(str(path)), **names)
 
 
 def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True, user: int | None = None) -> None:
@@ -88,10 +106,7 @@ def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True
     OSError.
     """
     found, user = path.stat(), os.geteuid() if user is None else user
-    owners = {user, ROOT} if root_may_own else {user}
-    if found.st_uid not in owners:
-        names = {"owner": _user_name(found.st_uid), "user": _user_name(user)}
-        raise ConfigurationError("plant.foreign_owner", path=str(path), quoted=shlex.quote(str(path)), **names)
+    _check_owner(path, found.st_uid, {user, ROOT} if root_may_own else {user})
     others = stat.S_IMODE(found.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
     forbidden = others & (stat.S_IWGRP | stat.S_IWOTH)
     if forbidden == stat.S_IWGRP and _is_private_group(found.st_gid, found.st_uid):
