@@ -42,6 +42,14 @@ def test_a_bus_shows_its_stations_in_cable_order_with_their_replies(visit: Any, 
     assert names == [word("host"), "Supply fan", "Extract fan", "Flue gas fan"]
 
 
+def test_the_table_of_stations_keeps_names_on_one_line_on_a_tablet(visit: Any, expect: Any) -> None:
+    """Regression: each name took three lines, beside wide columns, so a bus of thirty drives filled ten screens."""
+    page = visit("#/buses/pumps", size=(820, 1180))
+    name = page.locator(".wide-table tbody td a").first
+    expect(name).to_have_text("Circulation pump")
+    assert len(name.evaluate("one => [...one.getClientRects()].map(({ top }) => top)")) == 1
+
+
 def test_decoded_frames_scroll_until_they_are_paused(visit: Any, expect: Any) -> None:
     page = visit("#/buses/pumps")
     frames = page.locator(".frames-box .frame")

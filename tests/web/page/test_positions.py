@@ -176,3 +176,28 @@ def test_no_button_moves_while_a_frequency_is_wrong(visit: Any, language: str) -
         entry.fill(wrong)
         page.locator(".control .frequency .wrong").first.wait_for()
         assert moved(before, page.evaluate(BUTTONS)) == {}
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_remedy_of_two_lines_is_whole_in_the_red_box_of_a_desktop(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: one line was shown, although the box has room for two."""
+    trip(stage, "pump-2")
+    page = visit("#/drive/pump-2", size=(1440, 900), language=language)
+    page.locator(".active-fault [data-do=incident]").wait_for()
+    cut = page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const cause = { en: 'The motor is blocked.', zh: '电机堵转。' };
+      const remedy = { en: 'Find out what blocks the motor. '.repeat(5), zh: '先查明电机为何卡住。'.repeat(7) };
+      const lines = () => [...document.querySelectorAll('.active-fault .what > p')];
+      while (lines().length < 2) {  // the plant may publish its own text of the fault meanwhile
+        const { fault } = store.drive('pump-2').value;
+        const text = { en: 'over-current', zh: '过电流' };
+        store.applyDelta({ topics: { 'drives/pump-2': { fault: { ...fault, text, cause, remedy } } } });
+        await new Promise((resolve) => { setTimeout(resolve, 100); });
+      }
+      const [one, two] = lines();
+      const box = document.querySelector('.active-fault').getBoundingClientRect();
+      return [two.clientHeight > 1.5 * one.clientHeight, two.scrollHeight - two.clientHeight > 4,
+        two.getBoundingClientRect().bottom <= box.bottom - 3];
+    }""")
+    assert cut == [True, False, True]

@@ -143,3 +143,32 @@ def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(visit: Any) 
     }"""
     left = page.evaluate(script, [[newer, older] for newer, older, _ in REPLACED])
     assert left == [expected for *_, expected in REPLACED]
+
+
+@pytest.mark.parametrize("way", ["#/drive/fan-1", "#/fleet"])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_motion_that_was_read_before_a_stop_is_marked_until_the_drive_is_read_again(
+    visit: Any, language: str, way: str
+) -> None:
+    """Regression: on a bus that is read every ten seconds the drive was shown as running for so long after a stop."""
+    expect, page = expecting(), visit(way, language=language)
+    mark = page.locator(".drivestate .state, .tile:has([data-drive=fan-1]) .state")
+    show = """async ([state, stopped_ms]) => {
+      const store = await import('/static/js/store.js');
+      const last_stop = { kind: 'all', actor: 'ann', time_ms: store.serviceNow() + stopped_ms };
+      const apply = () => store.applyDelta({ topics: { 'drives/fan-1': { state, last_stop } } });
+      clearInterval(window.applying);
+      window.applying = setInterval(apply, 50);  // against what the plant publishes meanwhile
+    }"""
+    hour_ms = 3_600_000
+    running, last_known = word("drives.state_running", language), word("page.state_was", language)
+    page.evaluate(show, ["running", hour_ms])
+    expect(mark).to_contain_text(running)
+    expect(mark).to_contain_text(last_known)
+    expect(mark).to_have_class("state doubt")
+    page.evaluate(show, ["stopped", hour_ms])  # a drive at rest is at rest after a stop too
+    expect(mark).to_have_class("state calm")
+    expect(mark).not_to_contain_text(last_known)
+    page.evaluate(show, ["running", -hour_ms])
+    expect(mark).to_have_class("state active")
+    expect(mark).not_to_contain_text(last_known)

@@ -66,8 +66,12 @@ export function ageOf(found) {
   return found.readAt === null ? null : Math.max(0, now.value - found.readAt) / 1000;
 }
 
-/** The drive's state as it may be shown now; `lost` without a live connection. */
-export const stateOf = (view) => ({ state: view.state, presence: view.presence, lost: !isLive.value });
+/** The drive's state as it may be shown now; `lost` without a live connection, `beforeStop` where it was read before the
+ * last stop. */
+export const stateOf = (view) => ({
+  state: view.state, presence: view.presence, lost: !isLive.value,
+  beforeStop: (view.last_stop?.time_ms ?? 0) > (view.state_time_ms ?? 0),
+});
 
 /** Intervals below this are what a user expects of a live value. */
 const EXPECTED_INTERVAL_S = 1.5;

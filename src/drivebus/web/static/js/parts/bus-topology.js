@@ -36,7 +36,7 @@ export function Stations({ stations }) {
   const slowest = Math.max(0.001, ...stations.map((one) => one.reply_p95_s ?? 0));
   const columns = [
     [t("page.address"), (one) => one.address, "right"],
-    [t("page.drive"), (one) => html`<a href=${href("drive", one.drive)}>${driveTitle(one.drive)}</a>`],
+    [t("page.drive"), (one) => html`<a href=${href("drive", one.drive)}>${driveTitle(one.drive)}</a>`, "name"],
     [t("page.presence"), (one) => html`<${Presence} station=${one} />`],
     [t("page.refresh"), (one) => (one.refresh_s == null ? NO_VALUE : milliseconds(one.refresh_s)), "right"],
     [t("page.reply_time"), (one) => html`<${ReplyBar} station=${one} slowest=${slowest} />`],

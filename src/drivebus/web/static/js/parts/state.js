@@ -11,22 +11,23 @@ const APPEARANCES = {
   emergency_stopped: ["fault", "alarm"], unknown: ["unknown", "doubt"],
 };
 
-/** [icon, tone, word] of a state from `format.stateOf`. */
-export function appearanceOf({ state, presence, lost }) {
-  if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen")];
-  if (presence === "offline") return ["silent", "alarm", t("page.presence_offline")];
+/** [icon, tone, word, whether it may be over] of a state from `format.stateOf`. A motion may be over after a stop. */
+export function appearanceOf({ state, presence, lost, beforeStop }) {
+  if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen"), lost];
+  if (presence === "offline") return ["silent", "alarm", t("page.presence_offline"), lost];
   const [icon, tone] = APPEARANCES[state] ?? APPEARANCES.unknown;
-  return lost ? [icon, "doubt", t(`drives.state_${state}`)] : [icon, tone, t(`drives.state_${state}`)];
+  const isOutdated = lost || (tone === "active" && beforeStop);
+  return [icon, isOutdated ? "doubt" : tone, t(`drives.state_${state}`), isOutdated];
 }
 
-/** `known` is a state from `format.stateOf`; without a live connection it is marked. */
+/** `known` is a state from `format.stateOf`; one that may be over is marked. */
 export function StateMark({ known, direction, size = 22 }) {
-  const [icon, tone, word] = appearanceOf(known);
+  const [icon, tone, word, isOutdated] = appearanceOf(known);
   const turning = tone === "active" && direction;
   return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${size} /><span class="word" title=${word}>${word}</span>
     ${turning && html`<${Icon} name=${direction} size=${size - 4} />
       <span class="sr">${t(`drives.direction_${direction}`)}</span>`}
-    ${known.lost && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
+    ${isOutdated && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
 }
 
 const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", low: "low" };

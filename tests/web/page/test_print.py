@@ -1,0 +1,32 @@
+"""The page on paper, printed by a real browser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from fixtures.browser import Stage
+from fixtures.browser_actions import trip
+
+INK = """() => {
+  const brightness = (colour) => colour.match(/[0-9.]+/g).slice(0, 3).reduce((sum, one) => sum + Number(one), 0) / 3;
+  const style = (one) => getComputedStyle(document.querySelector(one));
+  return [brightness(style('h1').color), brightness(style('body').backgroundColor)];
+}"""
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(stage: Stage, visit: Any, theme: str) -> None:
+    """Regression: the stop bar covered a stretch of each sheet, and the dark theme printed its light text on white."""
+    trip(stage, "pump-2")
+    page = visit("#/drive/pump-2", theme=theme)
+    page.locator(".active-fault [data-do=incident]").wait_for()
+    assert page.locator(".stopbar").is_visible()
+    page.emulate_media(media="print", color_scheme=theme)
+    ink, paper = page.evaluate(INK)
+    assert ink < 60 and paper == 255
+    assert [one for one in (".stopbar", ".head nav", ".strip .button") if page.locator(one).first.is_visible()] == []
+    assert page.locator(".active-fault").is_visible() and page.locator(".strip .priority").is_visible()
+    fixed = "all => all.filter((one) => getComputedStyle(one).position === 'fixed' && one.offsetHeight > 0).length"
+    assert page.locator("body *").evaluate_all(fixed) == 0
