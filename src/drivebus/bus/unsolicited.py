@@ -13,7 +13,7 @@ from drivebus.bus.trace import TraceKind
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete, DecodedFrame, Incomplete
 
-MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; no frame of these families is longer
+MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; the longest frame, of Modbus ASCII, has one more
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
 FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
 
