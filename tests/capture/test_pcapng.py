@@ -271,7 +271,7 @@ def test_a_time_beyond_the_range_of_pcapng_is_rejected() -> None:
         wireshark.encode_wireshark(capture(), [replace(frame, time_s=2e13)])
 
 
-# the verb
+# the command
 
 
 def export(*words: str | Path, lang: str = "en") -> Result:
@@ -287,7 +287,7 @@ def trip(tmp_path: Path) -> Path:
     return file
 
 
-def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip: Path) -> None:
+def test_the_command_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
     result = export(trip, "-o", out)
     assert result.exit_code == 0
@@ -298,7 +298,7 @@ def test_the_verb_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(trip
     assert b"trip.dbcap" in out.read_bytes(), "the file says what it is"
 
 
-def test_the_verb_speaks_chinese_and_so_does_the_file(trip: Path) -> None:
+def test_the_command_speaks_chinese_and_so_does_the_file(trip: Path) -> None:
     out = trip.with_suffix(".pcapng")
     assert "3 帧，发送 2，收到 1" in export(trip, "-o", out, lang="zh").stdout
     assert "串行帧的外壳" in out.read_bytes().decode(errors="ignore")

@@ -24,8 +24,8 @@ def break_drive(kit: ServiceKit, operation: str, error: type[BaseException]) -> 
         await asyncio.sleep(0.1)
         raise error
 
-    verb = {"drive.reset": "reset_fault"}.get(operation, operation.partition(".")[2])
-    setattr(kit.service.plant.drives["fan-1"].drive, verb, broken)
+    method = {"drive.reset": "reset_fault"}.get(operation, operation.partition(".")[2])
+    setattr(kit.service.plant.drives["fan-1"].drive, method, broken)
 
 
 def records(kit: ServiceKit, operation: str) -> list[tuple[str | None, Any, int | None]]:
