@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from drivebus.commissioning import scan, scan_plan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress
 from drivebus.commissioning.scan_plan import ScanPass
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.errors import ChecksumError
 from drivebus.profiles.load import included_models
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Effect
@@ -437,6 +439,25 @@ def test_an_exception_to_every_read_is_a_device_of_another_model_and_no_noise() 
 def test_noise_at_an_address_ends_its_probes_after_four() -> None:
     (found,), requests = scan_device(lambda frame: b"\x55\xaa\x00", **modbus_plan())
     assert not found.valid_reply and found.models == () and requests == scan.MAX_UNREADABLE_REPLIES == 4
+
+
+@pytest.mark.parametrize("is_always", [False, True])
+def test_a_damaged_reply_does_not_let_another_model_be_named(is_always: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A VC660 whose first status reply held a stray byte was called one of fifteen other models, and not a VC660."""
+    probe, damaged = scan._probe, list[bytes]()
+
+    async def damage(bus: Bus, station: Any, request: Any) -> Any:
+        result = await probe(bus, station, request)
+        if result.sent[2:4] == b"\x30\x00" and (is_always or not damaged):
+            damaged.append(result.sent)
+            result = replace(result, reply=None, error=ChecksumError("bus.other_reply"))
+        return result
+
+    monkeypatch.setattr(scan, "_probe", damage)
+    link = "sim://vc660@2?drives=9600-8N1&baud=9600&format=8N1&name=damaged"
+    (found,), _ = scan_9600(tuple(profiles.models()), link, [2], encodings=["rtu"])
+    assert ("vc660" in found.models) is not is_always
+    assert len(damaged) == (2 + scan.MAX_REPEATED_READS if is_always else 1)
 
 
 @pytest.mark.parametrize(

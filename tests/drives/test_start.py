@@ -12,7 +12,7 @@ from drivebus.bus.messages import BusRequest
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.setpoint import SETPOINT_READ_TRIES
-from drivebus.drives.operations.start import run
+from drivebus.drives.operations.start import START_CONFIRM_TIMEOUT_S, run
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction
 from drivebus.errors import (
@@ -429,17 +429,20 @@ def test_a_decelerating_drive_that_falls_silent_after_its_new_frequency_has_an_u
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.run_while_decelerating")
 
 
-@pytest.mark.parametrize("ramp_s", [10, 40])
+@pytest.mark.parametrize("ramp_s", [10, 40, 400, 3000])
 @pytest.mark.parametrize("model", ["vc660", "c320"])
 def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_frequency(
     model: str, ramp_s: int
 ) -> None:
-    """A VC660 reports *running* down to standstill: only its falling output frequency shows the stop."""
+    """A VC660 reports *running* down to standstill: only its falling output frequency shows the stop.
+
+    Two readings of a slow ramp are equal.
+    """
 
     async def scenario() -> None:
         async with SimulatedDrives(model, query=f"ramp={ramp_s}") as bench:
             drive, hz = bench.drive(), SAFE_HZ[model]
-            await drive.run(hz, wait=True)
+            await drive.run(hz, wait=True, timeout_s=ramp_s)
             bench.station().motor.stop()
             await asyncio.sleep(0.2 * ramp_s * hz / 50)
             with pytest.raises(TargetNotReached) as caught:
@@ -447,6 +450,15 @@ def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_fr
             assert caught.value.key == "drives.run_while_decelerating"
 
     run_virtual(scenario())
+
+
+@pytest.mark.parametrize("output", [1000, 1990, 2000])
+def test_a_running_drive_whose_display_does_not_move_is_not_called_stopping(output: int) -> None:
+    """Its display may be coarser than what it gains in 3 s."""
+    bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=output))
+    outcome = start(bus, op, hz=20.0)
+    assert (outcome.status, outcome.notes) == (OutcomeStatus.ACKNOWLEDGED, ())
+    assert (bus.now > START_CONFIRM_TIMEOUT_S) is (output == 1000)
 
 
 def test_a_decelerating_drive_that_trips_after_its_new_frequency_is_reported_in_fault() -> None:

@@ -24,6 +24,8 @@ SNIFF_SAMPLE_BYTES = 64
 """Bytes of foreign traffic that are shown."""
 MAX_UNREADABLE_REPLIES = 4
 """Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
+MAX_REPEATED_READS = 20
+"""Reads of an address that are repeated because their replies were damaged: stray bytes must not exclude a model."""
 PARAMETER_REGISTERS_END = 1000
 """Registers below it are parameters in many drives, so that a status register there proves little."""
 
@@ -184,7 +186,7 @@ def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int)
 
 @dataclass(slots=True, kw_only=True)
 class _ProbedAddress:
-    """Replies of one address to the probes of a pass; each request is sent once."""
+    """Replies of one address to the probes of a pass; each request is sent once, apart from repetitions."""
 
     bus: Bus
     scan_pass: ScanPass
@@ -198,24 +200,28 @@ class _ProbedAddress:
     """First reply with what was asked for."""
     foreign: BusResult | None = None
     """First exchange that was answered from another address."""
-    unreadable: int = 0
-    """Exchanges with bytes that are no valid frame."""
+    damaged: set[tuple[bytes, int]] = field(default_factory=set)
+    """Probes whose last reply is no valid frame."""
+    repetitions_left: int = 0
+    """Number of requests that may be sent again."""
 
     @property
     def is_noise(self) -> bool:
         """Whether there were enough damaged replies, and no valid frame, to ask no further."""
-        return not (self.rejected or self.answered) and self.unreadable >= MAX_UNREADABLE_REPLIES
+        return not (self.rejected or self.answered) and len(self.damaged) >= MAX_UNREADABLE_REPLIES
 
     async def reply_to(self, dialect: Dialect, request: Any) -> Any | None:
         """Return the reply to a request; None where it was rejected or missing."""
         probe = probe_frame(dialect, request)
-        if probe not in self.replies:
+        while probe not in self.replies or self._take_repetition(probe):
             result = await _probe(self.bus, self.scan_pass.station_config(dialect), request)
+            self.damaged.discard(probe)
             is_rejected = result.reply is not None and dialect.rejection(result.reply) is not None
             self.replies[probe] = None if is_rejected else result.reply
             if result.received:
                 self.received = self.received or result
-                self.unreadable += result.reply is None
+                if result.reply is None:
+                    self.damaged.add(probe)
             elif getattr(result.error, "key", None) == "bus.other_station_replied":
                 self.foreign = self.foreign or result
             if is_rejected:
@@ -223,6 +229,16 @@ class _ProbedAddress:
             elif result.reply is not None:
                 self.answered = self.answered or result
         return self.replies[probe]
+
+    def _take_repetition(self, probe: tuple[bytes, int]) -> bool:
+        """Return whether a request whose reply was damaged is to be sent again, and count it.
+
+        Not where the same bytes were answered as the request of another model, with a byte count of another size.
+        """
+        is_answered = any(other[0] == probe[0] and reply is not None for other, reply in self.replies.items())
+        is_due = probe in self.damaged and not is_answered and self.repetitions_left > 0
+        self.repetitions_left -= is_due
+        return is_due
 
     async def answers_all(self, dialect: Dialect) -> bool:
         """Return whether the registers of state and identity of a model are answered."""
@@ -237,21 +253,25 @@ async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> Detecte
     named, if there are any.
     """
     probed = _ProbedAddress(bus=bus, scan_pass=scan_pass)
-    fits: list[ScanCandidate] = []
-    partly: list[ScanCandidate] = []
+    probes: list[tuple[ScanCandidate, Dialect, Any]] = []
     for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
             continue
         dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
-        request = probe_request(dialect)
-        reply = await probed.reply_to(dialect, request)
+        probes.append((candidate, dialect, probe_request(dialect)))
+        await probed.reply_to(*probes[-1][1:])
         if probed.received is None:
             return None if probed.foreign is None else _foreign_reply(scan_pass, address, probed.foreign)
+        if probed.is_noise:
+            break
+    probed.repetitions_left = MAX_REPEATED_READS if probed.rejected or probed.answered else 0
+    fits: list[ScanCandidate] = []
+    partly: list[ScanCandidate] = []
+    for candidate, dialect, request in probes:
+        reply = await probed.reply_to(dialect, request)
         if reply is not None:
             is_foreign = _is_foreign_status(dialect, request, reply) or not await probed.answers_all(dialect)
             (partly if is_foreign else fits).append(candidate)
-        if probed.is_noise:
-            break
     answer = probed.answered or probed.rejected or probed.received
     if answer is None:
         return None

@@ -114,7 +114,10 @@ def _change_running_speed(
     stop_epoch = (yield from get_bus_conditions()).stop_epoch
     slows_down = derived.state is DriveState.DECELERATING or _output_falls(op)
     outcome = yield from set_frequency(op, frequency_hz)
-    if slows_down and outcome.succeeded:
+    output_hz = _output_hz(op)
+    # two readings of a slow ramp are equal: its stop shows only in the speed not rising to the new frequency
+    must_rise = output_hz is not None and abs(output_hz) < frequency_hz - speed_tolerance_hz(op, frequency_hz)
+    if (slows_down or must_rise) and outcome.succeeded:
         return (yield from _check_runs_on(op, outcome, frequency_hz, stop_epoch))
     return outcome
 
@@ -124,11 +127,13 @@ def _check_runs_on(
 ) -> DriveOperation[Outcome]:
     """Check that a drive was not being stopped when it got its new frequency, which would not start it again.
 
-    While it is faster than the new frequency it may slow down to it or stop: a note says so.
+    While it is faster than the new frequency it may slow down to it or stop: a note says so. A speed that neither
+    falls nor rises until the end shows nothing.
     """
     until = (yield from get_bus_conditions()).now + START_CONFIRM_TIMEOUT_S
     reports_output = "output_frequency" in op.dialect.profile.signals  # a Huanyang H2A reports its speed instead
     near_hz = speed_tolerance_hz(op, frequency_hz) if reports_output else 0.0
+    first_hz = lowest_hz = abs(_output_hz(op) or 0.0)
     while True:
         yield from wait(COMMAND_SETTLE_S)
         yield from op.read_verified_state()
@@ -136,8 +141,10 @@ def _check_runs_on(
         if conditions.stop_epoch != stop_epoch:
             raise op.superseded_error()
         state, output = op.derived.state, abs(_output_hz(op) or 0.0)
-        falls = state is DriveState.DECELERATING or _output_falls(op)
-        if state.driven and (not falls or abs(output - frequency_hz) <= near_hz):
+        lowest_hz = min(lowest_hz, output)
+        falls = state is DriveState.DECELERATING or output < first_hz
+        runs_on = output > lowest_hz or abs(output - frequency_hz) <= near_hz or (not reports_output and not falls)
+        if state.driven and (runs_on or (not falls and conditions.now > until)):
             return outcome
         if falls and output > frequency_hz + near_hz:
             return with_note(outcome, "drives.still_decelerating", output_hz=output)
