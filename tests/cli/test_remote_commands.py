@@ -17,6 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus import i18n
+from drivebus.cli import output
 from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
@@ -423,6 +424,25 @@ def test_comm_loss_test_records_a_trip_and_tells_success_by_its_exit_code(
     assert tested["result"] == "trips" and tested["parameters"] == {"F9.3": 2, "F9.4": 10}
     assert plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-2"))["lease"] is None
     plant.run_in_loop(lambda: plant.kit.call("drive.reset", drive="fan-2"))
+
+
+def test_comm_loss_test_goes_on_where_its_note_can_t_be_written(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended while the service went on with the motor running."""
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.ENGINEER))
+    monkeypatch.setattr(comm_loss_test, "ACCELERATION_TIMEOUT_S", 0.2)
+    echo = output.click.echo
+
+    def fail(text: str, err: bool = False) -> None:
+        if err:
+            raise OSError(28, "No space left on device")
+        echo(text)
+
+    monkeypatch.setattr(output.click, "echo", fail)
+    words = ["comm-loss-test", "--service", plant.url, "--drive", "fan-2", "--frequency", "5", "--yes", "--json"]
+    result = CliRunner().invoke(cli, words)
+    assert (result.exit_code, json.loads(result.stdout)["event"]) == (1, "comm_loss_test")
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,8 @@ async def _connect_and_test(
         with shutdown_signals(may_suspend=False) as shutdown:
             try:
                 started = await drive.test_comm_loss(frequency_hz, silence_s)
-                output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
+                with output.continue_without_output():  # the motor runs: only its stop may end the test
+                    output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
                 found = await shutdown.interruptible(_result(drive))
                 if shutdown.received:
                     await drive.stop()
