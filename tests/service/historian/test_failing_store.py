@@ -53,6 +53,32 @@ class FailingStore:
         return self._left <= 0
 
 
+@pytest.mark.parametrize("other_file", [False, True], ids=["removed", "replaced"])
+async def test_a_file_that_is_removed_or_replaced_while_it_is_written_is_a_failure(
+    tmp_path: Path, other_file: bool
+) -> None:
+    """The history went on into the removed file, without an alarm, and was lost at the end of the service."""
+    file, away = tmp_path / "history.db", tmp_path / "away.db"
+    async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
+        historian.append(samples(range(10)))
+        await historian.flush()
+        file.rename(away)
+        if other_file:
+            file.touch()
+        for first in (10, 20):
+            historian.append(samples(range(10), start_ms=NOON_MS + 1000 * first))
+            with pytest.raises(
+                ServiceUnavailable, match="removed or replaced: put the same file back, or restart the service"
+            ):
+                await historian.flush()
+            assert not historian.ok and historian.problem is not None
+        away.replace(file)
+        await historian.flush()
+        assert historian.ok
+        found = await samples_of(historian, "fan-1.output_frequency", NOON_MS, NOON_MS + 60_000)
+        assert found.number == list(range(30))
+
+
 @pytest.mark.parametrize("done", [False, True], ids=["before", "after"])
 async def test_a_failure_of_any_call_loses_and_doubles_nothing(database: HistoryDatabase, done: bool) -> None:
     """Calls are failed one after another, each with its own tag, until a run has none left."""

@@ -24,10 +24,14 @@ class SqliteConnection:
         self.path = path
         self._reader = reader
         self._connection: sqlite3.Connection | None = None
+        self._written_file: tuple[int, int] | None = None
+        """Device and inode of the file that the writer opened first."""
 
     def connect(self) -> None:
         if not self._reader:
+            self._check_same_file()
             self.path.touch(mode=0o600)
+            self._written_file = self._file_identity()
         where = f"{self.path.absolute().as_uri()}?mode={'ro' if self._reader else 'rw'}"
         self._connection = sqlite3.connect(where, uri=True, isolation_level=None, timeout=5.0)
         # Debian's build overwrites deleted data; a history has no secrets, and journal rows are deleted all the time.
@@ -36,6 +40,23 @@ class SqliteConnection:
             pragmas += ["auto_vacuum = INCREMENTAL", "journal_mode = WAL", "synchronous = FULL"]
         for pragma in pragmas:
             self.fetch(f"PRAGMA {pragma}")
+
+    def _file_identity(self) -> tuple[int, int] | None:
+        """Return device and inode of the file; None where there is none."""
+        try:
+            found = self.path.stat()
+        except FileNotFoundError:
+            return None
+        return found.st_dev, found.st_ino
+
+    def _check_same_file(self) -> None:
+        """Raise OSError where the writer's file was removed or replaced.
+
+        SQLite would go on with the removed file, which nothing reads, and another one lacks the tags of the writer.
+        """
+        if self._written_file is not None and self._file_identity() != self._written_file:
+            name = self.path.name
+            raise OSError(f"{name} was removed or replaced: put the same file back, or restart the service")
 
     @property
     def _connected(self) -> sqlite3.Connection:
@@ -63,6 +84,8 @@ class SqliteConnection:
 
     @contextmanager
     def transaction(self, *, writing: bool) -> Iterator[None]:
+        if writing:
+            self._check_same_file()
         self.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
         try:
             yield
