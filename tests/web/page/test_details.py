@@ -175,3 +175,17 @@ def test_the_identity_of_a_c320_is_read_on_the_page(visit: Any, language: str) -
     page.wait_for_selector("[data-text=identity]:has-text('380 V')")
     assert "page." not in page.locator("[data-text=identity]").inner_text()
     page.locator("[data-text=identity]").scroll_into_view_if_needed()
+
+
+def test_a_start_that_needs_a_waiver_leads_to_the_panel_of_test_and_waiver(stage: Stage, visit: Any) -> None:
+    """Regression: on a phone the sentence asks for a waiver, and its button stands two screens further down."""
+    page = visit("#/drive/fan-1", size=(390, 844))
+    page.click("[data-do=show-safety]")
+    waive = page.locator("[data-do=waive]")
+    expecting()(page.locator("#safety")).to_be_focused()
+    expecting()(waive).to_be_in_viewport()
+    stage.call("waiver.grant", drive="fan-1", reason="watched bench")
+    page.locator("[data-do=show-safety]").wait_for(state="detached")
+    other = visit("#/drive/fan-2", role="operator")
+    other.locator("#start-blockers").wait_for()
+    assert other.locator("[data-do=show-safety]").count() == 0

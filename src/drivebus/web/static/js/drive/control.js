@@ -77,11 +77,21 @@ function SingleAction({ path, text, note, disabled, name }) {
 }
 
 const BLOCKERS_ID = "start-blockers";
+export const SAFETY_ID = "safety";
+
+/** Move the reader to the panel of test and waiver, which on a phone is far below. */
+function showSafety() {
+  const panel = document.getElementById(SAFETY_ID);
+  panel.scrollIntoView();
+  panel.focus({ preventScroll: true });
+}
 
 function StartBlockers({ view }) {
   if (view.start_blockers.length === 0) return null;
+  const needsWaiver = may("limit") && view.start_blockers.some(({ key }) => key.startsWith("plant.waiver_"));
   return html`<div id=${BLOCKERS_ID}><${Notice} kind="warning" title=${t("page.blocked")}><ul>${mergeSentences(view.start_blockers.map(
-    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//></div>`;
+    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//></div>
+    ${needsWaiver && html`<div><${Button} onClick=${showSafety} data-do="show-safety">${t("page.safety")}…<//></div>`}`;
 }
 
 /** Who stopped the drive, and how, until it is started again. Its place is reserved: a start moves no button that is held. */

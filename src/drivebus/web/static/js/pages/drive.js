@@ -9,7 +9,7 @@ import { addSignalNames, stateOf } from "../format.js";
 import { bus, drive, group } from "../store.js";
 import { StateMark } from "../parts/state.js";
 import { CommLoss, Limits } from "../drive/waiver-limits.js";
-import { ControlPanel } from "../drive/control.js";
+import { ControlPanel, SAFETY_ID } from "../drive/control.js";
 import { CurrentFault } from "../drive/current-fault.js";
 import { FaultsTab } from "../drive/faults.js";
 import { ParametersTab } from "../drive/parameters.js";
@@ -70,6 +70,7 @@ export function Page({ id, query }) {
     ${t("page.nav_fleet")}</a><//>`;
   return html`<${Head} view=${view} /><${CurrentFault} view=${view} />
     <div class="drivegrid"><${Values} view=${view} /><div class="stack drivecontrol"><${ControlPanel} view=${view} />
-      <section class="panel stack"><h2>${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
+      <section class="panel stack" id=${SAFETY_ID} tabindex="-1" aria-labelledby="safety-title"><h2
+        id="safety-title">${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
       </section></div><${Details} view=${view} query=${query} /></div>`;
 }
