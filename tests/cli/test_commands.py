@@ -344,7 +344,7 @@ def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Pat
     assert len(document["refused"]) == len(refused) == 3
     typo = refused["typo.toml"]
     assert (typo["line"], typo["key"], bool(typo["remedy"])) == (4, "limits.maximum_herz", True)
-    assert [refused[name]["complaints"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
+    assert [refused[name]["diagnostics"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
         "shadows",
         "unreadable",
     ]

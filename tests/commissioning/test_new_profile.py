@@ -135,7 +135,7 @@ def test_each_faulty_line_of_a_table_is_named_with_its_field(tmp_path: Path) -> 
     table.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         read_table(table, "hex")
-    found = [(one.line, one.key, one.kind) for one in caught.value.params["complaints"]]
+    found = [(one.line, one.key, one.kind) for one in caught.value.params["diagnostics"]]
     assert found == [
         (3, "address", "address"),
         (4, "address", "address_again"),
@@ -145,7 +145,7 @@ def test_each_faulty_line_of_a_table_is_named_with_its_field(tmp_path: Path) -> 
         (8, "scale", "scale"),
         (9, "access", "access"),
     ]
-    assert all(one.expected.en and one.remedy.zh for one in caught.value.params["complaints"])
+    assert all(one.expected.en and one.remedy.zh for one in caught.value.params["diagnostics"])
 
 
 @pytest.mark.parametrize(("text", "kind"), [("", "empty"), ("unit,text\nHz,x\n", "header")])
@@ -154,7 +154,7 @@ def test_a_table_without_header_is_rejected(tmp_path: Path, text: str, kind: str
     table.write_text(text, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         read_table(table, "hex")
-    assert [one.kind for one in caught.value.params["complaints"]] == [kind]
+    assert [one.kind for one in caught.value.params["diagnostics"]] == [kind]
 
 
 # --- command line ------------------------------------------------------------------------------------------------

@@ -679,14 +679,14 @@ def test_a_monitor_shows_the_reads_of_a_command(model: str) -> None:
 def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:
-            drive, complaints = bench.drive(), list[object]()
-            asyncio.get_running_loop().set_exception_handler(lambda _loop, context: complaints.append(context))
+            drive, reports = bench.drive(), list[object]()
+            asyncio.get_running_loop().set_exception_handler(lambda _loop, context: reports.append(context))
             with drive.monitor(on_change=lambda _status: 1 / 0, period_s=60.0):
                 await asyncio.sleep(125)
-                polls = len(complaints)
+                polls = len(reports)
                 await drive.run(20.0)
                 assert (await drive.stop()).status == "confirmed"
-            assert len(complaints) > polls
+            assert len(reports) > polls
 
     run_virtual(scenario())
 

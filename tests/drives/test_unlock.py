@@ -256,7 +256,7 @@ def test_a_profile_whose_unlock_or_sync_block_can_not_work_is_rejected(tmp_path:
     path.write_text(ALONE + text, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         profiles.load(path)
-    assert kind in [one.kind for one in caught.value.params["complaints"]]
+    assert kind in [one.kind for one in caught.value.params["diagnostics"]]
 
 
 def with_commands(**changes: Any) -> DriveProfile:

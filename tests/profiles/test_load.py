@@ -165,22 +165,22 @@ def test_a_users_file_can_not_replace_a_built_in_model(own: Path) -> None:
     path = write(own, VC660_SIZES, "vc660.toml")
     with pytest.raises(ProfileError) as caught:
         profiles.load("vc660")
-    assert caught.value.params["complaints"][0].kind == "shadows"
+    assert caught.value.params["diagnostics"][0].kind == "shadows"
     assert caught.value.params["file"] == str(path)
 
 
 def test_an_unknown_model_is_answered_with_the_nearest_names() -> None:
     with pytest.raises(ProfileError) as caught:
         profiles.load("vc60")
-    complaint = caught.value.params["complaints"][0]
-    assert complaint.kind == "no_model"
-    assert "vc660" in complaint.remedy.en and "drivebus models" in complaint.expected.en
+    diagnostic = caught.value.params["diagnostics"][0]
+    assert diagnostic.kind == "no_model"
+    assert "vc660" in diagnostic.remedy.en and "drivebus models" in diagnostic.expected.en
 
 
 def test_a_missing_file_is_reported() -> None:
     with pytest.raises(ProfileError) as caught:
         profiles.load("./nowhere/own.toml")
-    assert caught.value.params["complaints"][0].kind == "no_file"
+    assert caught.value.params["diagnostics"][0].kind == "no_file"
 
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
@@ -251,4 +251,4 @@ def test_a_key_that_is_no_16_bit_number_is_an_issue_of_the_file(tmp_path: Path, 
     file.write_text(table, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         profiles.load(file)
-    assert [one.kind for one in caught.value.params["complaints"]] == ["number"]
+    assert [one.kind for one in caught.value.params["diagnostics"]] == ["number"]

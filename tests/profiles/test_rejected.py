@@ -9,7 +9,7 @@ import pytest
 
 from drivebus import i18n, profiles
 from drivebus.errors import ProfileError
-from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
+from fixtures.rejected_files import all_expected_kinds, check_diagnostics, check_pairs
 
 REJECTED = Path(__file__).parent / "rejected"
 FILES = sorted(REJECTED.glob("*.toml"))
@@ -28,22 +28,22 @@ def test_there_are_at_least_twenty_rejected_files_each_with_its_expectation() ->
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_bad_file_is_rejected_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
-    check_complaints(path, refusal(path))
+    check_diagnostics(path, refusal(path))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_rejection_is_reported_in_both_languages_without_an_empty_place(path: Path) -> None:
     error = refusal(path)
-    for complaint in error.params["complaints"]:
-        english, chinese = complaint.text("en"), complaint.text("zh")
-        assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
+    for diagnostic in error.params["diagnostics"]:
+        english, chinese = diagnostic.text("en"), diagnostic.text("zh")
+        assert Path(diagnostic.file).name in english and Path(diagnostic.file).name in chinese
         assert "profiles." not in english and "profiles." not in chinese
-        assert not ({"{", "}"} & set((english + chinese).replace(complaint.found, "")))
+        assert not ({"{", "}"} & set((english + chinese).replace(diagnostic.found, "")))
         assert any("一" <= character <= "鿿" for character in chinese)
 
 
 def test_two_faults_of_one_file_are_both_named() -> None:
-    found = refusal(REJECTED / "two-faults.toml").params["complaints"]
+    found = refusal(REJECTED / "two-faults.toml").params["diagnostics"]
     assert [(c.kind, c.line) for c in found] == [("unknown_key", 5), ("type", 8)]
 
 
@@ -70,14 +70,14 @@ def test_the_sentence_of_a_rejection() -> None:
 
 def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
     for name in ("toggle-direction", "toggle-as-reverse"):
-        assert refusal(REJECTED / f"{name}.toml").params["complaints"][0].kind == "toggle"
+        assert refusal(REJECTED / f"{name}.toml").params["diagnostics"][0].kind == "toggle"
 
 
 def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
     """Otherwise a parameter write would bypass the start permissives."""
     assert refusal(REJECTED / "command-as-parameter.toml").params["found"] == '"2000H"'
-    assert refusal(REJECTED / "eeprom-twin-on-the-command-word.toml").params["complaints"][0].kind == "duplicate"
-    assert refusal(REJECTED / "eeprom-form-as-parameter.toml").params["complaints"][0].kind == "eeprom_bit"
+    assert refusal(REJECTED / "eeprom-twin-on-the-command-word.toml").params["diagnostics"][0].kind == "duplicate"
+    assert refusal(REJECTED / "eeprom-form-as-parameter.toml").params["diagnostics"][0].kind == "eeprom_bit"
 
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:

@@ -81,7 +81,7 @@ def test_a_key_that_is_no_language_code_is_rejected(mill: Path, language: str) -
     mill.write_text(mill.read_text().replace('"Acme V1 of the mill"', table), encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         profiles.load("mill")
-    (found,) = caught.value.params["complaints"]
+    (found,) = caught.value.params["diagnostics"]
     assert found.key == f"title.{language}" and found.line is not None
 
 

@@ -146,7 +146,7 @@ def test_a_file_that_can_not_be_read_is_rejected_like_any_other(own: Path) -> No
     (own / "gone.toml").symlink_to(own / "nowhere")
     with pytest.raises(ProfileError) as caught:
         profiles.load("gone")
-    assert (caught.value.params["complaints"][0].kind, Path(caught.value.params["file"]).name) == (
+    assert (caught.value.params["diagnostics"][0].kind, Path(caught.value.params["file"]).name) == (
         "unreadable",
         "gone.toml",
     )

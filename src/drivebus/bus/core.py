@@ -89,7 +89,7 @@ from drivebus.serial_settings import SerialSettings
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
 MAX_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
-STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence: longer than any frame of these families
+STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence on a bus that is never silent
 SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
 TIMER_FIRED = -1.0  # value of ``_timer_at`` that makes the next SetTimer be issued even if it is None again
 

@@ -96,8 +96,8 @@ def error_hint(error: DrivebusError) -> str | None:
 
 def error_text(error: DrivebusError) -> str:
     """Return the error's text; an unknown model name gets the list of models."""
-    complaints = error.params.get("complaints") or ()
-    if [one.kind for one in complaints] == ["no_model"]:
+    diagnostics = error.params.get("diagnostics") or ()
+    if [one.kind for one in diagnostics] == ["no_model"]:
         from drivebus import profiles
 
         name = error.params["file"]

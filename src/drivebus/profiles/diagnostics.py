@@ -44,7 +44,7 @@ class Diagnostic:
     def text(self, language: str = "en") -> str:
         """Return the whole sentence: location, fault, value found, value expected, remedy."""
         return printable_text(
-            "profiles.complaint",
+            "profiles.diagnostic",
             language,
             where=self._location(language),
             what=i18n.text(_text_key(self.catalogue, "kind", self.kind), language),
@@ -125,15 +125,15 @@ def _text_key(catalogue: str, part: str, kind: str) -> str:
     return own if i18n.known(own) else f"{DEFAULT_CATALOGUE}.{part}.{kind}"
 
 
-def profile_error(complaints: Sequence[Diagnostic]) -> ProfileError:
+def profile_error(diagnostics: Sequence[Diagnostic]) -> ProfileError:
     """Return the error of a profile with these faults."""
-    return ProfileError("profiles.refused", **error_params(complaints))
+    return ProfileError("profiles.refused", **error_params(diagnostics))
 
 
-def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
-    """Return the parameters of a configuration error: those of the first fault, and all ``complaints``."""
-    first = complaints[0]
-    everything = Text.per_language(lambda language: "\n".join(c.text(language) for c in complaints))
+def error_params(diagnostics: Sequence[Diagnostic]) -> dict[str, Any]:
+    """Return the parameters of a configuration error: those of the first fault, and all ``diagnostics``."""
+    first = diagnostics[0]
+    everything = Text.per_language(lambda language: "\n".join(one.text(language) for one in diagnostics))
     return {
         "file": first.file,
         "line": first.line,
@@ -141,9 +141,9 @@ def error_params(complaints: Sequence[Diagnostic]) -> dict[str, Any]:
         "found": first.found,
         "expected": first.expected,
         "remedy": first.remedy,
-        "count": len(complaints),
+        "count": len(diagnostics),
         "everything": everything,
-        "complaints": tuple(complaints),
+        "diagnostics": tuple(diagnostics),
     }
 
 

@@ -66,7 +66,7 @@ def included_models() -> list[str]:
 def load(model: str | Path) -> DriveProfile:
     """Return the profile of a model by name, or of a TOML file by path.
 
-    Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``complaints``.
+    Raises ProfileError; its params carry file, line, key, found, expected, remedy and every fault as ``diagnostics``.
     """
     path = _find_file(model)
     return _builtin_profile(path) if path.is_relative_to(DATA_DIRECTORY) else _load_profile(path)

@@ -36,7 +36,7 @@ model = "df800"
 def kinds(text: str) -> list[str]:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text)
-    return [one.kind for one in caught.value.params["complaints"]]
+    return [one.kind for one in caught.value.params["diagnostics"]]
 
 
 def plant(more: str = "", **edits: str) -> PlantConfig:
@@ -269,7 +269,7 @@ def test_a_lower_limit_below_the_models_own_is_rejected(tmp_path: Path) -> None:
     assert config.loads(text, base=tmp_path).drive("pump").limits.minimum_hz == 10.0
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace("{ minimum_hz = 10.0", "{ minimum_hz = 9.9"), base=tmp_path)
-    found = caught.value.params["complaints"]
+    found = caught.value.params["diagnostics"]
     assert [(one.kind, one.expected.en) for one in found] == [("limit_wide", ">= 10 for vc660")]
 
 

@@ -85,7 +85,7 @@ def test_an_invalid_plant_is_reported_with_every_fault_and_exit_code_2() -> None
     assert result.exit_code == 2
     found = json.loads(result.stdout)
     assert (found["exit"], found["error"]["params"]["count"]) == (2, 8)
-    first = found["error"]["params"]["complaints"][0]
+    first = found["error"]["params"]["diagnostics"][0]
     assert (first["line"], first["key"], first["found"]) == (6, "bus.a.speed", '"speed"')
     assert all(first[name] for name in ("expected", "remedy"))
 

@@ -81,10 +81,10 @@ def check_refusal(text: str) -> None:
     try:
         found = config.loads(text)
     except ConfigurationError as error:
-        assert 1 <= len(error.params["complaints"]) <= 100
-        for complaint in error.params["complaints"]:
-            assert (complaint.line is not None or complaint.catalogue == "profiles") and complaint.remedy.en
-            assert complaint.text("en") and complaint.text("zh")
+        assert 1 <= len(error.params["diagnostics"]) <= 100
+        for diagnostic in error.params["diagnostics"]:
+            assert (diagnostic.line is not None or diagnostic.catalogue == "profiles") and diagnostic.remedy.en
+            assert diagnostic.text("en") and diagnostic.text("zh")
     else:
         assert isinstance(found, PlantConfig)
         assert config.bus_loads(found)
@@ -97,7 +97,7 @@ def test_a_spoiled_file_is_a_plant_or_is_refused_in_words(text: str) -> None:
 
 
 @pytest.mark.parametrize("value", VALUES)
-def test_no_value_of_a_key_is_more_than_a_complaint(value: str) -> None:
+def test_no_value_of_a_key_is_more_than_a_diagnostic(value: str) -> None:
     """Each value in every fifth place, so that together they are everywhere."""
     for number in KEYS[VALUES.index(value) % 5 :: 5]:
         lines = list(SAMPLE)
@@ -110,4 +110,4 @@ def test_a_models_path_reads_nothing_without_an_end(path: str) -> None:
     """A text may come from afar: the service that judges it must not hang, nor fill its memory."""
     with pytest.raises(ConfigurationError) as caught:
         config.loads("\n".join(SAMPLE).replace('"vc660"', f'"{path}"'))
-    assert caught.value.params["complaints"][0].kind in ("refused_model", "no_file")
+    assert caught.value.params["diagnostics"][0].kind in ("refused_model", "no_file")

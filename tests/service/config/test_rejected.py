@@ -12,7 +12,7 @@ from drivebus.errors import ConfigurationError
 from drivebus.profiles import toml_file
 from drivebus.service import config
 from drivebus.web import gateway
-from fixtures.rejected_files import all_expected_kinds, check_complaints, check_pairs
+from fixtures.rejected_files import all_expected_kinds, check_diagnostics, check_pairs
 
 REJECTED = Path(__file__).parents[1] / "rejected"
 FILES = sorted(REJECTED.glob("*.toml"))
@@ -31,17 +31,17 @@ def test_there_are_at_least_twenty_five_rejected_files_each_with_its_expectation
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_an_invalid_plant_is_rejected_with_file_line_key_found_expected_and_remedy(path: Path) -> None:
-    check_complaints(path, refusal(path))
+    check_diagnostics(path, refusal(path))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_rejection_is_complete_in_both_languages(path: Path) -> None:
-    for complaint in refusal(path).params["complaints"]:
-        english, chinese = complaint.text("en"), complaint.text("zh")
-        assert Path(complaint.file).name in english and Path(complaint.file).name in chinese
+    for diagnostic in refusal(path).params["diagnostics"]:
+        english, chinese = diagnostic.text("en"), diagnostic.text("zh")
+        assert Path(diagnostic.file).name in english and Path(diagnostic.file).name in chinese
         assert not re.search(r"(plant_config|profiles|expression)\.[a-z]", english + chinese)
-        shown = (english + chinese).replace(complaint.found, "").replace(complaint.expected.en, "")
-        assert not ({"{", "}"} & set(shown.replace(complaint.expected.zh, "")))
+        shown = (english + chinese).replace(diagnostic.found, "").replace(diagnostic.expected.en, "")
+        assert not ({"{", "}"} & set(shown.replace(diagnostic.expected.zh, "")))
         assert any("一" <= character <= "鿿" for character in chinese)
 
 
@@ -49,15 +49,15 @@ def test_every_fault_of_a_file_is_reported_at_once() -> None:
     """Wrong types and missing keys hide no other fault, and what depends on them is not reported as unknown."""
     found = refusal(REJECTED / "many-faults.toml").params
     assert found["count"] == 8
-    assert [one.line for one in found["complaints"]] == [6, 9, 12, 14, 16, 17, 19, 19]
+    assert [one.line for one in found["diagnostics"]] == [6, 9, 12, 14, 16, 17, 19, 19]
 
 
 def test_two_protocol_families_on_one_bus_are_rejected() -> None:
-    assert [one.kind for one in refusal(REJECTED / "mixed-families.toml").params["complaints"]] == ["mixed"]
+    assert [one.kind for one in refusal(REJECTED / "mixed-families.toml").params["diagnostics"]] == ["mixed"]
 
 
 def test_the_web_gateway_on_every_address_needs_a_certificate() -> None:
-    kinds = [one.kind for one in refusal(REJECTED / "web-without-certificate.toml").params["complaints"]]
+    kinds = [one.kind for one in refusal(REJECTED / "web-without-certificate.toml").params["diagnostics"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
         text = (REJECTED / "web-without-certificate.toml").read_text().replace("0.0.0.0", host)
@@ -70,7 +70,7 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
     text = (REJECTED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
-    kinds = [one.kind for one in caught.value.params["complaints"]]
+    kinds = [one.kind for one in caught.value.params["diagnostics"]]
     assert kinds == ["control_character", "link", "pattern", "control_character"]
     for language in ("en", "zh"):
         reply_text = caught.value.text(language)
@@ -84,11 +84,11 @@ def test_a_password_in_a_database_url_is_not_repeated() -> None:
 
 
 def test_a_missing_or_unreadable_file_is_reported(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "none.toml").params["complaints"][0].kind == "no_file"
-    assert refusal(tmp_path).params["complaints"][0].kind == "unreadable"
+    assert refusal(tmp_path / "none.toml").params["diagnostics"][0].kind == "no_file"
+    assert refusal(tmp_path).params["diagnostics"][0].kind == "unreadable"
     large = tmp_path / "large.toml"
     large.write_bytes(b"#" * 1_000_001)
-    assert refusal(large).params["complaints"][0].kind == "too_large"
+    assert refusal(large).params["diagnostics"][0].kind == "too_large"
 
 
 def test_at_most_a_hundred_faults_are_reported() -> None:
@@ -100,7 +100,7 @@ def test_at_most_a_hundred_faults_are_reported() -> None:
 def test_brackets_without_end_are_rejected_as_a_syntax_error() -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads("format = 1\nx = " + "[" * 100_000)
-    assert caught.value.params["complaints"][0].kind == "toml"
+    assert caught.value.params["diagnostics"][0].kind == "toml"
 
 
 @pytest.mark.parametrize(("language", "sentence"), [("en", "blank in the name of a table"), ("zh", "表名中有空格")])
@@ -110,7 +110,7 @@ def test_a_blank_in_a_table_name_is_named_with_the_line_in_the_language_of_the_u
     """The message of tomllib, in English, did not name the blank."""
     with pytest.raises(ConfigurationError) as caught:
         config.loads('format = 1\n[plant]\nid = "p"\n[drive.Pump 1]\n')
-    text = caught.value.params["complaints"][0].text(language)
+    text = caught.value.params["diagnostics"][0].text(language)
     assert sentence in text and ":4" in text and "[drive.Pump 1]" in text and "declaration" not in text
 
 
@@ -118,7 +118,7 @@ def test_a_blank_in_a_table_name_is_named_with_the_line_in_the_language_of_the_u
 def test_another_fault_of_a_table_name_is_no_blank(header: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(f'format = 1\n[plant]\nid = "p"\n{header}\n')
-    assert caught.value.params["complaints"][0].kind == "toml"
+    assert caught.value.params["diagnostics"][0].kind == "toml"
 
 
 def test_every_kind_of_fault_has_three_texts_and_a_rejected_file() -> None:

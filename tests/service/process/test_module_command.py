@@ -30,7 +30,7 @@ async def test_a_configuration_is_checked_without_code_of_the_working_directory(
     (tmp_path / "pydantic.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')")
     monkeypatch.chdir(tmp_path)
     found = await ConfigurationCheck().check("", plant_config(directory=tmp_path, source=str(tmp_path / "plant.toml")))
-    assert found["complaints"] and not (tmp_path / "executed").exists()
+    assert found["diagnostics"] and not (tmp_path / "executed").exists()
 
 
 def test_no_child_process_runs_a_module_in_another_way() -> None:

@@ -63,7 +63,7 @@ async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_chec
         shown = (await kit.call("configuration.get"))["text"]
         assert shown == SHOP_FILE + history.replace("hunter2", "…")
         same = await kit.call("configuration.check", text=shown)
-        assert same == {"complaints": [], "difference": {"added": [], "changed": [], "removed": []}}
+        assert same == {"diagnostics": [], "difference": {"added": [], "changed": [], "removed": []}}
         copied = shown.replace('"shop"', f'"{SHOWN_URL}"').replace('"c320"', f'"{SHOWN_URL}"')
         copied += f'[group.g]\nmembers = ["{SHOWN_URL}"]\n["{SHOWN_URL}"]\n'
         wrong = await kit.call("configuration.check", text=copied)
@@ -71,7 +71,7 @@ async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_chec
     file.write_text(shown)
     with pytest.raises(ConfigurationError) as rejected:
         load(file)
-    assert [one.kind for one in rejected.value.params["complaints"]] == ["history_url"]
+    assert [one.kind for one in rejected.value.params["diagnostics"]] == ["history_url"]
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_no_fault_shows_the_password_of_the_database_wherever_its_hidden_form_is
     text = SHOP_FILE + HISTORY.format(password="…")
     assert old in text
     found = configuration_check.check_text(text.replace(old, new), load(file))
-    assert found["complaints"] and "hunter2" not in json.dumps(found)
+    assert found["diagnostics"] and "hunter2" not in json.dumps(found)
 
 
 def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> Non
     found = configuration_check.check_text(
         SHOP_FILE.replace("[bus.a]", f'title = "{SHOWN_URL}"\n[bus.a]') + HISTORY.format(password="…"), running
     )
-    assert found == {"complaints": [], "difference": {"added": [], "changed": ["title"], "removed": []}}
+    assert found == {"diagnostics": [], "difference": {"added": [], "changed": ["title"], "removed": []}}
     found = configuration_check.check_text(SHOP_FILE + HISTORY.format(password="hunter3"), running)
     assert found["difference"]["changed"] == ["history"]
 
@@ -129,11 +129,11 @@ def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> Non
 async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> None:
     async with shop(tmp_path) as (kit, client):
         good = await client.call("configuration.check", {"text": f"{SHOP_FILE}[drive.fan-2]{FAN_2}"}, LOCAL)
-        assert good == {"complaints": [], "difference": {"added": ["fan-2"], "changed": [], "removed": []}}
+        assert good == {"diagnostics": [], "difference": {"added": ["fan-2"], "changed": [], "removed": []}}
         same = await client.call("configuration.check", {"text": SHOP_FILE}, LOCAL)
-        assert same == {"complaints": [], "difference": {"added": [], "changed": [], "removed": []}}
+        assert same == {"diagnostics": [], "difference": {"added": [], "changed": [], "removed": []}}
         wrong = await client.call("configuration.check", {"text": SHOP_FILE.replace('"c320"', '"nonsense"')}, LOCAL)
-        assert [one["line"] for one in wrong["complaints"]] == [14] and wrong["difference"] == {}
+        assert [one["line"] for one in wrong["diagnostics"]] == [14] and wrong["difference"] == {}
         assert kit.service.plant.config.source == str(tmp_path / "plant.toml")
 
 
@@ -184,13 +184,13 @@ def test_a_check_tells_nothing_about_files_outside_the_folder_of_the_plant(tmp_p
     (folder / "plant.toml").write_text(SHOP_FILE)
     running = load(folder / "plant.toml")
 
-    def complaints(model: str) -> list[Any]:
+    def diagnostics(model: str) -> list[Any]:
         text = SHOP_FILE + f'[drive.x]\nbus = "a"\naddress = 9\nmodel = "{model}"\n'
-        found = configuration_check.check_text(text, running)["complaints"]
+        found = configuration_check.check_text(text, running)["diagnostics"]
         return [(one["key"], "that is not read here" in one["text"]["en"]) for one in found]
 
     for model in (str(outside), "/etc/passwd", "/no/such/file.toml", "../outside.toml", "link.toml", "/var/"):
-        assert complaints(model) == [("drive.x.model", True)], model
-    assert len(complaints("own.toml")) == 2, "its own errors are listed"
+        assert diagnostics(model) == [("drive.x.model", True)], model
+    assert len(diagnostics("own.toml")) == 2, "its own errors are listed"
     running = replace(running, drives=(replace(running.drives[0], model=str(outside)),))
-    assert len(complaints(str(outside))) == 2, "a file that is in use"
+    assert len(diagnostics(str(outside))) == 2, "a file that is in use"

@@ -120,7 +120,7 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
     """Yield the issues of a profile that could not be loaded."""
     found = parsed.profile_errors[id].params
     path = ("drive", id, "model")
-    kinds = [one.kind for one in found["complaints"]]
+    kinds = [one.kind for one in found["diagnostics"]]
     if kinds == ["no_model"]:
         yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
         return
@@ -129,7 +129,7 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
         return
     yield issue("refused_model", path, drive.model, count=len(kinds))
     first = next(one for one in parsed.profile_errors if parsed.profile_errors[one] is parsed.profile_errors[id])
-    yield from found["complaints"] if first == id else ()
+    yield from found["diagnostics"] if first == id else ()
 
 
 def _check_drive(parsed: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:

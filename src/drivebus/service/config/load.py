@@ -42,7 +42,7 @@ PLACEHOLDER_PLANT = {"id": "plant"}
 
 
 def load(path: str | Path) -> PlantConfig:
-    """Load a plant file. Raises ConfigurationError with every issue in its parameter ``complaints``."""
+    """Load a plant file. Raises ConfigurationError with every issue in its parameter ``diagnostics``."""
     where = Path(path)
     try:
         with where.open("rb") as file:

@@ -87,7 +87,7 @@ def _kill(process: asyncio.subprocess.Process) -> None:
 
 
 def check_text(text: str, running: PlantConfig) -> Json:
-    """Return ``{"complaints", "difference"}`` of a text.
+    """Return ``{"diagnostics", "difference"}`` of a text.
 
     Profile files are read below the folder of the plant file, and where the running configuration has them: else a
     client could try which files exist on this machine, and what they hold. The password of the database in use is never
@@ -101,8 +101,8 @@ def check_text(text: str, running: PlantConfig) -> Json:
     try:
         new = loads(text, running.source, folder, may_read_model=may_read, history_url=running.history.url)
     except ConfigurationError as error:
-        return {"complaints": _complaints_json(error), "difference": {}}
-    return {"complaints": [], "difference": difference_json(config_diff(running, new))}
+        return {"diagnostics": _diagnostics_json(error), "difference": {}}
+    return {"diagnostics": [], "difference": difference_json(config_diff(running, new))}
 
 
 def difference_json(change: ConfigDiff) -> Json:
@@ -120,8 +120,8 @@ def _unique(found: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _complaints_json(error: ConfigurationError) -> list[Json]:
-    found: Iterable[Diagnostic] = error.params.get("complaints", ())
+def _diagnostics_json(error: ConfigurationError) -> list[Json]:
+    found: Iterable[Diagnostic] = error.params.get("diagnostics", ())
     return [{"line": one.line, "key": one.key, "found": one.found, "text": to_plain(one)} for one in found] or [
         {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
     ]

@@ -30,13 +30,13 @@ function Check({ text, onChange, isChanged, onBack }) {
 
 /** Errors with line, found, expected and remedy; without errors the changes that a reload would apply. */
 function CheckResult({ result }) {
-  const complaints = result.complaints ?? [];
-  if (complaints.length === 0) {
+  const diagnostics = result.diagnostics ?? [];
+  if (diagnostics.length === 0) {
     return html`<${Notice} kind="good" live title=${t("page.configuration_good")}><${Difference}
       difference=${result.difference} /><//>`;
   }
-  return html`<${Notice} kind="bad" live title=${t("page.configuration_bad", { n: complaints.length })}>
-    <ol class="complaints">${complaints.map((one, n) => html`<li key=${n}>
+  return html`<${Notice} kind="bad" live title=${t("page.configuration_bad", { n: diagnostics.length })}>
+    <ol class="diagnostics">${diagnostics.map((one, n) => html`<li key=${n}>
       ${one.line != null && html`<b>${t("page.line_n", { n: one.line })}</b>${" "}`}<span>${localized(one.text)}</span>
         </li>`)}</ol><//>`;
 }
