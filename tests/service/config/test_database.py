@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
 from pathlib import Path
 
 import pytest
@@ -14,10 +13,12 @@ from click.testing import CliRunner
 from drivebus.cli.main import cli
 from drivebus.service.config import database
 from drivebus.service.config.database import default_sslmode, unverified_sslmode
+from fixtures.postgres import messages_sent
 from fixtures.service import FAN_FILE
 from peers import need_module
 
 SSL_REQUEST = b"\x00\x00\x00\x08\x04\xd2\x16\x2f"
+NO_TLS = b"N"
 
 
 @pytest.fixture(autouse=True)
@@ -73,29 +74,6 @@ def test_the_environment_and_a_service_file_may_name_the_mode_and_the_host(monke
     assert default_sslmode("postgresql:///plant") == "verify-full"
 
 
-def first_messages(listener: socket.socket, url: str) -> tuple[bytes, bytes]:
-    """Return what a connection to ``url`` sends first to a server without TLS, and then."""
-    from drivebus.service.historian.postgres import PostgresConnection
-
-    found: list[bytes] = []
-
-    def serve() -> None:
-        client, _ = listener.accept()
-        with client:
-            found.append(client.recv(4096))
-            client.sendall(b"N")
-            found.append(client.recv(4096))
-
-    server = threading.Thread(target=serve)
-    server.start()
-    connection = PostgresConnection(url)
-    with pytest.raises(connection.errors):
-        connection.connect()
-    connection.close()
-    server.join()
-    return found[0], found[1]
-
-
 def test_the_history_sends_nothing_to_a_server_elsewhere_that_does_not_prove_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,8 +84,8 @@ def test_the_history_sends_nothing_to_a_server_elsewhere_that_does_not_prove_its
     monkeypatch.setattr(database, "is_loopback", lambda host: False)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         url = f"postgresql://drivebus@127.0.0.1:{listener.getsockname()[1]}/plant?sslrootcert={authority}"
-        assert first_messages(listener, url) == (SSL_REQUEST, b"")
-        sent, then = first_messages(listener, f"{url}&sslmode=prefer")
+        assert messages_sent(listener, url, NO_TLS) == (SSL_REQUEST, b"")
+        sent, then = messages_sent(listener, f"{url}&sslmode=prefer", NO_TLS)
         assert sent == SSL_REQUEST and b"drivebus" in then, "as the URL says"
 
 

@@ -3,37 +3,14 @@
 from __future__ import annotations
 
 import socket
-import threading
 from pathlib import Path
 
 import pytest
 
+from fixtures.postgres import messages_sent
 from peers import need_module
 
 PASSWORD_REQUEST = b"R\x00\x00\x00\x08\x00\x00\x00\x03"  # AuthenticationCleartextPassword
-
-
-def password_sent(listener: socket.socket, url: str) -> str:
-    """Return the password that a connection to ``url`` sends to a server that asks for one."""
-    from drivebus.service.historian.postgres import PostgresConnection
-
-    found: list[bytes] = []
-
-    def serve() -> None:
-        client, _ = listener.accept()
-        with client:
-            client.recv(4096)
-            client.sendall(PASSWORD_REQUEST)
-            found.append(client.recv(4096))
-
-    server = threading.Thread(target=serve)
-    server.start()
-    connection = PostgresConnection(url)
-    with pytest.raises(connection.errors):
-        connection.connect()
-    connection.close()
-    server.join()
-    return found[0][5:].rstrip(b"\x00").decode()
 
 
 @pytest.mark.parametrize("where", ["PGPASSFILE", "PGPASSWORD", "passfile"])
@@ -51,4 +28,5 @@ def test_the_password_of_the_database_need_not_be_in_the_configuration(
             url += f"&passfile={file}"
         else:
             monkeypatch.setenv(where, str(file) if where == "PGPASSFILE" else "hunter2")
-        assert password_sent(listener, url) == "hunter2"
+        _, answer = messages_sent(listener, url, PASSWORD_REQUEST)
+        assert answer[5:] == b"hunter2\0"
