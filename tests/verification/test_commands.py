@@ -126,7 +126,7 @@ def test_an_unanswered_start_reported_as_acknowledged_is_found(monkeypatch: pyte
 
     only(monkeypatch, "df800-rtu")
     monkeypatch.setattr(start, "confirm_start", at_once)
-    assert found(campaign(800, seed=2), "the drive received no frame of it")
+    assert found(campaign(1600, seed=3), "the drive received no frame of it")
 
 
 def test_a_start_sent_after_a_newer_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
