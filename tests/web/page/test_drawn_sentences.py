@@ -87,7 +87,7 @@ def test_who_controls_a_drive_and_why_only_stops_are_possible(
 
 
 def test_a_drive_is_called_blocked_only_where_the_service_gives_a_reason(draw: Draw, fan: Any) -> None:
-    reason = {"code": "x", "text": {"en": "the interlock is open", "zh": "联锁断开"}, "params": {}}
+    reason = {"key": "interlocks.violated", "text": {"en": "the interlock is open", "zh": "联锁断开"}, "params": {}}
     for blockers in ([], [reason]):
         text = draw("drive/control", "ControlPanel", {"view": fan | {"start_blockers": blockers}})
         assert shown(text, ["page.blocked"]) == ["page.blocked"] * len(blockers)
