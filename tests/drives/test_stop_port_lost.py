@@ -34,6 +34,17 @@ def line_of(bench: SimulatedDrives) -> SimulatedBus:
     return simulated_bus_of(bench.port)
 
 
+def lose_the_port_at_motion(bench: SimulatedDrives, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unplug the port when a drive executes a start or jog, before its reply."""
+    start = Motor.run
+
+    def start_and_unplug(motor: Motor, target_hz: float) -> None:
+        start(motor, target_hz)
+        line_of(bench).unplug()
+
+    monkeypatch.setattr(Motor, "run", start_and_unplug)
+
+
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("wait", [True, False])
 def test_a_stop_that_no_open_port_took_is_not_called_sent(model: str, wait: bool) -> None:
@@ -143,13 +154,7 @@ def test_a_port_lost_at_the_start_frame_is_not_called_a_newer_stop(model: str, m
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
             drive = bench.drive()
-            start = Motor.run
-
-            def start_and_lose_the_port(motor: Motor, target_hz: float) -> None:
-                start(motor, target_hz)
-                line_of(bench).unplug()
-
-            monkeypatch.setattr(Motor, "run", start_and_lose_the_port)
+            lose_the_port_at_motion(bench, monkeypatch)
             with pytest.raises(Superseded) as caught:
                 await drive.run(SAFE_HZ[model])
             assert caught.value.key == "drives.command_port_lost"
@@ -167,13 +172,7 @@ def test_a_jog_whose_port_is_lost_at_its_frame_is_not_called_stopped(
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:
-            start = Motor.run
-
-            def start_and_lose_the_port(motor: Motor, target_hz: float) -> None:
-                start(motor, target_hz)
-                line_of(bench).unplug()
-
-            monkeypatch.setattr(Motor, "run", start_and_lose_the_port)
+            lose_the_port_at_motion(bench, monkeypatch)
             with pytest.raises(OutcomeUnknown) as caught:
                 await bench.drive().jog(JOG_HZ[model]).start()
             assert caught.value.key == "drives.jog_unknown"
