@@ -181,6 +181,31 @@ def test_a_drive_that_stops_answering_loses_its_values() -> None:
     run(scenario())
 
 
+def test_an_alarm_that_has_cleared_is_no_longer_counted_as_active_and_still_waits_for_its_acknowledgement() -> None:
+    """Regression: a fault that was reset was counted as active until a user acknowledged it."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            for silent, active, cleared in ((True, 1, 0), (False, 0, 1)):
+                kit.station("fan-1").faults.silent = silent
+                await asyncio.sleep(20 if silent else 90)
+                found, _ = await scraped(kit)
+                for prefix, labels in (("", {}), ("drive_", {"drive": "fan-1"})):
+                    counts = [
+                        of(found, f"{prefix}alarms_{state}", priority="high", **labels)
+                        for state in ("active", "cleared_unacknowledged")
+                    ]
+                    assert counts == [active, cleared]
+                assert of(found, "alarms_unacknowledged", priority="high") == 1
+            (alarm,) = (await kit.call("alarms.list"))["active"]
+            await kit.call("alarm.acknowledge", alarm=alarm["id"])
+            found, _ = await scraped(kit)
+            assert of(found, "alarms_cleared_unacknowledged", priority="high") == 0
+
+    run(scenario())
+
+
 @pytest.mark.parametrize("reading", [{"quality": "uncertain"}, {"quality": "bad", "value": None}, {"unit": ""}])
 def test_an_uncertain_reading_or_one_of_unknown_scale_is_not_a_metric(reading: Json) -> None:
     """DZB100's scale is uncertain by a factor of ten; a raw word is not a current."""
@@ -241,7 +266,13 @@ TRIPPED: Json = {
     "maximum_current_a": None,
     "faults": {"7": 2, "9": 1},
 }
-ALARM: Json = {"priority": "low", "acknowledged_ms": None, "shelved_until_ms": None}
+ALARM: Json = {
+    "drive": "fan-1",
+    "priority": "low",
+    "cleared_ms": None,
+    "acknowledged_ms": None,
+    "shelved_until_ms": None,
+}
 
 
 async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(tmp_path: Path) -> None:
@@ -262,7 +293,13 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
         ]
         message.statistics["drives"]["fan-1"] = TRIPPED
         message.buses[0]["errors"]["NoReply"] = message.buses[0]["stations"][0]["errors"]["NoReply"] = 1
-        message.alarms[:] = [ALARM, ALARM | {"acknowledged_ms": 1}, ALARM | {"shelved_until_ms": 9}]
+        message.alarms[:] = [
+            ALARM,
+            ALARM | {"acknowledged_ms": 1},
+            ALARM | {"shelved_until_ms": 9},
+            ALARM | {"cleared_ms": 1},
+            ALARM | {"cleared_ms": 1, "shelved_until_ms": 9},
+        ]
         found = series(message)
     assert {name.removeprefix(METRIC_PREFIX) for name, _ in found} == METRICS.keys()
     assert {name for _, labels in found for name, _ in labels} == LABELS
@@ -270,8 +307,11 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
     assert of(found, "drive_trips_total", drive="fan-1") == 3
     assert of(found, "drive_energy_joules", drive="fan-1") == 7.2e6
     assert of(found, "drive_output_power_watts", drive="fan-1") == 1500.0
-    assert (of(found, "alarms_active", priority="low"), of(found, "alarms_shelved")) == (2, 1)
-    assert of(found, "alarms_unacknowledged", priority="low") == 1
+    assert (of(found, "alarms_active", priority="low"), of(found, "alarms_shelved")) == (2, 2)
+    assert of(found, "alarms_cleared_unacknowledged", priority="low") == 1
+    assert of(found, "alarms_unacknowledged", priority="low") == 2
+    assert of(found, "drive_alarms_cleared_unacknowledged", drive="fan-1", priority="low") == 1
+    assert of(found, "drive_alarms_cleared_unacknowledged", drive="fan-2", priority="low") == 0
     assert (of(found, "gateway_up", gateway="web"), of(found, "gateway_up", gateway="toy")) == (1, 0)
     assert of(found, "gateway_starts_total", gateway="web") == 2
     assert of(found, "disk_size_bytes") == message.plant["disk"]["total_mb"] * 2**20

@@ -8,6 +8,7 @@ neither 0 nor the last value.
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -88,6 +89,7 @@ PLANT_METRICS = (
     Metric("stops_confirmed_total"),
     Metric("stops_acknowledged_total"),
     Metric("alarms_active", ("priority",)),
+    Metric("alarms_cleared_unacknowledged", ("priority",)),
     Metric("alarms_unacknowledged", ("priority",)),
     Metric("alarms_shelved"),
     Metric("history_writable"),
@@ -124,6 +126,7 @@ DRIVE_METRICS = (
     Metric("drive_stop_pending", ("drive",)),
     Metric("drive_start_blocked", ("drive",)),
     Metric("drive_alarms_active", ("drive", "priority")),
+    Metric("drive_alarms_cleared_unacknowledged", ("drive", "priority")),
     Metric("drive_cycle_seconds", ("drive",)),
     Metric("drive_load_ratio", ("drive",)),
     Metric("drive_errors_total", ("drive", "error")),
@@ -173,8 +176,9 @@ def _all_points(data: ScrapeData) -> Iterator[OptionalPoint]:
         yield from _bus_points(bus)
         for station in bus["stations"]:
             yield from _station_points(station)
+    cleared = _cleared(_unshelved(data.alarms))
     for drive in data.drives:
-        yield from _drive_points(drive)
+        yield from _drive_points(drive, [alarm for alarm in cleared if alarm["drive"] == drive["id"]])
         yield from _signal_points(drive)
     for drive_id, run in data.statistics["drives"].items():
         yield from _run_points(drive_id, run)
@@ -205,12 +209,28 @@ def _statistics_points(statistics: Json) -> Iterator[OptionalPoint]:
 
 
 def _alarm_points(alarms: list[Json]) -> Iterator[OptionalPoint]:
-    shown = [alarm for alarm in alarms if alarm["shelved_until_ms"] is None]
-    unacknowledged = [alarm for alarm in shown if alarm["acknowledged_ms"] is None]
+    shown = _unshelved(alarms)
     yield "alarms_shelved", (), len(alarms) - len(shown)
-    for name, counted in (("alarms_active", shown), ("alarms_unacknowledged", unacknowledged)):
-        for priority in AlarmPriority:
-            yield name, (priority,), sum(alarm["priority"] == priority for alarm in counted)
+    yield from _priority_counts("alarms_active", (), (alarm for alarm in shown if alarm["cleared_ms"] is None))
+    yield from _priority_counts("alarms_cleared_unacknowledged", (), _cleared(shown))
+    yield from _priority_counts(
+        "alarms_unacknowledged", (), (alarm for alarm in shown if alarm["acknowledged_ms"] is None)
+    )
+
+
+def _unshelved(alarms: Iterable[Json]) -> list[Json]:
+    return [alarm for alarm in alarms if alarm["shelved_until_ms"] is None]
+
+
+def _cleared(alarms: Iterable[Json]) -> list[Json]:
+    """Return the alarms whose condition no longer holds; they are listed until they are acknowledged."""
+    return [alarm for alarm in alarms if alarm["cleared_ms"] is not None]
+
+
+def _priority_counts(metric: str, labels: tuple[str, ...], alarms: Iterable[Json]) -> Iterator[OptionalPoint]:
+    counts = Counter(alarm["priority"] for alarm in alarms)
+    for priority in AlarmPriority:
+        yield metric, (*labels, priority), counts[priority]
 
 
 def _bus_points(bus: Json) -> Iterator[OptionalPoint]:
@@ -243,7 +263,7 @@ def _station_points(station: Json) -> Iterator[OptionalPoint]:
     yield from _labelled_counts("drive_errors_total", labels, station["errors"])
 
 
-def _drive_points(drive: Json) -> Iterator[OptionalPoint]:
+def _drive_points(drive: Json, cleared_alarms: list[Json]) -> Iterator[OptionalPoint]:
     labels = (drive["id"],)
     yield "drive_info", (*labels, drive["bus"], str(drive["address"]), drive["model"]), 1
     yield "drive_up", labels, drive["presence"] == Presence.ONLINE
@@ -258,6 +278,7 @@ def _drive_points(drive: Json) -> Iterator[OptionalPoint]:
     yield "drive_start_blocked", labels, bool(drive["start_blockers"])
     for priority in AlarmPriority:
         yield "drive_alarms_active", (*labels, priority), drive["alarms"].get(priority, 0)
+    yield from _priority_counts("drive_alarms_cleared_unacknowledged", labels, cleared_alarms)
 
 
 def _state_set(metric: str, labels: tuple[str, ...], states: Iterable[str], present: str) -> Iterator[OptionalPoint]:

@@ -216,6 +216,16 @@ def test_an_alarm_leaves_the_list_once_cleared_and_acknowledged_in_either_order(
     assert rejected.value.params == {"alarm": "a2"}
 
 
+def test_a_cleared_alarm_that_waits_for_its_acknowledgement_is_not_counted_as_active() -> None:
+    """Regression: a drive whose fault was reset stayed abnormal until a user acknowledged it."""
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    assert alarms.counts("fan-1") == {"critical": 1}
+    run(alarms, (1, view()))
+    assert alarms.counts("fan-1") == {}
+    assert [alarm.id for alarm in alarms.active()] == ["a1"]
+
+
 def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_clock() -> None:
     """The UTC time only labels the end."""
     alarms = engine()
@@ -229,7 +239,7 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
     assert alarms.counts("fan-1") == {}
     assert alarms.expire_shelves(129.9, 999_000_000) == []
     assert words(alarms.expire_shelves(130.0, 0)) == ["unshelved fault", "unshelved fault"]
-    assert alarms.counts("fan-1") == {"critical": 2}
+    assert alarms.counts("fan-1") == {"critical": 1}
 
 
 def test_an_alarm_can_be_unshelved_early() -> None:

@@ -114,3 +114,34 @@ def test_the_mark_of_an_alarm_on_a_tile_has_its_colour_only_while_it_holds(
     assert mark.evaluate(colour) != red
     page.click("[data-do=acknowledge]")
     expect(mark).to_have_count(0)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_drive_whose_alarm_has_cleared_is_not_abnormal_and_is_found_until_it_is_acknowledged(
+    stage: Stage, visit: Any, alarms: Alarms, language: str
+) -> None:
+    """Regression: the filter *Abnormal* kept a drive that runs normally among those that need help."""
+    expect = expecting()
+
+    def word(key: str) -> str:
+        return i18n.text(f"page.{key}", language)
+
+    alarms.raise_for("fan-2")
+    page = visit("#/fleet", role="operator", language=language)
+    filters = {
+        kind: page.locator(".fleettools .choice button").filter(has_text=word(f"kind_{kind}"))
+        for kind in ("abnormal", "unacknowledged")
+    }
+    expect(filters["abnormal"].locator("b")).to_have_text("1")
+    expect(filters["unacknowledged"].locator("b")).to_have_text("1")
+    alarms.clear_for("fan-2")
+    expect(filters["abnormal"].locator("b")).to_have_text("0")
+    expect(filters["unacknowledged"].locator("b")).to_have_text("1")
+    filters["unacknowledged"].click()
+    expect(page.locator(".tilelink")).to_have_count(1)
+    expect(page.locator(".tile .priority")).to_have_attribute("title", word("alarm_cleared_unacknowledged"))
+    page.locator("[data-drive=fan-2]").click()
+    note = page.locator(".drivestate").get_by_text(word("alarms_to_acknowledge"))
+    expect(note).to_be_visible()
+    page.click("[data-do=acknowledge]")
+    expect(note).to_have_count(0)

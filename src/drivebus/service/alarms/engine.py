@@ -395,8 +395,9 @@ class AlarmEngine:
         return sorted(self._alarms.values(), key=lambda one: (order.index(one.priority), -one.raised_ms, one.id))
 
     def counts(self, drive: str) -> dict[str, int]:
-        """Return the number of a drive's active, unshelved alarms by priority."""
-        active = [one for one in self._alarms.values() if one.drive == drive and one.shelved_until_ms is None]
+        """Return the number of a drive's uncleared, unshelved alarms by priority."""
+        of_drive = (one for one in self._alarms.values() if one.drive == drive and one.shelved_until_ms is None)
+        active = [one for one in of_drive if one.cleared_ms is None]
         return {str(p): n for p in AlarmPriority if (n := sum(one.priority is p for one in active))}
 
     def as_json(self) -> Json:

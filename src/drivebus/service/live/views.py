@@ -188,7 +188,7 @@ class DriveView:
     start_blockers: tuple[Json, ...] = ()
     """Reasons against a start now, each ``{"key", "params", "text": {"en", "zh"}}`` (interlocks, waiver, inhibit)."""
     alarms: Mapping[str, int] = field(default_factory=dict)
-    """Active alarms by priority."""
+    """Alarms by priority whose condition holds, without shelved ones."""
     signals: Mapping[str, SignalView] = field(default_factory=dict)
     directions: tuple[str, ...] = ("forward", "reverse")
     """Directions in which it may run: those of the model, within the present limits."""

@@ -26,6 +26,17 @@ const firstByDrive = computed(() => new Map(openAlarms().reverse().map((alarm) =
 /** The most urgent open alarm of a drive, or undefined. */
 export const mostUrgentAlarm = (id) => firstByDrive.value.get(id);
 
+const waitingDrives = computed(() => new Set(unacknowledged(openAlarms()).map((alarm) => alarm.drive)));
+
+/** Whether an open alarm of a drive, active or cleared, waits for its acknowledgement. */
+export const hasUnacknowledgedAlarm = (id) => waitingDrives.value.has(id);
+
+/** Whether each open alarm of a drive is cleared, so that it waits for an acknowledgement alone. */
+export const hasOnlyClearedAlarms = (id) => {
+  const alarm = mostUrgentAlarm(id);
+  return alarm !== undefined && isCleared(alarm);
+};
+
 /** Shelved alarms in the same order. */
 export const shelvedAlarms = () => active().filter(isShelved).sort(byUrgency);
 

@@ -3,6 +3,7 @@ import { computed, signal } from "../lib.js";
 import { titleOf } from "../i18n.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { now, isLive } from "../live.js";
+import { hasUnacknowledgedAlarm } from "../alarm-list.js";
 import { route } from "../router.js";
 import { drive, group, idsOf, bus } from "../store.js";
 import { collator } from "./titles.js";
@@ -14,7 +15,7 @@ export const sort = signal(preferences.sort ?? "plant");
 export const groupBy = signal(preferences.by ?? "none");
 export const size = signal(preferences.size ?? "normal");
 
-export const KINDS = ["all", "abnormal", "running", "stopped", "unknown", "fault", "offline"];
+export const KINDS = ["all", "abnormal", "unacknowledged", "running", "stopped", "unknown", "fault", "offline"];
 export const SORTS = ["plant", "urgency", "name", "bus", "frequency", "current"];
 export const SIZES = ["wall", "normal", "dense"];
 export const GROUPINGS = ["none", "group", "bus"];
@@ -25,7 +26,8 @@ export function savePreferences() {
 
 const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
 
-/** The kinds that a drive belongs to. */
+/** The kinds that a drive belongs to. A drive whose alarms are all cleared is not abnormal, but they wait for their
+ * acknowledgement. */
 export function kindsOf(view) {
   const found = new Set(["all"]);
   if (view.presence !== "online") found.add("offline");
@@ -33,6 +35,7 @@ export function kindsOf(view) {
   else if (MOVING_STATES.has(view.state)) found.add("running");
   else if (view.state === "stopped" || view.state === "unknown") found.add(view.state);
   if (found.has("offline") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
+  if (hasUnacknowledgedAlarm(view.id)) found.add("unacknowledged");
   return found;
 }
 
@@ -56,7 +59,8 @@ const urgency = (view) => {
   if (kinds.has("fault")) return 0;
   if (kinds.has("offline")) return 1;
   if (kinds.has("abnormal")) return 2;
-  return kinds.has("running") ? 3 : 4;
+  if (kinds.has("unacknowledged")) return 3;
+  return kinds.has("running") ? 4 : 5;
 };
 const valueOf = (view, name) => Number(view.signals?.[name]?.value ?? -1);
 const ORDERS = {

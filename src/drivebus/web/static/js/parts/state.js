@@ -34,10 +34,11 @@ const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", 
 
 /** An alarm's priority by shape, word and colour; of a cleared alarm without the colour. */
 export function PriorityMark({ priority, cleared = false, word = true, size = 18 }) {
-  return html`<span class=${`priority ${priority} ${cleared ? "cleared" : ""}`}><${Icon}
+  const clearedText = cleared ? t("page.alarm_cleared_unacknowledged") : undefined;
+  return html`<span class=${`priority ${priority} ${cleared ? "cleared" : ""}`} title=${clearedText}><${Icon}
     name=${PRIORITY_ICONS[priority] ?? "warning"} size=${size} />
     <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span>${cleared && html`<span class="sr">
-      ${t("page.alarm_cleared")}</span>`}</span>`;
+      ${clearedText}</span>`}</span>`;
 }
 
 /** Badge: what the drive does at a communication loss. */
