@@ -22,6 +22,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import OutcomeUnknown
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.simulator.port import simulated_bus_of
+from drivebus.testing import virtual_time
 from drivebus.types import Json
 
 WAYS = (("--directory", "state"), ("--service", "http://127.0.0.1:8080"))
@@ -229,6 +230,31 @@ def test_addresses_that_a_lost_port_left_unasked_are_not_called_without_reply(mo
     result = CliRunner().invoke(cli, [*words, "--lang", "en"], env={"COLUMNS": "200"})
     assert result.exit_code == 4
     assert f"The port was lost before {len(document['lost'])} other addresses had replied" in result.stdout
+
+
+@pytest.mark.parametrize("address", [20, 30])
+@pytest.mark.parametrize("always", [False, True])
+def test_a_drive_that_replies_late_in_the_sweep_is_stopped_and_not_called_absent(
+    monkeypatch: pytest.MonkeyPatch, address: int, always: bool
+) -> None:
+    """Its reply comes while the next address is asked, or after the last one."""
+    monkeypatch.setattr(asyncio, "run", virtual_time.run)  # the late reply meets no request on the wire
+    transact = Bus.transact
+
+    async def reply_late(bus: Bus, request: BusRequest) -> BusResult:
+        if request.station == 1:
+            faults = simulated_bus_of(bus.port).station(address).faults
+            faults.next_added_delays_s = [0.05] * (100 if always else 1)
+        return await transact(bus, request)
+
+    monkeypatch.setattr(Bus, "transact", reply_late)
+    result = CliRunner().invoke(
+        cli, ["stop", "--all", f"sim://c320@{address}", "--model", "c320", "--baud", "19200", "--json"]
+    )
+    document = json.loads(result.stdout)
+    assert (result.exit_code, len(document["absent"])) == (4 if always else 0, 30)
+    assert document["unconfirmed" if always else "confirmed"] == [address]
+    assert address not in document["absent"]
 
 
 def test_a_failed_write_is_printed_with_the_writes_that_were_not_sent(capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
 PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop without progress
 PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
+EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
 _BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
 
@@ -157,16 +158,19 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool
 async def _stop_present(bus: Bus, drives: list[Drive]) -> tuple[StopReport, tuple[int, ...]]:
     """Stop the drives that reply, also at the addresses that a lost port left out, once it is back.
 
-    Return the report and the addresses that the port lost.
+    Return the report and the addresses that the port lost. A drive whose reply came late is stopped too: it exists.
     """
     from drivebus.drives import stop_bus
 
-    lost, reports = drives, []
+    lost, reports, lateness_s = drives, [], drives[0].dialect.station_config.timing.max_reply_lateness_s
     for _ in range(MAX_SWEEPS):
         present, lost = await _sweep(bus, lost)
+        last_reply_at = bus.now() + lateness_s
         reports.append(await stop_bus(bus, present))
         if not lost or not await _is_open_soon(bus):
             break
+    await asyncio.sleep(max(0.0, last_reply_at - bus.now()))
+    reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
     report = replace(
         reports[0],
         ended_at=reports[-1].ended_at,
@@ -174,6 +178,17 @@ async def _stop_present(bus: Bus, drives: list[Drive]) -> tuple[StopReport, tupl
         outcomes=tuple(sorted(((a, o) for each in reports for a, o in each.outcomes), key=itemgetter(0))),
     )
     return report, tuple(drive.address for drive in lost)
+
+
+def _late_drives(bus: Bus, drives: list[Drive], reports: list[StopReport]) -> list[Drive]:
+    """Return the drives that are in no report although frames of them were received outside their transactions."""
+    reported = {address for report in reports for address, _ in report.outcomes}
+    stations = bus.statistics().stations
+    return [
+        drive
+        for drive in drives
+        if drive.address not in reported and EVIDENCE_OF_PRESENCE & stations[drive.address].counters.keys()
+    ]
 
 
 async def _is_open_soon(bus: Bus) -> bool:
