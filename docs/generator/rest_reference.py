@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from drivebus.service.api.operations import OPERATIONS, Operation
-from drivebus.service.api.operations.operation import ApiObject
 from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 from drivebus.types import Json
 from drivebus.values import Text
@@ -77,9 +76,8 @@ def _operation(operation: Operation, language: str) -> Iterator[str]:
 
 
 def _result(operation: Operation, language: str) -> str:
-    if operation.response is ApiObject and not operation.media_types:
-        return ""
-    keys = ", ".join(f"`{name}`" for name in operation.media_types or operation.response.model_fields)
+    names = operation.media_types if operation.response is None else tuple(operation.response.model_fields)
+    keys = ", ".join(f"`{name}`" for name in names or ("{}",))
     return localized(RESULT, language).format(keys=keys)
 
 

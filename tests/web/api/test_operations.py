@@ -17,7 +17,8 @@ from drivebus.service.api import handlers
 from drivebus.service.api.dispatcher import Dispatcher
 from drivebus.service.api.handlers import bound_handlers, handles
 from drivebus.service.api.operations import API_PREFIX, OPERATIONS, Audit, Operation, collect_operations
-from drivebus.service.api.operations.drives import DriveParams, OutcomeResponse
+from drivebus.service.api.operations.drives import DriveParams
+from drivebus.service.api.operations.outcomes import OutcomeResponse
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import AccessLevel, Right
 from drivebus.service.ipc import server
@@ -216,6 +217,8 @@ def test_the_example_of_an_operation_fits_its_own_parameters(operation: Operatio
     ("changes", "problem"),
     [
         ({"method": "GET"}, "GET must not change anything"),
+        ({"response": None}, "either a response model or media types"),
+        ({"media_types": ("text/csv",)}, "either a response model or media types"),
         ({"path": "/motors/{motor}/polish"}, "are no parameters"),
         ({"audit": Audit.AFTER}, "only an operation of the right 'stop'"),
         ({"audit": Audit.SESSION}, "an operation that needs a right is recorded before it is done"),

@@ -7,31 +7,13 @@ from functools import cache
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
-from pydantic import Field
+from starlette.responses import JSONResponse, Response
 
 from drivebus.service.api.operations import Operation
-from drivebus.service.api.operations.drives import OutcomeObject
-from drivebus.service.api.operations.operation import ApiObject, LocalizedText
+from drivebus.service.api.operations.outcomes import ErrorResponse
 from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 from drivebus.types import Json
 from drivebus.values import Text
-
-
-class ErrorObject(ApiObject):
-    """An error. ``code`` never changes; ``text`` may be worded better."""
-
-    code: str = Field(examples=["drives.above_maximum"])
-    kind: str = Field(examples=["LimitError"])
-    text: LocalizedText
-    params: Json
-    outcome: OutcomeObject | None
-
-
-class ErrorResponse(ApiObject):
-    """The one shape of every error."""
-
-    error: ErrorObject
-
 
 API_TITLE = "drivebus"
 API_VERSION = "1"  # of the API, not of the program: it changes with an incompatible change
@@ -95,6 +77,7 @@ def operation_options(operation: Operation) -> Json:
         + (" Audited." if operation.mutates else ""),
         "tags": [operation.tag],
         "response_model": None,
+        "response_class": Response if operation.media_types else JSONResponse,  # its media type is described as well
         "responses": {200: done} | errors,
         "openapi_extra": _request_schema(operation) | {"x-right": operation.right},
     }

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from drivebus.service.api.operations import Audit, Operation, OperationParams
-from drivebus.service.api.operations.operation import ApiObject
+from drivebus.service.api.operations.operation import ApiObject, EmptyResponse, LocalizedText
 from drivebus.service.auth.rights import AccessLevel
 from drivebus.values import Text
 
@@ -72,6 +72,13 @@ class SessionResponse(ApiObject):
     user: str | None
     rights: list[str]
     csrf: str | None
+    session: str | None = None
+    role: str | None = None
+    idle: bool | None = None
+    idle_in_s: float | None = None
+    expires_in_s: float | None = None
+    login_notice: LocalizedText | None = None
+    failed_logins: int | None = None
 
 
 class OwnSession(ApiObject):
@@ -185,6 +192,7 @@ SESSION_END = Operation(
     method="POST",
     path="/sessions/{session}/end",
     params=SessionParams,
+    response=EmptyResponse,
     audit=Audit.SESSION,
     summary=Text("End one of one's own sessions, with the password", "输入密码，结束自己的一个会话"),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.operation import ApiObject
 from drivebus.service.auth.rights import AccessLevel, Right
+from drivebus.types import Json
 from drivebus.values import Text
 
 
@@ -12,6 +13,15 @@ class HealthResponse(ApiObject):
     """Answer of the gateway; ``ok`` is false, with status 503, where the service does not answer within 2 s."""
 
     ok: bool
+
+
+class OpenApiResponse(ApiObject):
+    """Description in OpenAPI 3.1, whose own specification describes the parts."""
+
+    openapi: str
+    info: Json
+    paths: Json
+    components: Json
 
 
 HEALTH_GET = Operation(
@@ -28,6 +38,7 @@ OPENAPI_GET = Operation(
     right=Right.VIEW,
     method="GET",
     path="/openapi.json",
+    response=OpenApiResponse,
     summary=Text("Description of this API in OpenAPI", "本 API 的 OpenAPI 描述"),
 )
 

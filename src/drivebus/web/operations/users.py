@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from drivebus.service.api.operations import Audit, Operation, OperationParams
-from drivebus.service.api.operations.operation import ApiObject
+from drivebus.service.api.operations.operation import ApiObject, EmptyResponse
 from drivebus.service.auth.rights import AccessLevel, Right, Role
 from drivebus.values import Text
 from drivebus.web.operations.account import Secret, UserName
@@ -141,6 +141,7 @@ USER_REMOVE = Operation(
     method="DELETE",
     path="/users/{user}",
     params=UserParams,
+    response=EmptyResponse,
     audit=Audit.REQUIRED,
     summary=Text("Remove a user with the user's tokens", "删除用户及其令牌"),
 )
@@ -171,6 +172,7 @@ TOKEN_REMOVE = Operation(
     method="DELETE",
     path="/tokens/{token}",
     params=TokenParams,
+    response=EmptyResponse,
     audit=Audit.REQUIRED,
     summary=Text("Remove a token", "删除令牌"),
 )

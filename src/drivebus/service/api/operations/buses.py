@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.operation import ApiObject, Id, Operation, OperationParams, PageSize
+from drivebus.bus.trace import TraceKind
+from drivebus.service.api.operations.drive_view import PresenceName
+from drivebus.service.api.operations.operation import (
+    ApiObject,
+    Id,
+    LocalizedText,
+    Operation,
+    OperationParams,
+    PageSize,
+)
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -25,16 +34,77 @@ class FramesParams(BusParams):
     limit: PageSize = 200
 
 
+class StationObject(ApiObject):
+    """A drive on a bus. ``refresh_s``: longest period of what is polled; ``errors`` and ``counters`` by name."""
+
+    address: int
+    drive: str
+    presence: PresenceName
+    refresh_s: float | None
+    error_rate: float
+    reply_p50_s: float | None
+    reply_p95_s: float | None
+    errors: dict[str, int]
+    counters: dict[str, int]
+    load_percent: float
+
+
+class BusObject(ApiObject):
+    """A bus with its figures, which include those of its stations. ``problem``: why it is not open."""
+
+    id: str
+    title: LocalizedText
+    link: str
+    serial: str
+    is_open: bool
+    problem: LocalizedText | None
+    slow_adapter: LocalizedText | None
+    load_percent: float
+    occupied_percent: float
+    transactions_per_s: float
+    error_rate: float
+    transactions: int
+    replies: int
+    errors: dict[str, int]
+    counters: dict[str, int]
+    reply_p50_s: float | None
+    reply_p95_s: float | None
+    reply_p99_s: float | None
+    foreign_master: bool
+    stop_bound_s: float | None
+    stations: list[StationObject]
+
+
 class BusesResponse(ApiObject):
     """All buses."""
 
-    buses: list[dict[str, Any]]
+    buses: list[BusObject]
+
+
+class FrameErrorObject(ApiObject):
+    """Why a frame was rejected."""
+
+    code: str
+    text: LocalizedText
+
+
+class FrameObject(ApiObject):
+    """A decoded frame: its number, UTC milliseconds, seconds of the service's monotonic clock, its bytes as hex."""
+
+    n: int
+    time_ms: int
+    time_s: float
+    kind: TraceKind
+    station: int | None
+    hex: str
+    text: LocalizedText
+    error: FrameErrorObject | None
 
 
 class FramesResponse(ApiObject):
     """Decoded frames; ``last`` is the value of ``after`` for the next request."""
 
-    frames: list[dict[str, Any]]
+    frames: list[FrameObject]
     last: int
 
 
@@ -53,6 +123,7 @@ BUSES_GET = Operation(
     method="GET",
     path="/buses/{bus}",
     params=BusParams,
+    response=BusObject,
     summary=Text("One bus", "一条总线"),
 )
 

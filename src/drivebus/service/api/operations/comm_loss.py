@@ -6,8 +6,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.drives import ArmToken, DriveParams, OutcomeResponse
-from drivebus.service.api.operations.operation import Audit, Frequency, Operation
+from drivebus.service.api.operations.drives import ArmToken, DriveParams
+from drivebus.service.api.operations.operation import Audit, EmptyResponse, Frequency, Operation
+from drivebus.service.api.operations.outcomes import OutcomeResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -53,6 +54,7 @@ COMM_LOSS_TEST_READ = Operation(
     method="POST",
     path="/drives/{drive}/comm-loss-test/read",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text(
         "The motor was seen to stop: end the silence of a test and read the drive",
@@ -66,6 +68,7 @@ COMM_LOSS_TEST_DISCARD = Operation(
     method="DELETE",
     path="/drives/{drive}/comm-loss-test",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.REQUIRED,
     summary=Text("Discard the record of a communication-loss test", "删除通信中断试验的记录"),
 )

@@ -6,9 +6,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.drives import ControlRequestObject, DriveParams, LeaseObject
-from drivebus.service.api.operations.groups import OutcomesResponse
-from drivebus.service.api.operations.operation import ApiObject, Audit, Name, Operation, Reason
+from drivebus.service.api.operations.drive_view import ControlRequestObject, LeaseObject
+from drivebus.service.api.operations.drives import DriveParams
+from drivebus.service.api.operations.operation import ApiObject, Audit, EmptyResponse, Name, Operation, Reason
+from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
@@ -71,6 +72,7 @@ LEASE_RELEASE = Operation(
     method="DELETE",
     path="/drives/{drive}/lease",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text("Release control of a drive", "交还控制权"),
 )
@@ -96,6 +98,7 @@ CONTROL_REQUEST_GRANT = Operation(
     method="POST",
     path="/drives/{drive}/control-request/grant",
     params=ControlAnswerParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text(
         "Hand control of a drive over to the session that asks for it; the drive goes on as it is",
@@ -109,6 +112,7 @@ CONTROL_REQUEST_DECLINE = Operation(
     method="POST",
     path="/drives/{drive}/control-request/decline",
     params=ControlAnswerParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text("Keep control of a drive: decline the request for it", "保留控制权：谢绝移交请求"),
 )
@@ -119,6 +123,7 @@ CONTROL_REQUEST_WITHDRAW = Operation(
     method="DELETE",
     path="/drives/{drive}/control-request",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text("Withdraw this session's request for control", "撤回本会话的移交请求"),
 )
@@ -129,7 +134,7 @@ CONTROL_REQUESTS_MAKE = Operation(
     method="POST",
     path="/control-requests",
     params=ControlRequestsParams,
-    response=OutcomesResponse,
+    response=ChangesResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text(
         "Ask each session that controls one of these drives for its control, as one request: its `id` is the same for "
@@ -145,7 +150,7 @@ CONTROL_REQUESTS_WITHDRAW = Operation(
     method="POST",
     path="/control-requests/withdraw",
     params=SelectionParams,
-    response=OutcomesResponse,
+    response=ChangesResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text(
         "Withdraw this session's requests for control of these drives; `done` or `unchanged` for each",

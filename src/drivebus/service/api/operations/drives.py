@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
-from drivebus.protocols.family import JogFrequency
+from drivebus.service.api.operations.drive_view import Direction, DriveObject
+from drivebus.service.api.operations.models import ProfileObject
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
     DriveId,
+    EmptyResponse,
     Frequency,
     LocalizedText,
     Name,
@@ -18,11 +20,10 @@ from drivebus.service.api.operations.operation import (
     OperationParams,
     Reason,
 )
+from drivebus.service.api.operations.outcomes import ErrorObject, OutcomeObject, OutcomeResponse
 from drivebus.service.auth.rights import Right
-from drivebus.service.live.views import ControlRequestState, StopKind
 from drivebus.values import Text
 
-Direction = Literal["forward", "reverse"]
 ArmToken = Annotated[Name | None, Field(examples=["5b1f0c52d1"])]
 
 
@@ -112,156 +113,40 @@ class ParameterWriteParams(DriveParams):
     force: bool = Field(default=False, examples=[False])
 
 
-class ExchangeObject(ApiObject):
-    """Frame of a command and its reply, as hex with blanks; seconds of the service's monotonic clock.
-
-    ``error`` is the key of a sentence, ``params`` its parameters.
-    """
-
-    sent: str
-    received: str
-    sent_at_s: float | None
-    received_at_s: float | None
-    error: str | None
-    params: dict[str, Any] = {}
-
-
-class NoteObject(ApiObject):
-    """An additional sentence."""
-
-    key: str
-    text: LocalizedText
-
-
-class OutcomeObject(ApiObject):
-    """Result of a command. ``confirmed``: a later read shows the effect; ``acknowledged``: the drive accepted it and no
-    read can show it; ``unknown``: sent, and whether it was done cannot be known. ``command``: id in the audit trail.
-    """
-
-    status: Literal["confirmed", "acknowledged", "refused", "failed", "unknown"]
-    key: str
-    text: LocalizedText
-    params: dict[str, Any]
-    notes: list[NoteObject]
-    frames: list[ExchangeObject]
-    command: str | None = None
-
-
-class OutcomeResponse(ApiObject):
-    """Result of one command."""
-
-    outcome: OutcomeObject
-
-
-class SignalObject(ApiObject):
-    """Value with its quality; ``reason`` says why it is not good."""
-
-    value: float | int | str | None
-    unit: str
-    quality: Literal["good", "uncertain", "bad"]
-    reason: str | None
-    source_time_ms: int | None
-
-
-class CommLossObject(ApiObject):
-    """Behaviour of the drive when its communication fails.
-
-    ``tested`` is the record of its last test: ``result`` (``trips``, ``stops``, ``runs_on``), ``silence_s``,
-    ``time_ms``, ``user``, ``model``, ``link``, ``address``, ``parameters`` (raw values by notation), ``fault`` (label,
-    if any) and ``holds``: whether it counts now. ``test`` is one that is under way: ``phase`` and ``until_ms``.
-    """
-
-    kind: Literal["trips", "runs_on", "unknown"]
-    after_s: float | None
-    text: LocalizedText | None
-    waiver: Any = None
-    tested: dict[str, Any] | None = None
-    test: dict[str, Any] | None = None
-
-
-class StopObject(ApiObject):
-    """Last stop request of a drive by drivebus, until it is started again; ``actor``: its user, or ``drivebus``."""
-
-    kind: StopKind
-    actor: str
-    time_ms: int
-
-
-class LeaseObject(ApiObject):
-    """The session that may command the drive."""
-
-    owner: str
-    session: str
-    expires_ms: int
-
-
-class ControlRequestObject(ApiObject):
-    """Newest request for control of the drive, until 60 s after its end. ``answered_by``: who granted or declined it.
-
-    ``released``: no session has control any more; ``withdrawn``: by the session that asked, or because it took control.
-    """
-
-    id: str
-    user: str
-    session: str
-    reason: str | None
-    state: ControlRequestState
-    requested_ms: int
-    expires_ms: int
-    answered_by: str | None
-
-
-class DriveObject(ApiObject):
-    """Present state of one drive.
-
-    Its state and its most polled signal are read every ``poll_interval_s``; ``requested_interval_s`` is the period that
-    its model or ``signals`` of the plant file asks for, which is shorter where the bus cannot carry it.
-    """
-
-    id: str
-    title: LocalizedText | None
-    bus: str
-    address: int
-    model: str
-    grade: str
-    capabilities: list[str]
-    directions: list[str]
-    groups: list[str]
-    presence: Literal["online", "offline", "never_seen"]
-    state: str
-    state_reason: str | None
-    direction: Direction | None
-    fault: dict[str, Any] | None
-    commanded_hz: float | None
-    minimum_hz: float
-    maximum_hz: float
-    comm_loss: CommLossObject
-    lease: LeaseObject | None
-    control_request: ControlRequestObject | None
-    start_inhibited: bool
-    last_stop: StopObject | None
-    stop_pending: bool
-    start_blockers: list[dict[str, Any]]
-    alarms: dict[str, int]
-    signals: dict[str, SignalObject]
-    time_ms: int
-    state_time_ms: int | None
-    poll_interval_s: float | None
-    requested_interval_s: float | None
-    unusable_reply: dict[str, Any] | None
-    jog_frequency: JogFrequency | None
-
-
 class DrivesResponse(ApiObject):
     """All drives."""
 
     drives: list[DriveObject]
 
 
-class ParametersResponse(ApiObject):
-    """Readings of parameters by name."""
+class StatisticsObject(ApiObject):
+    """Counts of one drive since ``since_ms``; null: not known. ``faults``: number of each by its code."""
 
-    parameters: dict[str, dict[str, Any]]
+    running_h: float | None
+    starts: int
+    energy_kwh: float | None
+    maximum_current_a: float | None
+    maximum_temperature_c: float | None
+    faults: dict[str, int]
+    since_ms: int
+
+
+class ReadingObject(ApiObject):
+    """Reading of a parameter: its raw word, its value, wire address and text. ``reason`` says why it is not good."""
+
+    raw: int | None
+    value: float | int | str | None
+    unit: str
+    quality: Literal["good", "uncertain", "bad"]
+    reason: str | None
+    address_hex: str | None
+    text: LocalizedText | None
+
+
+class ParametersResponse(ApiObject):
+    """Readings of parameters by the names that were given."""
+
+    parameters: dict[str, ReadingObject]
 
 
 class IdentityResponse(ApiObject):
@@ -281,12 +166,37 @@ class ArmResponse(ApiObject):
     expires_s: float
 
 
+class CommandResponse(OutcomeResponse):
+    """Result of a command, and of the share of its frequency for each running follower of the drive."""
+
+    followers: dict[str, OutcomeObject | ErrorObject]
+
+
 class JogResponse(ApiObject):
     """The motor turns while ``jog`` is renewed within ``lease_s`` seconds."""
 
     jog: str
     lease_s: float
     outcome: OutcomeObject
+
+
+class JogRenewResponse(ApiObject):
+    """Seconds within which the jog must be renewed again."""
+
+    lease_s: float
+
+
+class WaiverResponse(ApiObject):
+    """Text of the waiver, with its author."""
+
+    waiver: str
+
+
+class LimitsResponse(ApiObject):
+    """Frequency range in force: the limits that were set, within those of the plant file and the model."""
+
+    minimum_hz: float
+    maximum_hz: float
 
 
 DRIVES_LIST = Operation(
@@ -314,6 +224,7 @@ DRIVES_PROFILE = Operation(
     method="GET",
     path="/drives/{drive}/profile",
     params=DriveParams,
+    response=ProfileObject,
     summary=Text(
         "Profile of a drive: signals, parameters, faults, caveats", "变频器的类型：信号、参数、故障、注意事项"
     ),
@@ -325,6 +236,7 @@ DRIVES_STATISTICS = Operation(
     method="GET",
     path="/drives/{drive}/statistics",
     params=DriveParams,
+    response=StatisticsObject,
     summary=Text("Hours, starts, energy and faults of a drive", "一台变频器的运行时间、启动次数、电能和故障"),
 )
 
@@ -379,7 +291,7 @@ DRIVE_RUN = Operation(
     method="POST",
     path="/drives/{drive}/run",
     params=RunParams,
-    response=OutcomeResponse,
+    response=CommandResponse,
     audit=Audit.REQUIRED,
     moves_motors=True,
     summary=Text("Start a drive", "启动变频器"),
@@ -391,7 +303,7 @@ DRIVE_SET_FREQUENCY = Operation(
     method="POST",
     path="/drives/{drive}/set-frequency",
     params=SetFrequencyParams,
-    response=OutcomeResponse,
+    response=CommandResponse,
     audit=Audit.BEST_EFFORT,
     moves_motors=True,
     summary=Text("Change the set frequency; starts nothing", "修改设定频率；不启动任何东西"),
@@ -426,6 +338,7 @@ DRIVE_JOG_RENEW = Operation(
     method="POST",
     path="/drives/{drive}/jog/renew",
     params=ActiveJogParams,
+    response=JogRenewResponse,
     keepalive=True,
     summary=Text("Keep a jog going while the key is pressed", "按住按键时保持点动"),
 )
@@ -458,6 +371,7 @@ START_INHIBIT_RELEASE = Operation(
     method="POST",
     path="/drives/{drive}/start-inhibit/release",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text("Allow starts again after a bus stop", "总线停止之后重新允许启动"),
 )
@@ -468,6 +382,7 @@ WAIVER_GRANT = Operation(
     method="POST",
     path="/drives/{drive}/waiver",
     params=WaiverParams,
+    response=WaiverResponse,
     audit=Audit.REQUIRED,
     summary=Text(
         "Record why starts are allowed although the drive would run on after a communication loss",
@@ -481,6 +396,7 @@ WAIVER_REVOKE = Operation(
     method="DELETE",
     path="/drives/{drive}/waiver",
     params=DriveParams,
+    response=EmptyResponse,
     audit=Audit.REQUIRED,
     summary=Text("Revoke the waiver", "撤销豁免"),
 )
@@ -491,6 +407,7 @@ DRIVE_LIMITS = Operation(
     method="PUT",
     path="/drives/{drive}/limits",
     params=LimitsParams,
+    response=LimitsResponse,
     audit=Audit.REQUIRED,
     summary=Text("Set the limits of a drive", "设置变频器的限值"),
 )

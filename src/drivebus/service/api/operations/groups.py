@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivebus.service.api.operations.drives import ArmResponse, ArmToken, Direction
+from drivebus.service.api.operations.drive_view import Direction
+from drivebus.service.api.operations.drives import ArmResponse, ArmToken
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
     Frequency,
     Id,
+    LocalizedText,
     Operation,
     OperationParams,
 )
+from drivebus.service.api.operations.outcomes import OutcomesResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -39,16 +42,29 @@ class GroupSetFrequencyParams(GroupParams):
     frequency_hz: Frequency
 
 
+class GroupProgressObject(ApiObject):
+    """A start that is under way: number of drives that have been started, of all."""
+
+    started: int
+    of: int
+
+
+class GroupObject(ApiObject):
+    """A group with its state. ``ratios``: each follower's share of the leader's frequency."""
+
+    id: str
+    title: LocalizedText
+    drives: list[str]
+    leader: str | None
+    ratios: dict[str, float]
+    state: Literal["starting", "unknown", "running", "mixed", "stopped"]
+    progress: GroupProgressObject | None
+
+
 class GroupsResponse(ApiObject):
     """All groups."""
 
-    groups: list[dict[str, Any]]
-
-
-class OutcomesResponse(ApiObject):
-    """An outcome or an error for each drive."""
-
-    outcomes: dict[str, dict[str, Any]]
+    groups: list[GroupObject]
 
 
 GROUPS_LIST = Operation(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -11,6 +11,7 @@ from drivebus.service.api.operations.operation import (
     ApiObject,
     Cursor,
     DriveId,
+    LocalizedText,
     Name,
     Operation,
     OperationParams,
@@ -66,10 +67,32 @@ class TimeRangeParams(OperationParams):
     limit: PageSize = 100
 
 
+class EventObject(ApiObject):
+    """A command, fault, alarm or change; ``outcome`` is that of a command."""
+
+    id: str
+    time_ms: int
+    kind: str
+    drive: str | None
+    text: LocalizedText
+    actor: str | None
+    outcome: str | None
+
+
+class TagObject(ApiObject):
+    """A signal of a drive that has samples."""
+
+    tag: str
+    drive: str
+    signal: str
+    unit: str
+    text: LocalizedText
+
+
 class TagsResponse(ApiObject):
     """All tags of the history."""
 
-    tags: list[dict[str, Any]]
+    tags: list[TagObject]
 
 
 class TrendSeriesObject(ApiObject):
@@ -124,6 +147,6 @@ HISTORY_EVENTS = Operation(
     method="GET",
     path="/history/events",
     params=TimeRangeParams,
-    response=PageResponse,
+    response=PageResponse[EventObject],
     summary=Text("Commands, faults and alarms of a time range", "一段时间内的命令、故障和报警"),
 )

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from drivebus.service.api.operations.operation import ApiObject, Name, NoParams, Operation, OperationParams
+from drivebus.protocols.family import JogFrequency
+from drivebus.service.api.operations.drive_view import FaultObject
+from drivebus.service.api.operations.operation import (
+    ApiObject,
+    LocalizedText,
+    Name,
+    NoParams,
+    Operation,
+    OperationParams,
+)
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -17,10 +26,131 @@ class ModelParams(OperationParams):
     model: Annotated[Name, Field(examples=["vc660"])]
 
 
-class ModelsResponse(ApiObject):
-    """Every model by name, with maker, family, encodings, factory settings, addresses, grade and capabilities."""
+Grade = Literal["draft", "simulated", "verified"]
 
-    models: list[dict[str, Any]]
+
+class FactorySerialObject(ApiObject):
+    """Factory setting of the serial line."""
+
+    baud: int
+    format: str
+
+
+class ModelObject(ApiObject):
+    """A model; ``addresses`` are the lowest and the highest, ``broadcast`` the one of all stations."""
+
+    model: str
+    title: LocalizedText
+    maker: LocalizedText
+    family: str
+    encodings: list[str]
+    serial: FactorySerialObject
+    addresses: list[int]
+    broadcast: int | None
+    grade: Grade
+    capabilities: list[str]
+
+
+class ModelsResponse(ApiObject):
+    """Every model by name."""
+
+    models: list[ModelObject]
+
+
+class SerialObject(FactorySerialObject):
+    """Settings of the serial line: the factory's, and those that the drive has."""
+
+    bauds: list[int]
+    formats: list[str]
+
+
+class FrequencyLimitsObject(ApiObject):
+    """Frequencies that the model can be given."""
+
+    minimum_hz: float
+    maximum_hz: float
+
+
+class EvidenceObject(ApiObject):
+    """Origin of a fact; ``source`` is the English of ``text``."""
+
+    kind: str
+    source: str
+    text: LocalizedText
+
+
+class ModelSignalObject(ApiObject):
+    """A value that is polled, with the seconds between two polls."""
+
+    name: str
+    notation: str
+    address_hex: str
+    unit: str
+    period_s: float
+    text: LocalizedText
+    evidence: EvidenceObject
+
+
+class ParameterObject(ApiObject):
+    """A parameter. ``choices``: texts by raw word; where they are not ``choices_complete`` the drive knows others."""
+
+    notation: str
+    address_hex: str
+    text: LocalizedText
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    choices: dict[str, LocalizedText]
+    choices_complete: bool
+    help: LocalizedText | None
+    caveat: str | None
+    writable: bool
+    readable: bool
+    factory: float | None
+    evidence: EvidenceObject
+
+
+class CaveatObject(ApiObject):
+    """A warning for the user, with its source."""
+
+    id: str
+    text: LocalizedText
+    evidence: EvidenceObject
+
+
+class OpenQuestionObject(ApiObject):
+    """A behaviour that the manuals leave open: the value in force, the reason, and how to determine it."""
+
+    name: str
+    value: str | int | float | bool
+    choices: list[str | int | float | bool]
+    text: LocalizedText
+    reason: LocalizedText
+    procedure: LocalizedText
+
+
+class ProfileObject(ApiObject):
+    """A model with everything that the page shows of it. ``keypad``: the steps before the bus may control it."""
+
+    model: str
+    maker: LocalizedText
+    title: LocalizedText
+    grade: Grade
+    family: str
+    encodings: list[str]
+    serial: SerialObject
+    limits: FrequencyLimitsObject
+    capabilities: list[str]
+    jog_frequency: JogFrequency | None
+    signals: list[ModelSignalObject]
+    parameters: list[ParameterObject]
+    faults: list[FaultObject]
+    caveats: list[CaveatObject]
+    keypad: list[LocalizedText]
+    wiring: LocalizedText | None
+    open_questions: list[OpenQuestionObject]
+    can_save: bool
+    can_write_ram: bool
 
 
 MODELS_LIST = Operation(
@@ -39,6 +169,7 @@ MODELS_GET = Operation(
     method="GET",
     path="/models/{model}",
     params=ModelParams,
+    response=ProfileObject,
     summary=Text(
         "Profile of a model: signals, parameters, faults, caveats", "某型号的型号文件：信号、参数、故障、注意事项"
     ),

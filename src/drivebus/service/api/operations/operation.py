@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 from types import ModuleType
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
@@ -76,10 +76,17 @@ class LocalizedText(ApiObject):
     zh: str
 
 
-class PageResponse(ApiObject):
+class EmptyResponse(ApiObject):
+    """An empty object: it was done."""
+
+
+Item = TypeVar("Item", bound=ApiObject)
+
+
+class PageResponse(ApiObject, Generic[Item]):
     """A part of a list; ``next`` is the ``cursor`` of the following part, null at the end. A cursor is opaque."""
 
-    items: list[dict[str, Any]]
+    items: list[Item]
     next: str | None
 
 
@@ -114,8 +121,8 @@ class Operation:
     params: type[OperationParams] = NoParams
     has_query: bool = False
     """Parameters outside the path are the query although the method has a body."""
-    response: type[ApiObject] = ApiObject
-    """Model of the result; ``ApiObject`` itself where the reference describes it in words only."""
+    response: type[ApiObject] | None = None
+    """Model of the result, None where ``media_types`` describe it."""
     audit: Audit = Audit.NONE
     keepalive: bool = False
     """Keeps a lease or a jog from ending: it never waits behind queries."""
@@ -132,6 +139,8 @@ class Operation:
         missing = set(self.path_params) - self.params.model_fields.keys()
         if missing:
             raise ValueError(f"{self.name}: {missing} of the path are no parameters")
+        if (self.response is None) != bool(self.media_types):
+            raise ValueError(f"{self.name}: either a response model or media types describe its result")
         if self.mutates and self.method == "GET":
             raise ValueError(f"{self.name}: GET must not change anything")
         if self.mutates and self.cancellable:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.groups import OutcomesResponse
-from drivebus.service.api.operations.operation import ApiObject, Audit, Operation, OperationParams
+from drivebus.service.api.operations.drives import StatisticsObject
+from drivebus.service.api.operations.operation import ApiObject, Audit, LocalizedText, Operation, OperationParams
+from drivebus.service.api.operations.outcomes import OutcomesResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -28,12 +29,23 @@ class StopCountsObject(ApiObject):
     acknowledged: int
 
 
+class HistorianObject(ApiObject):
+    """Whether the history is written, the problem if not, and the numbers of its samples; lost ones are gaps."""
+
+    ok: bool
+    problem: str | None
+    queued: int
+    samples: int
+    lost_samples: int
+    lost_notes: int
+
+
 class StatisticsResponse(ApiObject):
-    """Counts since the service started; ``drives`` holds each drive's own, as its path ``statistics`` gives them."""
+    """Counts since the service started; ``drives`` holds each drive's own."""
 
     stops: StopCountsObject
-    history: dict[str, Any]
-    drives: dict[str, dict[str, Any]]
+    history: HistorianObject
+    drives: dict[str, StatisticsObject]
 
 
 class BusStopObject(ApiObject):
@@ -53,11 +65,91 @@ class StopAllResponse(OutcomesResponse):
     buses: dict[str, BusStopObject]
 
 
+class LastStopAllObject(ApiObject):
+    """Last stop of everything, by bus."""
+
+    time_ms: int
+    actor: str
+    buses: dict[str, BusStopObject]
+
+
+class DiskObject(ApiObject):
+    """Space of the disk that holds the plant's state; empty while it can't be read."""
+
+    free_mb: int | None = None
+    total_mb: int | None = None
+
+
+class GatewayObject(ApiObject):
+    """Process of a gateway; without ``pid`` it is about to be started. ``exit_code``: of the last that ended itself."""
+
+    id: str
+    pid: int | None
+    starts: int
+    exit_code: int | None
+    running: bool
+
+
+class PlantResponse(ApiObject):
+    """State of the plant. ``stop_all``: the last stop of everything since the service started."""
+
+    id: str
+    title: LocalizedText
+    state: str
+    stop_all: LastStopAllObject | None
+    notice: LocalizedText | None
+    version: str
+    started_ms: int
+    audit_ok: bool
+    history_ok: bool
+    disk: DiskObject
+    gateways: list[GatewayObject]
+
+
+class ConfigurationResponse(ApiObject):
+    """Text of the plant file without passwords, and its path; it may be newer than what runs."""
+
+    text: str
+    source: str
+
+
+class DifferenceObject(ApiObject):
+    """Names of what was added, changed and removed; empty where the text has faults."""
+
+    added: list[str] = []
+    changed: list[str] = []
+    removed: list[str] = []
+
+
+class DiagnosticObject(ApiObject):
+    """A fault of a configuration: its line, its key and what stands there."""
+
+    line: int | None
+    key: str
+    found: str
+    text: LocalizedText
+
+
+class ConfigurationCheckResponse(ApiObject):
+    """Every fault of a configuration, or what it would change."""
+
+    diagnostics: list[DiagnosticObject]
+    difference: DifferenceObject
+
+
+class ReloadResponse(ApiObject):
+    """Difference that the reload applied; ``restart`` names the settings that take effect at the next start only."""
+
+    difference: DifferenceObject
+    restart: list[str]
+
+
 PLANT_GET = Operation(
     name="plant.get",
     right=Right.VIEW,
     method="GET",
     path="/plant",
+    response=PlantResponse,
     summary=Text("The plant: state, version, the last stop of everything", "工厂：状态、版本、最近一次全部停机"),
 )
 
@@ -88,6 +180,7 @@ CONFIGURATION_GET = Operation(
     right=Right.CONFIGURE,
     method="GET",
     path="/configuration",
+    response=ConfigurationResponse,
     summary=Text("The plant's configuration", "工厂的配置"),
 )
 
@@ -97,6 +190,7 @@ CONFIGURATION_CHECK = Operation(
     method="POST",
     path="/configuration/check",
     params=ConfigurationParams,
+    response=ConfigurationCheckResponse,
     cancellable=True,
     summary=Text(
         "Check a configuration without using it: one at a time, at most 1,000 drives and 20 s, beside the buses",
@@ -109,6 +203,7 @@ CONFIGURATION_RELOAD = Operation(
     right=Right.CONFIGURE,
     method="POST",
     path="/configuration/reload",
+    response=ReloadResponse,
     audit=Audit.REQUIRED,
     summary=Text("Read the configuration file again and apply the difference", "重新读取配置文件并应用差异"),
 )

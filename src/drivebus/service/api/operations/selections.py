@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.groups import OutcomesResponse
 from drivebus.service.api.operations.operation import Audit, DriveId, Id, Operation, OperationParams, Reason
+from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
@@ -34,7 +34,7 @@ START_INHIBITS_RELEASE = Operation(
     method="POST",
     path="/start-inhibits/release",
     params=SelectionParams,
-    response=OutcomesResponse,
+    response=ChangesResponse,
     audit=Audit.BEST_EFFORT,
     summary=Text(
         "Allow starts of several drives again after a bus stop; `done`, `unchanged` or an error for each",
@@ -48,7 +48,7 @@ WAIVERS_GRANT = Operation(
     method="POST",
     path="/waivers",
     params=WaiversParams,
-    response=OutcomesResponse,
+    response=ChangesResponse,
     audit=Audit.REQUIRED,
     summary=Text(
         "Record the same waiver for several drives; `unchanged` where a drive needs none or has one",
