@@ -43,6 +43,7 @@
 
 from __future__ import annotations
 
+import errno
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -56,6 +57,21 @@ class ErrorScope(StrEnum):
     STATION = "station"
     PORT = "port"
     CONFIGURATION = "configuration"
+
+
+class SystemReason:
+    """Why the operating system failed, as the parameter of a sentence: translated where its error number is known."""
+
+    def __init__(self, error: Exception) -> None:
+        self._key = f"system.error_{errno.errorcode.get(getattr(error, 'errno', None) or 0, '').lower()}"
+        self._words = str(getattr(error, "strerror", None) or "") or str(error) or type(error).__name__
+
+    def text(self, language: str = "en") -> str:
+        """Return the reason in a language, in the words of the system for another number."""
+        return i18n.text(self._key, language) if i18n.known(self._key) else self._words
+
+    def __str__(self) -> str:
+        return self.text("en")
 
 
 class DrivebusError(Exception):

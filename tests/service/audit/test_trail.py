@@ -13,7 +13,7 @@ import pytest
 
 from drivebus.errors import AuditUnavailable, InvalidParameters
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import os_reason
+from drivebus.service.api.errors import failure_reason
 from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
 from drivebus.service.audit.verify import verify
@@ -293,7 +293,7 @@ def test_the_alarm_about_the_trail_names_the_reason_and_clears_without_a_request
         )
         await storage.audit.open()
         found = storage.errors()["audit.jsonl"]
-        assert found is not None and os_reason(found) == "Not a directory"
+        assert found is not None and str(failure_reason(found)) == "Not a directory"
         blocked.unlink()
         await asyncio.sleep(6.0)
         assert storage.errors()["audit.jsonl"] is None

@@ -724,12 +724,12 @@ def test_a_history_that_cannot_be_written_raises_an_alarm_and_blocks_nothing() -
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
-            kit.history.problem = "database or disk is full"
+            kit.history.problem = Text("the disk is full", "磁盘空间已满")
             await asyncio.sleep(1)
             (alarm,) = [alarm for alarm in kit.service.plant.alarms.active() if alarm.kind == "storage_failure"]
-            assert (
-                alarm.text.en
-                == "history can't be written: database or disk is full; the control of drives does not depend on it"
+            assert alarm.text == Text(
+                "history can't be written: the disk is full; the control of drives does not depend on it",
+                "历史数据无法写入：磁盘空间已满；不影响对变频器的控制",
             )
             assert (await kit.call("drive.run", drive="fan-1", frequency_hz=20.0))["outcome"]["status"] == "confirmed"
             kit.history.problem = None

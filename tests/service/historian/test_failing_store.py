@@ -5,7 +5,10 @@ Lost samples are counted and marked, and appending never waits.
 
 from __future__ import annotations
 
+import errno
 import logging
+import re
+import socket
 import sqlite3
 from collections.abc import Callable
 from functools import partial
@@ -18,12 +21,17 @@ from drivebus.errors import ServiceUnavailable
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as historian_module
+from drivebus.service.historian.sqlite import SqliteConnection
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import WriteQueue
 from drivebus.values import Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, samples_of, trend
 
 HOUR = 3_600_000
+
+
+def store_error(words: str) -> StoreError:
+    return StoreError(Text(words, words))
 
 
 class FailingStore:
@@ -40,10 +48,10 @@ class FailingStore:
         def called(*args: Any, **kwargs: Any) -> Any:
             self._left -= 1
             if self._left == 0 and not self._done:
-                raise StoreError("planned failure before the call")
+                raise store_error("planned failure before the call")
             found = method(*args, **kwargs)
             if self._left == 0:
-                raise StoreError("planned failure after the call")
+                raise store_error("planned failure after the call")
             return found
 
         return called
@@ -167,7 +175,7 @@ async def test_a_full_disk_is_an_alarm_and_no_further_log_line_and_recovers_when
                 historian.append(samples(range(1000), start_ms=NOON_MS + turn * 1_000_000))
                 await historian._on_writer_thread(historian.writer.run_cycle)
             assert not historian.ok
-            assert "full" in historian.status()["problem"]
+            assert historian.status()["problem"] == {"en": "the disk is full", "zh": "磁盘空间已满"}
             with pytest.raises(ServiceUnavailable):
                 await historian.flush()
             assert (await trend(historian, NOON_MS, NOON_MS + 2000))["mean"] == [0, 1, 2]
@@ -195,10 +203,54 @@ async def test_a_read_only_file_is_waited_for(tmp_path: Path, monkeypatch: pytes
         historian.append(samples([1.0, 2.0]))
         with pytest.raises(ServiceUnavailable):
             await historian.flush()
-        assert "readonly" in historian.status()["problem"]
+        assert historian.status()["problem"] == {"en": "history.db is read-only", "zh": "history.db 为只读"}
         del stores[0].connection.connect
         await historian.flush()
         assert (await trend(historian, NOON_MS, NOON_MS + 5000))["mean"] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("result", "sentence"),
+    [
+        (sqlite3.SQLITE_IOERR_FSYNC, "history.db 所在磁盘读写出错"),
+        (sqlite3.SQLITE_CANTOPEN, "history.db 无法打开"),
+        (sqlite3.SQLITE_BUSY, "history.db 被其他程序锁定"),
+        (sqlite3.SQLITE_MISUSE, "数据库报告：words"),
+    ],
+)
+def test_the_reason_of_a_failure_of_sqlite_is_a_sentence_in_each_language(
+    tmp_path: Path, result: int, sentence: str
+) -> None:
+    """Regression: the alarm of the history had the English words of SQLite in its Chinese sentence."""
+    error = sqlite3.OperationalError("words")
+    error.sqlite_errorcode = result
+    assert SqliteConnection(tmp_path / "history.db").reason(error).zh == sentence
+
+
+def test_the_reason_of_a_failure_of_the_operating_system_is_a_sentence_in_each_language(tmp_path: Path) -> None:
+    found = SqliteConnection(tmp_path / "history.db").reason(OSError(errno.ENOSPC, "No space left on device"))
+    assert found == Text("No space left on device", "磁盘空间已满")
+
+
+async def test_the_reason_of_a_server_that_is_not_reached_is_a_sentence_in_each_language(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    server = request.getfixturevalue("postgres")
+    server.create("own")
+    for url, sentence in (
+        (server.url("absent"), "服务器上没有此数据库"),
+        (_closed_port_url(), "无法连接服务器：连接被拒绝"),
+    ):
+        async with historian_module.Historian(HistoryConfig(url=url), tmp_path) as historian:
+            with pytest.raises(ServiceUnavailable) as rejected:
+                await historian.flush()
+        assert sentence in rejected.value.text("zh")
+
+
+def _closed_port_url() -> str:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return f"postgresql://nobody@127.0.0.1:{listener.getsockname()[1]}/none"
 
 
 def _read_only(connection: Any) -> None:
@@ -210,8 +262,9 @@ async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> No
     async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
         historian.append(samples([1.0]))
         assert not historian.ok
-        with pytest.raises(ServiceUnavailable):
+        with pytest.raises(ServiceUnavailable) as rejected:
             await historian.documents("statistics")
+    assert "history.db 已损坏，或不是历史数据库" in rejected.value.text("zh")
     assert (tmp_path / "history.db").read_bytes() == b"no database" * 100
 
 
@@ -226,7 +279,9 @@ async def test_tables_of_another_version_are_left_alone(database: HistoryDatabas
         historian.append(samples([1.0]))
         with pytest.raises(ServiceUnavailable):
             await historian.flush()
-        assert named in historian.status()["problem"]
+        problem = historian.status()["problem"]
+        assert named in problem["en"]
+        assert re.search("[A-Za-z ]{8,}", problem["zh"].replace("drivebus", "")) is None
 
 
 async def test_labels_of_the_version_with_two_languages_are_kept(database: HistoryDatabase) -> None:
@@ -306,7 +361,7 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
         assert (first.ok, second.ok) == (True, False)
         statement = "SELECT to_regclass('drivebus.block') IS NOT NULL"
         assert await first._on_writer_thread(lambda: first.writer._store.connection.fetch(statement)) == [(True,)]  # type: ignore[attr-defined]
-        assert "another service" in second.status()["problem"]
+        assert second.status()["problem"]["zh"] == "另一个服务正在向此数据库写入历史数据"
         apart = HistoryConfig(url=server.url("shared") + "&search_path=north")
         async with historian_module.Historian(apart, tmp_path) as third:
             third.append(samples([5.0]))
@@ -318,10 +373,10 @@ async def test_samples_that_an_outage_lost_are_logged_once_with_their_number(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
-        historian.writer._record_failure(StoreError("disk is full"))
+        historian.writer._record_failure(store_error("disk is full"))
         historian.queue.lost_samples = 7
         await historian.flush()
-        historian.writer._record_failure(StoreError("disk is full"))
+        historian.writer._record_failure(store_error("disk is full"))
         await historian.flush()
     assert [record.getMessage() for record in caplog.records] == ["history is written again; samples lost: 7"]
 
@@ -333,7 +388,7 @@ async def test_a_reader_connection_that_the_database_cut_does_not_keep_the_servi
         writing, reading = historian_module.open_stores(setting, directory)
 
         def cut() -> None:
-            raise StoreError("[Errno 32] Broken pipe")
+            raise store_error("[Errno 32] Broken pipe")
 
         reading.close = cut  # type: ignore[method-assign]
         return writing, reading

@@ -90,6 +90,12 @@ def signal_name(name: str) -> Text:
     return bilingual_text(key) if i18n.known(key) else Text(name, name)
 
 
+def subject_name(subject: str) -> Text:
+    """Return the translated name of an alarm's subject; the subject itself, as a file or a bus, if there is none."""
+    key = f"alarms.subject.{subject}"
+    return bilingual_text(key) if i18n.known(key) else Text(subject, subject)
+
+
 def alarm_title(setting: AlarmConfig, params: Mapping[str, Any]) -> Text:
     """Return the configured title, else the title of the alarm's kind."""
     if setting.title.en or setting.title.zh:
@@ -151,7 +157,7 @@ def system_alarm(
     """
     sentence = sentence or str(kind)
     numbers = {key: formatted_number(value) for key, value in params.items()}
-    named = {"drive": name, "subject": subject, "bus": subject, "reason": ""} | numbers
+    named = {"drive": name, "subject": subject_name(subject), "bus": subject, "reason": ""} | numbers
     return Alarm(
         id=id,
         setting=str(kind),

@@ -23,7 +23,7 @@ from drivebus.errors import (
 )
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.api.denial_log import DenialLog
-from drivebus.service.api.errors import error_to_json, os_reason, params_error, to_plain
+from drivebus.service.api.errors import error_to_json, failure_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
@@ -208,7 +208,7 @@ class Dispatcher:
         try:
             number = await self.plant.audit.record(entry)
         except AuditUnavailable as error:
-            self.plant.raise_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE, reason=os_reason(error))
+            self.plant.raise_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE, reason=failure_reason(error))
             raise
         self.plant.clear_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE)
         return number

@@ -8,7 +8,7 @@ from typing import Any
 
 from drivebus import errors, i18n
 from drivebus.drives.outcome import FrameExchange, Outcome
-from drivebus.errors import DrivebusError, InvalidParameters, ServiceError
+from drivebus.errors import DrivebusError, InvalidParameters, ServiceError, SystemReason
 from drivebus.service.auth.rights import Right
 from drivebus.types import Json
 from drivebus.values import Text
@@ -37,10 +37,10 @@ def to_plain(value: Any) -> Any:
     return {language: text(language) for language in i18n.LANGUAGES} if callable(text) else str(value)
 
 
-def os_reason(error: Exception) -> str:
-    """Return why a file or store failed, in the words of the operating system where it gives any."""
+def failure_reason(error: Exception) -> Any:
+    """Return why a file failed, as the parameter of a sentence."""
     params = error.params if isinstance(error, DrivebusError) else {}
-    return str(params.get("reason") or getattr(error, "strerror", None) or error)
+    return params.get("reason") or SystemReason(error)
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------

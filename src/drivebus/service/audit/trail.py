@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 from drivebus import clock
-from drivebus.errors import AuditUnavailable
+from drivebus.errors import AuditUnavailable, SystemReason
 from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_json
@@ -186,9 +186,9 @@ class AuditTrail:
             found = [entry_json(entry, self._now_ms()) for entry in entries]
             return self._chain.append([*found, *bodies])[len(found) :]
         except OSError as error:
-            raise self._unavailable_error(error.strerror or str(error)) from error
+            raise self._unavailable_error(SystemReason(error)) from error
 
-    def _unavailable_error(self, reason: str) -> AuditUnavailable:
+    def _unavailable_error(self, reason: str | SystemReason) -> AuditUnavailable:
         return AuditUnavailable("audit.unavailable", file=str(self.paths.current), reason=reason)
 
     def _now_ms(self) -> int:

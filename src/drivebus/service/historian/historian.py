@@ -18,12 +18,13 @@ from typing import Any, TypeVar
 
 from drivebus import clock
 from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian.queries import HistoryQueries
 from drivebus.service.historian.sqlite import SqliteConnection
 from drivebus.service.historian.store import Document, EventRow, HistoryStore, StoreError
 from drivebus.service.historian.writer import HistoryWriter, WriteQueue
-from drivebus.service.live.views import Sample
+from drivebus.service.live.views import Sample, text_json
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -103,7 +104,7 @@ class Historian:
                 await self._on_writer_thread(self.writer.run_cycle)
             except Exception as error:
                 # A defect must not end the task: report it and try again in the next interval.
-                self.writer.problem = repr(error)
+                self.writer.problem = bilingual_text("history.defect", detail=repr(error))
                 LOG.exception("history can't be written")
 
     def _on_writer_thread(self, work: Callable[[], T]) -> Awaitable[T]:
@@ -115,7 +116,7 @@ class Historian:
         return self.writer.problem is None
 
     @property
-    def problem(self) -> str | None:
+    def problem(self) -> Text | None:
         """Why the last batch could not be written."""
         return self.writer.problem
 
@@ -123,7 +124,7 @@ class Historian:
         """Return ``ok``, the problem, and the numbers of accepted and lost items since the start."""
         return {
             "ok": self.ok,
-            "problem": self.writer.problem,
+            "problem": text_json(self.writer.problem),
             "queued": self.queue.queued,
             "samples": self.queue.samples,
             "lost_samples": self.queue.lost_samples,
@@ -165,4 +166,4 @@ class Historian:
         try:
             await self._on_writer_thread(self.writer.write)
         except StoreError as error:
-            raise ServiceUnavailable("history.unavailable", why=str(error)) from error
+            raise ServiceUnavailable("history.unavailable", why=error.reason) from error

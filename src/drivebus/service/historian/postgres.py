@@ -16,17 +16,27 @@ from typing import Any
 
 import asyncpg  # type: ignore[import-untyped]
 
+from drivebus.errors import SystemReason
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.database import default_sslmode
-from drivebus.service.historian.store import SqlRow
+from drivebus.service.historian.store import SqlRow, StoreError
+from drivebus.values import Text
 
 POSTGRES_CONNECT_TIMEOUT_S = 5.0
 POSTGRES_QUERY_TIMEOUT_S = 20.0
 """A query that takes longer counts as a lost connection."""
 POSTGRES_SCHEMA = "drivebus"
-
-
-class DatabaseInUse(Exception):
-    """Another service writes to the same tables."""
+FAILURES = {
+    "08": "history.connection_lost",
+    "25006": "history.server_read_only",
+    "28": "history.login_rejected",
+    "3D": "history.no_database",
+    "42501": "history.no_right",
+    "53100": "history.server_full",
+    "53300": "history.server_busy",
+    "57P": "history.server_stopping",
+}
+"""Sentence of each SQLSTATE, by its start, that a user can do something about."""
 
 
 class PostgresConnection:
@@ -38,7 +48,6 @@ class PostgresConnection:
         OSError,
         TimeoutError,
         ValueError,
-        DatabaseInUse,
     )
     type_names = {"id": "BIGSERIAL PRIMARY KEY", "bytes": "BYTEA"}
 
@@ -47,6 +56,19 @@ class PostgresConnection:
         self._reader = reader
         self._runner: asyncio.Runner | None = None
         self._connection: asyncpg.Connection | None = None
+
+    def reason(self, error: Exception) -> Text:
+        """Return why the server or the connection to it failed."""
+        detail = str(error) or type(error).__name__
+        if isinstance(error, TimeoutError):
+            return bilingual_text("history.no_answer")
+        if isinstance(error, OSError):
+            return bilingual_text("history.unreachable", detail=SystemReason(error))
+        if isinstance(error, asyncpg.InterfaceError):
+            return bilingual_text("history.connection_lost")
+        sqlstate = str(getattr(error, "sqlstate", None) or "")
+        key = next((key for start, key in FAILURES.items() if sqlstate.startswith(start)), "history.database_error")
+        return bilingual_text(key, detail=detail)
 
     def connect(self) -> None:
         self._runner = asyncio.Runner()
@@ -66,7 +88,7 @@ class PostgresConnection:
         self.execute("SET synchronous_commit = on")
         path = self.fetch("SHOW search_path")[0][0]
         if not self.fetch("SELECT pg_try_advisory_lock(hashtext('drivebus ' || ?))", path)[0][0]:
-            raise DatabaseInUse("another service writes its history to this database")
+            raise StoreError(bilingual_text("history.in_use"))
         if self.fetch("SELECT current_schema()")[0][0] is None:
             self.execute(f"CREATE SCHEMA IF NOT EXISTS {path}")
 

@@ -50,7 +50,7 @@ class HistoryQueries:
         except StoreError as error:
             with contextlib.suppress(StoreError):
                 await asyncio.get_running_loop().run_in_executor(self._read_thread, self._reader.close)
-            raise ServiceUnavailable("history.unavailable", why=str(error)) from error
+            raise ServiceUnavailable("history.unavailable", why=error.reason) from error
 
     async def close(self) -> None:
         """Close the reader's connection. One that the database has cut counts as closed: the service ends as usual."""

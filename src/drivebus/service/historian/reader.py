@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.historian import blocks
 from drivebus.service.historian.blocks import SampleColumns
 from drivebus.service.historian.columns import DamagedBlock
@@ -129,7 +130,8 @@ def _naming_damaged_row(row: Block) -> Iterator[None]:
     try:
         yield
     except DamagedBlock as error:
-        raise StoreError(f"block {row.level} {row.tag} {row.start_ms}: {error}") from error
+        detail = f"block {row.level} {row.tag} {row.start_ms}: {error}"
+        raise StoreError(bilingual_text("history.damaged_block", detail=detail)) from error
 
 
 def _with_samples_in_range(

@@ -8,10 +8,27 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from drivebus.service.historian.store import SqlRow
+from drivebus.errors import SystemReason
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.historian.store import SqlRow, StoreError
+from drivebus.values import Text
 
 VACUUM_PAGES = 1000
 """Free pages returned at a time: some milliseconds."""
+PRIMARY_RESULT_MASK = 0xFF
+"""The low byte of a result code of SQLite is its kind; the others say in which call it came."""
+FAILURES = {
+    sqlite3.SQLITE_FULL: "history.file_full",
+    sqlite3.SQLITE_READONLY: "history.file_read_only",
+    sqlite3.SQLITE_PERM: "history.file_read_only",
+    sqlite3.SQLITE_CANTOPEN: "history.file_not_opened",
+    sqlite3.SQLITE_IOERR: "history.file_io",
+    sqlite3.SQLITE_CORRUPT: "history.file_damaged",
+    sqlite3.SQLITE_NOTADB: "history.file_damaged",
+    sqlite3.SQLITE_BUSY: "history.file_locked",
+    sqlite3.SQLITE_LOCKED: "history.file_locked",
+}
+"""Sentence of each result code that a user can do something about."""
 
 
 class SqliteConnection:
@@ -26,6 +43,14 @@ class SqliteConnection:
         self._connection: sqlite3.Connection | None = None
         self._written_file: tuple[int, int] | None = None
         """Device and inode of the file that the writer opened first."""
+
+    def reason(self, error: Exception) -> Text:
+        """Return why SQLite or the operating system failed."""
+        if isinstance(error, OSError):
+            return Text.per_language(SystemReason(error).text)
+        code = getattr(error, "sqlite_errorcode", 0) & PRIMARY_RESULT_MASK
+        key = FAILURES.get(code, "history.database_error")
+        return bilingual_text(key, file=self.path.name, detail=str(error) or type(error).__name__)
 
     def connect(self) -> None:
         if not self._reader:
@@ -50,13 +75,12 @@ class SqliteConnection:
         return found.st_dev, found.st_ino
 
     def _check_same_file(self) -> None:
-        """Raise OSError where the writer's file was removed or replaced.
+        """Raise StoreError where the writer's file was removed or replaced.
 
         SQLite would go on with the removed file, which nothing reads, and another one lacks the tags of the writer.
         """
         if self._written_file is not None and self._file_identity() != self._written_file:
-            name = self.path.name
-            raise OSError(f"{name} was removed or replaced: put the same file back, or restart the service")
+            raise StoreError(bilingual_text("history.file_replaced", file=self.path.name))
 
     @property
     def _connected(self) -> sqlite3.Connection:

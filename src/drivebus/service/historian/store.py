@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.historian.points import ResolutionLevel
 from drivebus.values import Text
 
@@ -23,7 +24,14 @@ TEXT_COLUMNS_VERSION = 2
 
 
 class StoreError(Exception):
-    """The database failed: full, read-only, damaged, unreachable. The write may or may not be done."""
+    """The database failed: full, read-only, damaged, unreachable. The write may or may not be done.
+
+    ``reason`` is a part of a sentence.
+    """
+
+    def __init__(self, reason: Text) -> None:
+        super().__init__(reason.en)
+        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,12 +155,18 @@ _DELETE_BLOCKS = "DELETE FROM block WHERE id IN (SELECT id FROM block WHERE leve
 
 
 class SqlConnection(Protocol):
-    """Connection to a database, used by one thread. ``?`` stands for a parameter. Raises the database's own errors."""
+    """Connection to a database, used by one thread. ``?`` stands for a parameter. Raises the database's own errors, and
+    StoreError where it must not be used.
+    """
 
     errors: tuple[type[Exception], ...]
     """All errors of the database, disk and network."""
     type_names: dict[str, str]
     """Column types for ``{id}``, an auto-incremented key, and ``{bytes}``."""
+
+    def reason(self, error: Exception) -> Text:
+        """Return why one of its errors came, as a part of a sentence."""
+        ...
 
     def connect(self) -> None: ...
     def close(self) -> None: ...
@@ -193,7 +207,7 @@ def _raises_store_error(method: Callable[Concatenate[HistoryStore, P], R]) -> Ca
         try:
             return method(self, *args, **kwargs)
         except self.connection.errors as error:
-            raise StoreError(str(error) or type(error).__name__) from error
+            raise StoreError(self.connection.reason(error)) from error
 
     return wrapped
 
@@ -210,14 +224,11 @@ class HistoryStore:
         self.connection.connect()
         version = self.connection.version()
         if version > SCHEMA_VERSION:
-            raise StoreError(f"made by a later version of drivebus (tables {version}, known {SCHEMA_VERSION})")
+            raise StoreError(bilingual_text("history.later_version", version=version, known=SCHEMA_VERSION))
         if version == TEXT_COLUMNS_VERSION and not self._reader:
             self._merge_text_columns()
         elif 0 < version < SCHEMA_VERSION:
-            raise StoreError(
-                f"made by an earlier version of drivebus (tables {version}, known {SCHEMA_VERSION}): move it away, "
-                "and a new history begins"
-            )
+            raise StoreError(bilingual_text("history.earlier_version", version=version, known=SCHEMA_VERSION))
         if version == 0 and not self._reader:
             self._make_tables()
         tags = [

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from drivebus import clock
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
 from drivebus.service.historian.blocks import SampleColumns, decode_batch, encode_batch
@@ -247,8 +248,8 @@ class HistoryWriter:
         self._store, self._setting, self._queue = store, setting, queue
         self._wall_ms, self._monotonic_s, self._pause_s = wall_ms, monotonic_s, pause_s
         self.open_blocks = OpenBlocks()
-        self.problem: str | None = None
-        """Error that prevents writing; None if the last write succeeded."""
+        self.problem: Text | None = None
+        """Reason that prevents writing; None if the last write succeeded."""
         self.written_count = 0
         """Number of accepted items that are durable."""
         self._builder = BatchBuilder()
@@ -285,7 +286,7 @@ class HistoryWriter:
         try:
             self.write()
         except StoreError:
-            LOG.error("history that came last is lost: %s", self.problem)
+            LOG.error("history that came last is lost: %s", self.problem and self.problem.en)
         finally:
             self._is_open = False
             with suppress(StoreError):
@@ -301,9 +302,13 @@ class HistoryWriter:
             if not self._is_open:
                 self._open()
             step()
-        except (StoreError, DamagedBlock) as error:
+        except StoreError as error:
             self._record_failure(error)
-            raise StoreError(str(error)) from error
+            raise
+        except DamagedBlock as error:
+            found = StoreError(bilingual_text("history.damaged_block", detail=str(error)))
+            self._record_failure(found)
+            raise found from error
         if self.problem is not None:
             self.problem = None
             self._report_lost_samples()
@@ -314,11 +319,11 @@ class HistoryWriter:
         if lost:
             LOG.warning("history is written again; samples lost: %d", lost)
 
-    def _record_failure(self, error: Exception) -> None:
+    def _record_failure(self, error: StoreError) -> None:
         """Close the store and keep the error: the service raises an alarm of it, which is the one line of the log."""
         self._is_open = False
         LOG.debug("history can't be written: %s", error)
-        self.problem = str(error)
+        self.problem = error.reason
         with suppress(StoreError):
             self._store.close()
 

@@ -18,7 +18,7 @@ from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
-from drivebus.service.api.errors import localized, os_reason
+from drivebus.service.api.errors import failure_reason, localized
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
 from drivebus.service.config.model import GroupConfig, title_of
@@ -149,7 +149,7 @@ class SupervisionCycle:
         for name, error in (self._storage.errors() | {"incidents": self._incidents.recorder.error}).items():
             kind = SystemAlarm.AUDIT_FAILURE if name == AUDIT_FILE else SystemAlarm.STORAGE_FAILURE
             if error is not None:
-                self._plant.raise_alarm(kind, subject=name, reason=os_reason(error))
+                self._plant.raise_alarm(kind, subject=name, reason=failure_reason(error))
             else:
                 self._plant.clear_alarm(kind, subject=name)
         self._storage.alarm_log.retry()

@@ -43,6 +43,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "grades",
         "help",
         "hint",
+        "history",
         "metrics",
         "models",
         "monitor",
@@ -64,10 +65,11 @@ COMMAND_LINE_TEXTS = frozenset(
         "simulate",
         "status",
         "stop_all",
+        "system",
         "user_command",
     }
 )
-"""First parts of the keys that only the command line and the check of a file use; the page does not load them."""
+"""First parts of the keys that only the command line and the service use; the page does not load them."""
 
 FIRST_MODULES = ("static/js/app.js", "static/js/pages/fleet.js")
 """Scripts whose imports every visit needs before the first drive is shown."""

@@ -1,6 +1,6 @@
 // Equal alarms as one group: the same condition on drives of the same bus. A lost bus raises one for each drive.
 import { computed } from "../lib.js";
-import { t, titleOf } from "../i18n.js";
+import { hasKey, t, titleOf } from "../i18n.js";
 import { unacknowledged } from "../alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
@@ -29,11 +29,14 @@ const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.se
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
   alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
 
-/** Name of an alarm's drive or bus, else its subject. */
+/** Name of the subject of an alarm that concerns no drive; a file by itself. */
+export const subjectName = (subject) => (hasKey(`alarms.subject.${subject}`) ? t(`alarms.subject.${subject}`) : subject);
+
+/** Name of an alarm's drive or bus, else of its subject. */
 const nameOf = ({ drive: id, subject }) => {
   if (id) return driveTitle(id);
   const onBus = subject && bus(subject).value;
-  return onBus ? titleOf(onBus) : subject;
+  return onBus ? titleOf(onBus) : subjectName(subject);
 };
 
 /** "Supply fan: ", to be followed by the alarm's title; "" for an alarm of the whole plant. */

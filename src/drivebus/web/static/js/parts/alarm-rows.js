@@ -9,7 +9,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus, serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
-import { acknowledgeAll, groupAlarms, groupSubject, subjectNames, unshelveAll } from "./alarm-groups.js";
+import { acknowledgeAll, groupAlarms, groupSubject, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
 import { AlarmState } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve.js";
 import { PriorityMark } from "./state.js";
@@ -116,7 +116,7 @@ const BUS_ALARMS = ["port_lost", "foreign_master"];
 export function AlarmDetails({ alarm }) {
   const onBus = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
   if (!alarm.drive && onBus) return html`<a href=${href("buses", alarm.subject)}>${titleOf(onBus)}</a>`;
-  if (!alarm.drive) return alarm.subject ?? "";
+  if (!alarm.drive) return subjectName(alarm.subject ?? "");
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
     ? ` · ${alarm.subject}` : ""}`;
 }
