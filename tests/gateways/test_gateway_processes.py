@@ -367,13 +367,30 @@ async def test_the_service_notifies_a_gateway_whose_table_did_not_change() -> No
     await child.close()
 
 
+async def test_a_gateway_learns_that_the_plant_had_users_when_the_service_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The state directory is gone when a reload replaces the process: that makes no new plant."""
+    monkeypatch.setattr(ChildProcess, "start", lambda child, after=None: None)
+    file = tmp_path / "users.json"
+    file.touch()
+    gateway = GatewayConfig(id="toy", module="toy", settings=None)
+    plant = SimpleNamespace(
+        config=SimpleNamespace(gateways=(gateway,), directory=tmp_path, user_file=file), gateways={}, now=time.monotonic
+    )
+    supervisor = GatewaySupervisor(plant)  # type: ignore[arg-type]
+    file.unlink()
+    supervisor.on_reload()
+    assert b'"had_users":true' in supervisor._children["toy"]._arguments
+
+
 async def test_a_reload_notifies_each_gateway_that_it_leaves_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     changes: list[str] = []
     monkeypatch.setattr(ChildProcess, "start", lambda child, after=None: changes.append("start"))
     monkeypatch.setattr(ChildProcess, "notify_reload", lambda child: changes.append("notify"))
     gateway = GatewayConfig(id="toy", module="toy", settings=None)
     plant = SimpleNamespace(
-        config=SimpleNamespace(gateways=(gateway,), directory=Path("/state"), users=None),
+        config=SimpleNamespace(gateways=(gateway,), directory=Path("/state"), user_file=Path("/state/users.json")),
         gateways={},
         now=time.monotonic,
     )

@@ -29,7 +29,7 @@ class WebProcess:
 
         Raises ConfigurationError for an unusable address or certificate.
         """
-        web, auth = arguments.settings, AuthService(arguments.directory, arguments.user_file)
+        web, auth = arguments.settings, _auth_service(arguments)
         app = make_app(client, auth, web)
         self._server = HttpServer(app, auth, web, lambda address: _announce(address, auth, arguments), ending)
         relax_gc()
@@ -41,14 +41,23 @@ class WebProcess:
             self._server.reload_certificate()
 
 
+def _auth_service(arguments: GatewayArguments[WebConfig]) -> AuthService:
+    auth = AuthService(arguments.directory, arguments.user_file, had_users=arguments.had_users)
+    if not auth.needs_setup and not auth.session_store.exists:  # the sign of a plant that had users
+        auth.session_store.write(auth.sessions.stored())
+    return auth
+
+
 def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebConfig]) -> None:
     """Print the address of the page on standard output, and the remaining manual steps on standard error."""
     # Before the address, whose reader may use the secret at once.
-    secret = auth.setup_secret.issue() if auth.needs_setup else None
+    secret = auth.setup_secret.issue() if auth.needs_setup and not auth.users_missing else None
     if arguments.address_output != "not":
         print_line(json.dumps({"page": address}) if arguments.address_output == "json" else address, sys.stdout)
     if secret is not None:
         _print_notice("auth.setup_secret", address=address, secret=secret, file=str(auth.setup_secret.path))
+    if auth.users_missing:
+        _print_notice("auth.users_missing", file=str(auth.user_file.path))
     if listen_host(arguments.settings, auth) != arguments.settings.host:
         _print_notice("auth.only_loopback", host=arguments.settings.host)
 

@@ -39,8 +39,12 @@ _CHECK_INTERVAL_S = 0.5  # of the address, the certificate and the limits
 
 
 def listen_host(web: WebConfig, auth: AuthService) -> str:
-    """Return the configured host only with TLS and an administrator, else this machine's own."""
-    if is_loopback(web.host) or (web.certificate is not None and not auth.needs_setup):
+    """Return the configured host only with TLS and an administrator, else this machine's own.
+
+    Where the users are missing nothing can be set up, and the page says what is missing.
+    """
+    is_set_up = not auth.needs_setup or auth.users_missing
+    if is_loopback(web.host) or (web.certificate is not None and is_set_up):
         return web.host
     return LOOPBACK
 

@@ -25,11 +25,11 @@ PLANT = plant_config(directory=Path("/state"), gateways=(GATEWAY,))
 
 
 def test_the_process_decodes_what_the_service_encodes() -> None:
-    line = encode_arguments(gateway_arguments(PLANT, GATEWAY))
+    line = encode_arguments(gateway_arguments(PLANT, GATEWAY, had_users=True))
     assert line.count(b"\n") == 1 and line.endswith(b"\n")
     found = decode_arguments(line, WebConfig)
     assert (found.socket, found.directory) == (Path("/state/plant.sock"), Path("/state"))
-    assert (found.settings, found.address_output) == (WEB, "plain")
+    assert (found.settings, found.address_output, found.had_users) == (WEB, "plain", True)
 
 
 def test_the_address_output_and_the_user_file_are_the_plants() -> None:

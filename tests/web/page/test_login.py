@@ -33,6 +33,21 @@ def test_the_first_start_accepts_the_printed_secret_and_adds_the_administrator(n
     assert [user.name for user in new_plant.access.database.users] == ["ada"]
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_plant_whose_users_are_missing_shows_what_to_do_and_no_form(
+    new_plant: Stage, visit: Any, language: str
+) -> None:
+    file = new_plant.access.user_file
+    new_plant.access.session_store.write(())
+    file.path.unlink()
+    file.__init__(file.path)  # type: ignore[misc]  # as in a new process
+    page = visit("#/fleet", role=None, language=language)
+    note = page.locator("[data-text=users-missing]")
+    note.wait_for()
+    assert note.inner_text() == i18n.text("auth.users_missing", language, file="users.json")
+    assert page.locator("form").count() == 0
+
+
 def test_a_login_code_in_the_address_works_once(stage: Stage, visit: Any) -> None:
     """The code is removed from the address bar at once and is rejected a second time."""
     code = stage.do(lambda: stage.access.issue_code("operator", 60.0))

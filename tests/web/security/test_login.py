@@ -10,6 +10,7 @@ import pytest
 from starlette.datastructures import Headers
 
 from drivebus.service.api.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
+from drivebus.service.api.errors import localized
 from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 from drivebus.service.auth.rights import AccessLevel
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
@@ -19,7 +20,7 @@ from drivebus.web.app import declared_routes
 from drivebus.web.gateway import WebConfig
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import WEBSOCKET
-from fixtures.web_app import BASE, PASSWORD, WebAppHarness
+from fixtures.web_app import BASE, PASSWORD, USERS, WebAppHarness
 
 HOUR_S = 3600.0
 
@@ -230,6 +231,31 @@ def test_the_set_up_secret_works_once(tmp_path: Path) -> None:
         assert (await harness.client().post("/api/v1/setup", json=body)).status_code == 409
         assert [entry["what"] for entry, _ in harness.service.records] == ["refused", "set-up", "refused"]
         assert body["secret"] not in repr(harness.service.records) and PASSWORD not in repr(harness.service.records)
+
+    run(scenario())
+
+
+def test_missing_users_are_named_and_nothing_is_set_up_or_commanded(tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        operator = await harness.log_in("operator")
+        harness.auth.user_file.path.unlink()
+        harness.auth.user_file.__init__(harness.auth.user_file.path)  # type: ignore[misc]  # as in a new process
+        client = harness.client()
+        found = (await client.get("/api/v1/session")).json()
+        assert found["setup"] and found["users_missing"] == localized("auth.users_missing", {"file": "users.json"})
+        assert str(tmp_path) not in found["users_missing"]["en"], "a stranger learns no path"
+        body = {"secret": harness.auth.setup_secret.issue(), "name": "eve", "password": PASSWORD}
+        for asking, method, path in (
+            (client, "POST", "/api/v1/setup"),
+            (client, "GET", "/api/v1/drives"),
+            (operator, "POST", "/api/v1/drives/fan-1/run"),
+        ):
+            answer = await asking.request(method, path, **({"json": body} if method == "POST" else {}))
+            assert (answer.status_code, answer.json()["error"]["code"]) == (409, "auth.users_missing"), path
+        harness.auth.user_file.change(lambda _: USERS)
+        assert (await client.get("/api/v1/session")).json()["users_missing"] is None
 
     run(scenario())
 

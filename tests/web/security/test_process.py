@@ -15,14 +15,16 @@ from typing import Any
 import httpx
 import pytest
 
+from drivebus import i18n
 from drivebus.service.app import Service
 from drivebus.service.auth.service import SETUP_SECRET_FILE
+from drivebus.service.auth.users import UserFile
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.process.gateway_arguments import GatewayArguments, encode_arguments
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.web.gateway import WebConfig
 from fixtures.service import fake_storage, plant_config
-from fixtures.web_app import PASSWORD
+from fixtures.web_app import PASSWORD, USERS
 
 TIMEOUT_S = 30.0
 
@@ -109,6 +111,23 @@ async def test_a_session_and_the_users_survive_a_kill_of_the_web_process(tmp_pat
         async with httpx.AsyncClient(base_url=at, cookies=cookies) as client:
             answer = (await client.get("/api/v1/session")).json()
             assert (answer["user"], answer["csrf"], answer["setup"]) == ("ann", csrf, False)
+    assert not (tmp_path / SETUP_SECRET_FILE).exists()
+
+
+async def test_a_web_process_that_finds_no_users_in_a_plant_that_had_some_prints_no_secret(tmp_path: Path) -> None:
+    """The users were added on the command line, and no login followed."""
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda _: USERS)
+    with web(tmp_path):
+        pass
+    file.path.unlink()
+    with web(tmp_path) as (process, at):
+        async with httpx.AsyncClient(base_url=at) as client:
+            assert (await client.get("/api/v1/session")).json()["users_missing"]
+        process.send_signal(signal.SIGTERM)
+        assert await asyncio.to_thread(process.wait, TIMEOUT_S) == 0
+        assert process.stderr is not None
+        assert i18n.text("auth.users_missing", "en", file=str(file.path)) in process.stderr.read()
     assert not (tmp_path / SETUP_SECRET_FILE).exists()
 
 

@@ -21,6 +21,7 @@ from fastapi import FastAPI
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivebus.errors import ConfigurationError
+from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.web import __main__ as web_process
@@ -90,6 +91,13 @@ def test_the_server_is_on_loopback_unless_there_is_tls_and_an_administrator(host
         for tls in (None, certificate):
             found = listen_host(WebConfig(host=host, certificate=tls), access)
             assert found == (host if is_loopback(host) or (tls and users) else "127.0.0.1")
+
+
+def test_a_page_that_names_missing_users_is_reached_where_the_page_was(tmp_path: Path) -> None:
+    missing = AuthService(tmp_path, had_users=True)
+    assert missing.users_missing
+    assert listen_host(WebConfig(host="10.1.2.3", certificate=tmp_path / "cert.pem"), missing) == "10.1.2.3"
+    assert listen_host(WebConfig(host="10.1.2.3"), missing) == "127.0.0.1"
 
 
 async def test_the_real_socket_is_on_loopback_without_tls_whatever_the_setting(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.auth.actor import local_actor
-from drivebus.service.auth.users import USER_FILE, UserDatabase, UserFile
+from drivebus.service.auth.users import UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
@@ -24,7 +24,7 @@ WriteAuditRecord = Callable[[Json], Awaitable[object]]
 
 def user_file_of(config: PlantConfig) -> UserFile:
     """Return the user file of a plant."""
-    return UserFile(config.users or config.directory / USER_FILE)
+    return UserFile(config.user_file)
 
 
 async def change_users(

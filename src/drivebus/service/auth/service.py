@@ -84,10 +84,13 @@ class AuthService:
         directory: Path,
         file: Path | None = None,
         *,
+        had_users: bool = False,
         passwords: PasswordHashing | None = None,
         clock: Clock = time.monotonic,
         wall_ms: Callable[[], int] = wall_ms,
     ) -> None:
+        """``had_users``: it is known from elsewhere that the plant had users before."""
+        self._had_users = had_users
         self.user_file = UserFile(file or directory / USER_FILE)
         self.passwords = passwords or PasswordHashing()
         self.sessions = SessionTable()
@@ -118,6 +121,21 @@ class AuthService:
     def needs_setup(self) -> bool:
         return not self.database.has_administrator
 
+    @property
+    def users_missing(self) -> bool:
+        """Whether the users' file of a plant that had users is gone: a deleted file or an absent disk makes no new
+        plant. The file, or a new administrator on the command line, ends it.
+        """
+        return self.user_file.is_missing and (self._had_users or self.session_store.exists)
+
+    def check_set_up(self) -> None:
+        """Raise Conflict while no administrator can log in."""
+        if self.needs_setup:
+            raise self._users_missing_error() if self.users_missing else Conflict("auth.setup_needed")
+
+    def _users_missing_error(self) -> Conflict:
+        return Conflict("auth.users_missing", file=self.user_file.path.name)
+
     async def change_database(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
         """Change the user database durably, without blocking the event loop."""
         return await asyncio.to_thread(self.user_file.change, change)
@@ -137,11 +155,13 @@ class AuthService:
             task.add_done_callback(self._save_tasks.discard)
 
     async def create_first_administrator(self, secret: str, name: str, password: str, address: str) -> LoginResult:
-        """Create the first administrator and log in. Raises Conflict if there is one already, NotAuthenticated for a
-        wrong secret, TooManyAttempts, InvalidInput, AuthUnavailable.
+        """Create the first administrator and log in. Raises Conflict if there is one already or the plant's users are
+        missing, NotAuthenticated for a wrong secret, TooManyAttempts, InvalidInput, AuthUnavailable.
         """
         if not self.needs_setup:
             raise Conflict("auth.is_set_up")
+        if self.users_missing:
+            raise self._users_missing_error()
         self._record_attempt(self.secret_throttle, AttemptKeys((f"setup@{address_key(address)}",)))
         if not self.setup_secret.verify(secret):
             raise NotAuthenticated("auth.wrong_secret")

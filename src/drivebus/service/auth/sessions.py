@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import os
 import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -64,6 +65,11 @@ class SessionStore:
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / "sessions.json"
+
+    @property
+    def exists(self) -> bool:
+        """Whether the file exists: it is written only where there is a user."""
+        return os.path.lexists(self.path)
 
     def read(self) -> tuple[StoredSession, ...]:
         """Return the sessions saved since the machine started; none if the file cannot be read."""

@@ -180,6 +180,11 @@ class UserFile:
         self._written = UserDatabase()
         """Database that this program wrote last; another thread may read it before ``change`` returns."""
 
+    @property
+    def is_missing(self) -> bool:
+        """Whether there is no file, and none was read before."""
+        return self._file_state is None and not os.path.lexists(self.path)
+
     def read(self) -> UserDatabase:
         """Return the database; the file is read again only if it has changed."""
         try:

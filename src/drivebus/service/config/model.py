@@ -226,6 +226,11 @@ class PlantConfig:
     warnings: tuple[Diagnostic, ...] = field(default=(), compare=False)
     """Values of the file that are valid and probably a mistake."""
 
+    @property
+    def user_file(self) -> Path:
+        """Path of the user file."""
+        return self.users or self.directory / "users.json"
+
     def drive(self, id: str) -> DriveConfig:
         """Return a drive. Raises KeyError."""
         return {drive.id: drive for drive in self.drives}[id]

@@ -5,12 +5,14 @@ The service keeps the standard input open as long as it runs: its end is the end
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import TypeAdapter
 
+from drivebus.service.auth.sessions import SessionStore
 from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import LogFormat
@@ -31,8 +33,15 @@ class GatewayArguments(Generic[T]):
     """State directory."""
     user_file: Path
     settings: T
+    had_users: bool = False
+    """Whether the plant had users when the service started: their file may be gone when the process starts again."""
     address_output: AddressOutput = "plain"
     log_format: LogFormat = "text"
+
+
+def has_users(plant: PlantConfig) -> bool:
+    """Return whether a plant has users or had some when its sessions were saved."""
+    return os.path.lexists(plant.user_file) or SessionStore(plant.directory).exists
 
 
 def gateway_arguments(
@@ -40,13 +49,15 @@ def gateway_arguments(
     gateway: GatewayConfig,
     address_output: AddressOutput = "plain",
     log_format: LogFormat = "text",
+    had_users: bool = False,
 ) -> GatewayArguments[Any]:
     """Return the arguments of one gateway of a plant."""
     return GatewayArguments(
         socket=socket_path(plant.directory, SERVICE_SOCKET),
         directory=plant.directory,
-        user_file=plant.users or plant.directory / "users.json",
+        user_file=plant.user_file,
         settings=gateway.settings,
+        had_users=had_users,
         address_output=address_output,
         log_format=log_format,
     )

@@ -10,9 +10,16 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 from drivebus.service.config.model import GatewayConfig
-from drivebus.service.process.gateway_arguments import AddressOutput, encode_arguments, gateway_arguments
+from drivebus.service.process.gateway_arguments import (
+    AddressOutput,
+    GatewayArguments,
+    encode_arguments,
+    gateway_arguments,
+    has_users,
+)
 from drivebus.service.process.logging_setup import LogFormat
 from drivebus.service.process.module_command import module_command
 from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
@@ -118,6 +125,7 @@ class GatewaySupervisor(PlantListener):
         """``without``: names of gateways that are not started, also where their table enables them."""
         self._plant, self._without, self._address_output = plant, frozenset(without), address_output
         self._log_format: LogFormat = log_format
+        self._had_users = has_users(plant.config)
         self._configs: dict[str, GatewayConfig] = {}
         self._children: dict[str, ChildProcess] = {}
         self._closing: set[asyncio.Task[None]] = set()
@@ -153,13 +161,18 @@ class GatewaySupervisor(PlantListener):
         replaced = self._end(config.id) if config.id in self._children else None
         child = ChildProcess(
             module_command(config.module),
-            encode_arguments(gateway_arguments(self._plant.config, config, self._address_output, self._log_format)),
+            encode_arguments(self._arguments(config)),
             self._plant.now,
             on_start=on_start,
             on_exit=on_exit,
         )
         self._configs[config.id], self._children[config.id] = config, child
         child.start(after=replaced)
+
+    def _arguments(self, config: GatewayConfig) -> GatewayArguments[Any]:
+        return gateway_arguments(
+            self._plant.config, config, self._address_output, self._log_format, had_users=self._had_users
+        )
 
     def _end(self, name: str) -> asyncio.Task[None]:
         task = asyncio.create_task(self._children.pop(name).close(), name=f"end gateway {name}")

@@ -28,7 +28,7 @@ def check_plant_files(config: PlantConfig) -> None:
     audit = AuditPaths.of(config.directory, config.audit.checkpoints, config.audit.key, config.audit.head)
     profiles = {path for model in {drive.model for drive in config.drives} for path in own_files(model)}
     source = [Path(config.source)] if config.source else []
-    for path in (*source, config.users or config.directory / "users.json", audit.key, *sorted(profiles)):
+    for path in (*source, config.user_file, audit.key, *sorted(profiles)):
         if path.is_file():
             check_trusted(path, secret=path == audit.key)
         if path.parent.is_dir():

@@ -13,7 +13,7 @@ from drivebus.errors import DrivebusError
 from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential, TokenCredential
-from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound
+from drivebus.service.auth.errors import AccessDenied, NotAuthenticated, ResourceNotFound
 from drivebus.service.auth.rights import AccessLevel, Right
 from drivebus.service.auth.service import AuthService
 from drivebus.service.runtime.fairness import yield_to_loop
@@ -128,8 +128,8 @@ class AuthMiddleware:
         """
         if route.access is AccessLevel.PUBLIC:
             return
-        if self.auth.needs_setup and not (credential is not None and route.access is Right.STOP):
-            raise Conflict("auth.setup_needed")
+        if credential is None or route.access is not Right.STOP:
+            self.auth.check_set_up()
         if credential is None:
             raise NotAuthenticated("auth.not_logged_in")
         if route.access is AccessLevel.SESSION:

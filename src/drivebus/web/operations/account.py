@@ -65,10 +65,12 @@ class SessionParams(OperationParams):
 class SessionResponse(ApiObject):
     """User, rights and CSRF token; ``setup`` is true while there is no administrator. A session of a browser also has
     ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page;
+    ``users_missing`` says why a plant that had users can't be set up again, and what to do;
     ``failed_logins`` the number of wrong passwords of the user since the login before.
     """
 
     setup: bool
+    users_missing: LocalizedText | None
     user: str | None
     rights: list[str]
     csrf: str | None

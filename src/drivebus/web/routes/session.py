@@ -10,6 +10,7 @@ from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
 from drivebus.service.api.denial_log import try_record
+from drivebus.service.api.errors import localized
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.operation import NoParams
@@ -150,7 +151,8 @@ def _session_credential(request: Request) -> SessionCredential:
 def _session_json(context: WebContext, credential: Credential | None) -> Json:
     """Return the user, rights and CSRF token; ``setup`` is true while there is no administrator."""
     auth = context.auth
-    found: Json = {"setup": auth.needs_setup, "user": None, "rights": [], "csrf": None}
+    missing = localized("auth.users_missing", {"file": auth.user_file.path.name}) if auth.users_missing else None
+    found: Json = {"setup": auth.needs_setup, "users_missing": missing, "user": None, "rights": [], "csrf": None}
     if context.login_notice is not None:
         found["login_notice"] = text_json(context.login_notice)
     if credential is None:

@@ -37,9 +37,14 @@ const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page
     ["password", "password", "new-password", passwordHelp()]]}
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
+/** The users' file of this plant is gone: nobody can log in, and nothing can be set up. */
+const UsersMissing = () => html`<div class="login"><h1>${t("page.log_in")}</h1>
+  <${Notice} kind="bad"><span data-text="users-missing">${localized(session.value.users_missing)}</span><//></div>`;
+
 /** `error`: the error of a login code in the address. */
 export function Login({ error }) {
   return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
-    ${session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
+    ${session.value.users_missing ? html`<${UsersMissing} />`
+      : session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
     <div class="prefs"><${Preferences} /></div></main>`;
 }
