@@ -422,6 +422,29 @@ def test_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
     run_virtual(scenario())
 
 
+@pytest.mark.parametrize("expires", [False, True])
+@pytest.mark.parametrize("model", TELLING)
+def test_a_drive_is_stopping_from_the_end_of_its_jog_until_the_stop_is_confirmed(model: str, expires: bool) -> None:
+    """Its registration is kept until then, and a tripped interlock sends no second stop."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            jog = drive.jog(JOG_HZ[model], lease_s=0.3)
+            await jog.start()
+            await asyncio.sleep(0.2)
+            assert not drive.stopping
+            await asyncio.sleep(0.11 if expires else 0.0)
+            ending = asyncio.create_task(jog.stop())
+            await asyncio.sleep(0.02)
+            assert jog.expired is expires
+            assert drive.stopping and not drive.stop_pending
+            assert (await ending).status == "confirmed"
+            assert not drive.stopping
+
+    run_virtual(scenario())
+
+
 def test_a_lease_longer_than_half_a_second_is_refused() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:

@@ -50,7 +50,7 @@ class JogSession:
             self.start_outcome = await self._begin()
         except asyncio.CancelledError:
             if self._may_be_running():
-                await asyncio.shield(self._end())
+                await self._ended()
             raise
         self._arm(self.lease_s - self._motion_age_s())
         return self.start_outcome
@@ -70,7 +70,7 @@ class JogSession:
 
     async def stop(self) -> Outcome:
         """End the jog and return how it ended. Raises StopUnconfirmed. Cancelling the caller does not cancel it."""
-        self.stop_outcome = await asyncio.shield(self._end())
+        self.stop_outcome = await self._ended()
         return self.stop_outcome
 
     async def __aenter__(self) -> JogSession:
@@ -97,17 +97,18 @@ class JogSession:
             self._timer.cancel()
             self._timer = None
         if self._ending is None:
-            self._ending = asyncio.ensure_future(self._stop_motion())
+            operation = end_jog(OperationContext(self._runner.drive))
+            self._ending = self._stops.start_stop(operation, StopMode.STOP)
         return self._ending
+
+    async def _ended(self) -> Outcome:
+        """End the jog and wait for it, also where the caller is cancelled meanwhile. Raises StopUnconfirmed."""
+        return raise_for_status(await asyncio.shield(self._end()), stop=True)
 
     async def _begin(self) -> Outcome:
         self._op = op = self._runner.new_command(self._requested_at)
         with self._stops.stop_on_failure(op):
             return await self._stops.run_motion(begin_jog(op, self._frequency_hz, self._direction))
-
-    async def _stop_motion(self) -> Outcome:
-        outcome = await self._stops.run(end_jog(OperationContext(self._runner.drive)), StopMode.STOP)
-        return raise_for_status(outcome, stop=True)
 
     def _may_be_running(self) -> bool:
         """Return whether a frame that moves may have left: otherwise a stop would be that of another command."""

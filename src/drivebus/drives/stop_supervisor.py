@@ -56,16 +56,22 @@ class StopSupervisor:
         progress = StopProgress(op, self._runner.bus.now(), drive_count)
         operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
         first_result = self._runner.submit_first(operation)
-        task = asyncio.ensure_future(self.run(operation, mode, first_result))
-        self._running.add(task)
-        task.add_done_callback(self._on_stop_ended)
+        task = self.start_stop(operation, mode, first_result)
         outcome = await self._result_by_deadline(task, op, progress, mode)
         return outcome if outcome.key == "drives.stop_answered" else raise_for_status(outcome, stop=True)
 
-    async def run(
+    def start_stop(
         self, operation: DriveOperation[Outcome], mode: StopMode, first_result: asyncio.Future[BusResult] | None = None
+    ) -> asyncio.Task[Outcome]:
+        """Start an operation that stops the drive; after it the stop is repeated where it is not confirmed."""
+        task = asyncio.ensure_future(self._run(operation, mode, first_result))
+        self._running.add(task)
+        task.add_done_callback(self._on_stop_ended)
+        return task
+
+    async def _run(
+        self, operation: DriveOperation[Outcome], mode: StopMode, first_result: asyncio.Future[BusResult] | None
     ) -> Outcome:
-        """Run an operation that stops the drive; repeat the stop from now on where it is not confirmed."""
         outcome = await self._runner.run(operation, first_result)
         if outcome.succeeded:
             self.cancel_retry()
