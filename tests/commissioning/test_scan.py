@@ -26,7 +26,7 @@ from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing import virtual_time
-from drivebus.testing.bus_script import ScriptedPort
+from drivebus.testing.bus_script import ScriptedPort, Wire, silent_wire
 
 ROOT = Path(__file__).resolve().parents[2]
 ALL = ("c320", "dzb100", "vc660", "df800")
@@ -441,13 +441,66 @@ def test_noise_at_an_address_ends_its_probes_after_four() -> None:
     assert not found.valid_reply and found.models == () and requests == scan.MAX_UNREADABLE_REPLIES == 4
 
 
+class NoisyPort(ScriptedPort):
+    """A port that receives ``burst`` every ``period_s`` up to a time, whatever is sent."""
+
+    def __init__(self, burst: bytes, period_s: float, wire: Wire = silent_wire, until: float = math.inf) -> None:
+        super().__init__(wire, SerialSettings.parse(9600, "8N1"))
+        self.burst, self.period_s, self.until = burst, period_s, until
+
+    async def open(self, receiver: Any) -> None:
+        await super().open(receiver)
+        asyncio.get_running_loop().call_soon(self._disturb, self.openings)
+
+    def _disturb(self, opening: int) -> None:
+        loop = asyncio.get_running_loop()
+        if self._receiver is not None and loop.time() < self.until:
+            self._deliver(self.burst, opening)
+            loop.call_later(self.period_s, self._disturb, opening)
+
+
+@pytest.mark.parametrize("addresses", [range(1, 3), range(1, 9), range(1, 31)])
+@pytest.mark.parametrize(
+    ("burst", "period_s"), [(b"\x55", 0.001), (b"\x55", 0.02), (b"\x55\xaa", 0.05), (b"\x55" * 400, 0.5)]
+)
+def test_noise_at_most_doubles_the_announced_time_and_adds_five_seconds(
+    burst: bytes, period_s: float, addresses: range, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A scan of 7 s took 16 to 56 s, and did not say that requests were never sent."""
+    common, others = scan_plan.default_models()
+    port = NoisyPort(burst, period_s)
+    passes = scan_plan.plan_scan(common, others=others, addresses=addresses, fixed=port.settings)
+    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
+
+    async def timed() -> float:
+        await scan.scan(passes, lambda line: port, progress)
+        return asyncio.get_running_loop().time()
+
+    assert 0 < virtual_time.run(timed()) < 2 * scan_plan.durations_s(passes)[1] + scan.NOISE_ALLOWANCE_S + 1.0
+    probes = sum(one.probe_count for one in passes)
+    assert (progress.unsent == probes) is (len(port.sent) == 0) is (period_s == 0.001)
+    print_scan("x", progress, None, ExitCode.FAILED)
+    assert ("requests were not sent" in capsys.readouterr().err) is (progress.unsent > 0)
+
+
+def test_a_drive_is_found_after_noise_that_takes_less_than_its_time() -> None:
+    def stopped(frame: bytes, ended_at: float) -> list[tuple[float, bytes]]:
+        head = bytes([2, 3, 2, 0, 3])
+        return [(ended_at + 0.01, head + crc16(head).to_bytes(2, "little"))]
+
+    port = NoisyPort(b"\x55", 0.001, stopped, until=0.9)
+    passes = plan("vc660", addresses=(2,), fixed=port.settings)
+    (found,) = virtual_time.run(scan.scan(passes, lambda line: port, ScanProgress(total_s=1.0)))
+    assert found.models == ("vc660",) and found.valid_reply
+
+
 @pytest.mark.parametrize("is_always", [False, True])
 def test_a_damaged_reply_does_not_let_another_model_be_named(is_always: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A VC660 whose first status reply held a stray byte was called one of fifteen other models, and not a VC660."""
     probe, damaged = scan._probe, list[bytes]()
 
-    async def damage(bus: Bus, station: Any, request: Any) -> Any:
-        result = await probe(bus, station, request)
+    async def damage(bus: Bus, station: Any, request: Any, expires_at: float | None) -> Any:
+        result = await probe(bus, station, request, expires_at)
         if result.sent[2:4] == b"\x30\x00" and (is_always or not damaged):
             damaged.append(result.sent)
             result = replace(result, reply=None, error=ChecksumError("bus.other_reply"))

@@ -137,6 +137,7 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
     progress = scan.ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
     with ScanProgressBar() as bar:
         await scan.scan(passes, request.open_port, progress, bar.on_progress)
+    _note_unsent(progress)
     return [drive for drive in progress.found if drive.models]
 
 
@@ -228,13 +229,20 @@ def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, c
             "port": port,
             "foreign_traffic": foreign,
             "found": [device_json(drive) for drive in progress.found],
-            "complete": code in (ExitCode.DONE, ExitCode.FAILED) and progress.left_s < 1e-6,
+            "complete": code in (ExitCode.DONE, ExitCode.FAILED) and progress.left_s < 1e-6 and not progress.unsent,
+            "unsent": progress.unsent,
             "scanned_s": round(progress.done_s, 3),
         }
     )
     if progress.found or progress.done_s > 0:
         output.print_text(_scan_table(progress.found))
+    _note_unsent(progress)
     return code
+
+
+def _note_unsent(progress: ScanProgress) -> None:
+    if progress.unsent:
+        output.print_note("scan.unsent", count=progress.unsent)
 
 
 def device_json(drive: DetectedDrive) -> Json:
@@ -335,12 +343,18 @@ def _formats_by_baud(settings: Iterable[SerialSettings]) -> list[str]:
 
 def duration_params(passes: list[ScanPass]) -> dict[str, str]:
     """Return the announced durations: of the likely settings and addresses, of all, and of a device that answers."""
+    from drivebus.commissioning.scan import NOISE_ALLOWANCE_S
     from drivebus.commissioning.scan_plan import device_duration_s, durations_s
 
     likely, total = durations_s(passes)
     usual = [each for each in passes if each.is_likely and each.has_factory_settings]
     device = max(map(device_duration_s, usual or passes[:1]), default=0.0)
-    return {"likely": format_duration(likely), "time": format_duration(total), "device_s": f"{ceil(device)}"}
+    return {
+        "likely": format_duration(likely),
+        "time": format_duration(total),
+        "device_s": f"{ceil(device)}",
+        "noise_s": f"{NOISE_ALLOWANCE_S:g}",
+    }
 
 
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:

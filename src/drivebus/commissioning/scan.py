@@ -24,6 +24,8 @@ SNIFF_SAMPLE_BYTES = 64
 """Bytes of foreign traffic that are shown."""
 MAX_UNREADABLE_REPLIES = 4
 """Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
+NOISE_ALLOWANCE_S = 5.0
+"""Noise adds at most the planned time of the probes and these seconds; from then on each address gets one probe."""
 MAX_REPEATED_READS = 20
 """Reads of an address that are repeated because their replies were damaged: stray bytes must not exclude a model."""
 PARAMETER_REGISTERS_END = 1000
@@ -78,10 +80,19 @@ class ScanProgress:
     address: int | None = None
     kind: tuple[str, str] = ("", "")
     found: list[DetectedDrive] = field(default_factory=list)
+    noise_s: float = 0.0
+    """Time that addresses without a valid frame took beyond their planned time."""
+    unsent: int = 0
+    """Requests that were not sent because the line was never silent."""
 
     @property
     def left_s(self) -> float:
         return max(0.0, self.total_s - self.done_s)
+
+    @property
+    def noise_allowance_s(self) -> float:
+        """Time that noise may still add to the planned time."""
+        return NOISE_ALLOWANCE_S + self.done_s - self.noise_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +171,7 @@ async def _run_pass(
     async with Bus(port) as bus:
         for address in scan_pass.addresses:
             if _is_known(progress.found, scan_pass, address):
-                progress.done_s += scan_pass.duration_s / scan_pass.probe_count
+                progress.done_s += scan_pass.probe_s
                 continue
             progress.settings, progress.address, progress.kind = (
                 scan_pass.settings,
@@ -168,10 +179,17 @@ async def _run_pass(
                 scan_pass.candidates[0].kind,
             )
             on_progress(progress)
-            found = await _probe_address(bus, scan_pass, address)
+            planned_end = bus.now() + scan_pass.probe_s
+            probed = _ProbedAddress(
+                bus=bus, scan_pass=scan_pass, noise_ends_at=planned_end + progress.noise_allowance_s
+            )
+            found = await _probe_address(probed, address)
             if found is not None:
                 progress.found.append(found)
-            progress.done_s += scan_pass.duration_s / scan_pass.probe_count
+            if found is None or not found.valid_reply:
+                progress.noise_s += max(0.0, bus.now() - planned_end)
+            progress.unsent += probed.unsent
+            progress.done_s += scan_pass.probe_s
     on_progress(progress)
 
 
@@ -190,6 +208,8 @@ class _ProbedAddress:
 
     bus: Bus
     scan_pass: ScanPass
+    noise_ends_at: float
+    """Time after which noise no longer delays a request, nor lets another one follow."""
     replies: dict[tuple[bytes, int], Any] = field(default_factory=dict)
     """Probe and size of its reply to the reply, None where it was rejected or missing."""
     received: BusResult | None = None
@@ -204,17 +224,22 @@ class _ProbedAddress:
     """Probes whose last reply is no valid frame."""
     repetitions_left: int = 0
     """Number of requests that may be sent again."""
+    unsent: int = 0
+    """Number of requests that were not sent because the line was never silent."""
 
     @property
     def is_noise(self) -> bool:
-        """Whether there were enough damaged replies, and no valid frame, to ask no further."""
-        return not (self.rejected or self.answered) and len(self.damaged) >= MAX_UNREADABLE_REPLIES
+        """Whether there were enough damaged replies, or time spent on them, and no valid frame, to ask no further."""
+        if self.rejected or self.answered:
+            return False
+        return len(self.damaged) >= MAX_UNREADABLE_REPLIES or self.bus.now() >= self.noise_ends_at
 
     async def reply_to(self, dialect: Dialect, request: Any) -> Any | None:
         """Return the reply to a request; None where it was rejected or missing."""
         probe = probe_frame(dialect, request)
         while probe not in self.replies or self._take_repetition(probe):
-            result = await _probe(self.bus, self.scan_pass.station_config(dialect), request)
+            result = await _probe(self.bus, self.scan_pass.station_config(dialect), request, self._expiry())
+            self.unsent += not result.sent
             self.damaged.discard(probe)
             is_rejected = result.reply is not None and dialect.rejection(result.reply) is not None
             self.replies[probe] = None if is_rejected else result.reply
@@ -229,6 +254,12 @@ class _ProbedAddress:
             elif result.reply is not None:
                 self.answered = self.answered or result
         return self.replies[probe]
+
+    def _expiry(self) -> float | None:
+        """Return the time until which a request waits for silence; None, as long as any, after a valid frame."""
+        if self.rejected or self.answered:
+            return None
+        return max(self.bus.now() + self.scan_pass.probe_s, self.noise_ends_at)
 
     def _take_repetition(self, probe: tuple[bytes, int]) -> bool:
         """Return whether a request whose reply was damaged is to be sent again, and count it.
@@ -245,14 +276,14 @@ class _ProbedAddress:
         return all([await self.reply_to(dialect, read) is not None for read in further_reads(dialect)])
 
 
-async def _probe_address(bus: Bus, scan_pass: ScanPass, address: int) -> DetectedDrive | None:
+async def _probe_address(probed: _ProbedAddress, address: int) -> DetectedDrive | None:
     """Probe an address with the first candidate, and with the others only if bytes are received.
 
     Models with the same request, and the same size of its reply, are probed once; of those that were answered, only
     models whose status has the value that was read, and whose other registers of state and identity were answered, are
     named, if there are any.
     """
-    probed = _ProbedAddress(bus=bus, scan_pass=scan_pass)
+    scan_pass = probed.scan_pass
     probes: list[tuple[ScanCandidate, Dialect, Any]] = []
     for candidate in scan_pass.candidates:
         if not candidate.profile.addresses[0] <= address <= candidate.profile.addresses[1]:
@@ -362,12 +393,12 @@ def _probe_register(candidate: ScanCandidate) -> int:
     return getattr(request, "register", 0)
 
 
-async def _probe(bus: Bus, station: StationConfig, request: Any) -> BusResult:
-    """Send one probe. Raises PortUnavailable, PortLost."""
+async def _probe(bus: Bus, station: StationConfig, request: Any, expires_at: float | None = None) -> BusResult:
+    """Send one probe, not after ``expires_at``. Raises PortUnavailable, PortLost."""
     bus.add_station(station)
     try:
         result = await bus.transact(
-            BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE)
+            BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE, expires_at=expires_at)
         )
     finally:
         bus.remove_station(station.address)

@@ -54,6 +54,11 @@ class ScanPass:
     def probe_count(self) -> int:
         return len(self.addresses)
 
+    @property
+    def probe_s(self) -> float:
+        """Duration of the probe of one address in seconds if no drive answers."""
+        return self.duration_s / self.probe_count
+
     def station_config(self, dialect: Dialect) -> StationConfig:
         """Return the configuration of a probed station, which waits for the slowest of the candidates."""
         return replace(dialect.station_config, timing=_slowest(dialect.station_config.timing, self.candidates))
@@ -173,7 +178,7 @@ def device_duration_s(scan_pass: ScanPass) -> float:
         dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
         asked = [probe_request(dialect), *further_reads(dialect), *dialect.identity_reads()]
         reads |= {probe_frame(dialect, request) for request in asked}
-    return len(reads) * scan_pass.duration_s / scan_pass.probe_count
+    return len(reads) * scan_pass.probe_s
 
 
 def probe_duration_s(candidates: Sequence[ScanCandidate], settings: SerialSettings) -> float:
