@@ -148,6 +148,31 @@ def test_the_last_row_can_be_scrolled_above_a_stop_bar_of_any_height(visit: Any)
     }""")  # a function: the page's policy forbids evaluating text
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    "size", [(640, 450), (740, 360), (568, 320)], ids=["zoomed", "phone on its side", "small phone"]
+)
+def test_on_a_low_screen_the_stop_bar_leaves_the_room_to_the_page(
+    stage: Stage, visit: Any, language: str, size: tuple[int, int]
+) -> None:
+    """Regression: at 200 % zoom and on a phone on its side it took more than a third of the height.
+
+    Its stops keep a finger's height and act by one click, also with long names.
+    """
+    page = visit("#/drive/fan-1", language=language, size=size)
+    page.add_init_script(LONG_NAMES)
+    page.reload()
+    page.locator("[data-stop=drive]").wait_for()
+    assert page.locator(".stopbar").bounding_box()["height"] <= 84
+    for one in page.locator(".stopbar .stop").all():
+        box = one.bounding_box()
+        assert box["height"] >= 44 and box["x"] + box["width"] <= size[0]
+        label = one.locator("b")
+        assert label.evaluate("one => one.scrollWidth - one.clientWidth") <= 0
+    page.click("[data-stop=drive]")
+    page.locator(".stop-status.good").wait_for()
+
+
 PLACES = """() => [...document.querySelectorAll('main button, .stop, nav a')]
   .map((one) => one.getBoundingClientRect()).map(({ x, y }) => [x, y])"""
 
@@ -156,8 +181,8 @@ NEWS = """async () => {
     ['store', 'control-taken', 'stops'].map((one) => import(`/static/js/${one}.js`)));
   const words = { en: 'x '.repeat(300), zh: 'x' };
   store.applyDelta({ topics: { plant: { notice: words }, alarms: { active: [{ id: 'a', drive: 'fan-1',
-    kind: 'fault', priority: 'critical', title: words, text: words, acknowledged_ms: null, shelved_until_ms: null,
-    raised_ms: 1 }] } } });
+    kind: 'fault', priority: 'critical', title: words, text: words, cleared_ms: CLEARED_MS, acknowledged_ms: null,
+    shelved_until_ms: null, raised_ms: 1 }] } } });
   taken.takeovers.value = [{ drive: 'fan-1', owner: 'bob', time_ms: 1 }];
   stops.stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, text: () => words.en, time_ms: 1 }];
   await new Promise((resolve) => { setTimeout(resolve, 200); });
@@ -165,13 +190,16 @@ NEWS = """async () => {
 }"""
 
 
+@pytest.mark.parametrize("cleared_ms", ["null", "2"], ids=["active alarm", "cleared alarm"])
 @pytest.mark.parametrize(("address", "width"), [("#/fleet", 1440), ("#/drive/fan-1", 360)])
-def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(visit: Any, address: str, width: int) -> None:
+def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(
+    visit: Any, address: str, width: int, cleared_ms: str
+) -> None:
     page = visit(address, size=(width, 740))
     page.locator(".tile >> nth=4" if width > 360 else ".control [data-do=stop]").wait_for()
     page.wait_for_load_state("networkidle")
     before = page.evaluate(PLACES)
-    assert page.evaluate(NEWS) == 4
+    assert page.evaluate(NEWS.replace("CLEARED_MS", cleared_ms)) == 4
     assert len(before) > 5 and page.evaluate(PLACES) == before
 
 

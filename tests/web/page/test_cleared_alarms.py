@@ -141,7 +141,7 @@ def test_a_drive_whose_alarm_has_cleared_is_not_abnormal_and_is_found_until_it_i
     expect(page.locator(".tilelink")).to_have_count(1)
     expect(page.locator(".tile .priority")).to_have_attribute("title", word("alarm_cleared_unacknowledged"))
     page.locator("[data-drive=fan-2]").click()
-    note = page.locator(".drivestate").get_by_text(word("alarms_to_acknowledge"))
+    note = page.locator(".fault-place").get_by_text(word("alarms_to_acknowledge"))
     expect(note).to_be_visible()
     page.click("[data-do=acknowledge]")
     expect(note).to_have_count(0)

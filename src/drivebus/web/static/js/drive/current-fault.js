@@ -1,7 +1,7 @@
 // Present fault of a drive with its cause, its remedy and its reset. Its place is reserved: a trip moves no button.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { openAlarms } from "../alarm-list.js";
+import { hasOnlyClearedAlarms, openAlarms } from "../alarm-list.js";
 import { api, drivePath } from "../api.js";
 import { NO_VALUE } from "../format.js";
 import { Icon } from "../icons.js";
@@ -52,5 +52,6 @@ export function CurrentFault({ view }) {
   const isFaulty = view.fault || view.state === "fault";
   const isCalm = isLive.value && view.presence === "online" && view.state !== "unknown";
   return html`<section class="fault-place" aria-label=${t("page.fault")}>${isFaulty ? html`<${Fault} view=${view} />`
-    : isCalm && html`<p class="soft"><${Icon} name="check" />${t("page.no_present_fault")}</p>`}</section>`;
+    : isCalm && html`<p class="soft"><${Icon} name="check" /><span>${t("page.no_present_fault")}${hasOnlyClearedAlarms(view.id)
+      && html`<br /><a href=${href("alarms")}>${t("page.alarms_to_acknowledge")}</a>`}</span></p>`}</section>`;
 }

@@ -2,7 +2,6 @@
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { hasOnlyClearedAlarms } from "../alarm-list.js";
 import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
 import { href, replaceQuery } from "../router.js";
 import { connection } from "../live.js";
@@ -38,9 +37,7 @@ function Head({ view }) {
       size=${40} />
     ${view.state === "unknown" && view.state_reason && html`<p class="soft">${localized(view.unusable_reply?.text) || t(view.state_reason)}</p>`}
     ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
-    ${view.start_inhibited && html`<p class="alarmtext">${t("page.start_inhibited")}</p>`}
-    ${hasOnlyClearedAlarms(view.id) && html`<p><a href=${href("alarms")}>${t("page.alarms_to_acknowledge")}</a></p>`}
-    </div></header>`;
+    ${view.start_inhibited && html`<p class="alarmtext">${t("page.start_inhibited")}</p>`}</div></header>`;
 }
 
 async function profileOf(id) {
