@@ -96,6 +96,22 @@ def test_a_dzb100_is_calibrated_step_by_step_and_the_results_are_stored(
     assert "Nothing is left to calibrate" in capsys.readouterr().out and not unused.starts_at_questions
 
 
+def test_a_calibration_whose_output_is_lost_is_done_and_stored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended with 2, as if nothing had been sent, after the motor had moved."""
+    options = ("setpoint_coding=hex-0.1", "query_coding=hex-0.1")
+    with monkeypatch.context() as context:
+
+        def fail(text: str, err: bool = False) -> None:
+            if not err:
+                raise OSError(28, "No space left on device")
+
+        context.setattr("drivebus.cli.output.click.echo", fail)
+        assert run_calibrate(monkeypatch, "dzb100", FakeKeys(turn_keypad, "y"), *options) is ExitCode.DONE
+    unused = FakeKeys()
+    assert run_calibrate(monkeypatch, "dzb100", unused, *options) is ExitCode.DONE
+    assert not unused.starts_at_questions, "nothing is left to calibrate"
+
+
 @pytest.mark.parametrize("keys", [("n",), (turn_keypad, "n"), (turn_keypad, "\r"), (turn_keypad, lambda: None)])
 def test_no_key_but_y_starts_the_motor(
     monkeypatch: pytest.MonkeyPatch, keys: tuple[str | Callable[[], str | None], ...]

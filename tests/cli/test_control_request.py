@@ -117,6 +117,27 @@ def test_a_declined_request_is_exit_code_1_and_without_a_request_there_is_nothin
         assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
 
 
+def test_a_request_is_made_and_granted_where_the_output_of_both_commands_is_lost(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both ended with 2, as if nothing had been asked or granted."""
+    headers = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
+    assert httpx.post(f"{plant.url}{API_PREFIX}/drives/fan-1/lease", headers=headers).status_code == 200
+
+    def fail(text: str, err: bool = False) -> None:
+        raise BrokenPipeError
+
+    with asking(plant.url) as asker:
+        assert asker.stdout is not None
+        asker.stdout.close()
+        wait_for(lambda: asked(plant))
+        monkeypatch.setattr("drivebus.cli.output.click.echo", fail)
+        words = ["control", "grant", "--service", plant.url, *FAN]
+        assert CliRunner().invoke(cli, words, env={"DRIVEBUS_TOKEN": token(Role.ENGINEER)}).exit_code == 0
+        assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.DONE
+    assert asked(plant, "granted")
+
+
 def test_ctrl_c_withdraws_the_request(plant: RunningService) -> None:
     plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
     with asking(plant.url) as asker:

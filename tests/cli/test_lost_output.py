@@ -1,12 +1,14 @@
-"""A stop, and a service, go on where their output can't be written: full disk, closed pipe, closed terminal."""
+"""A command, and a service, go on where their output can't be written: full disk, closed pipe, closed terminal."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +16,21 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus.cli import output
-from drivebus.cli.commands import stop
+from drivebus.cli.commands import jog, stop
+from drivebus.cli.connect import Target
+from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.output import ProgressBar
+from drivebus.cli.remote.selection import print_results
 from drivebus.cli.stop_errors import stop_to_the_end
+from drivebus.errors import NotFound
+from drivebus.service.api.errors import error_to_json
+from drivebus.service.auth.users import UserFile
+from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.testing import virtual_time
 from fixtures.child_process import CHILD_TIMEOUT_S, COMMAND, ENVIRONMENT
+from fixtures.service import SHOP_FILE
+from fixtures.web_app import USERS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="shell, signals and devices of POSIX")
 
@@ -60,6 +72,118 @@ def test_a_stop_is_sent_confirmed_and_ends_with_its_own_code_where_its_output_is
     assert (result.returncode, result.stdout + result.stderr) == (0, result.stdout + result.stderr)
     assert shown in result.stdout + result.stderr
     assert "Traceback" not in result.stderr
+
+
+DRIVE = STOP[1:]
+WRITE = ("write", DRIVE[0], "F1.10=0010", *DRIVE[1:])
+
+
+@pytest.mark.parametrize(
+    ("words", "redirection", "shown"),
+    [
+        (("set-frequency", DRIVE[0], "10", *DRIVE[1:]), ">/dev/full", f"{LOST}: No space left on device"),
+        (WRITE, ">/dev/full", f"{LOST}: No space left on device"),
+        ((*WRITE, "--json"), ">/dev/full", f"{LOST}: No space left on device"),
+        ((*WRITE, *FAST), "2>/dev/full", "Confirmed"),
+        (WRITE, ">&-", ""),
+        (("reset", *DRIVE), ">/dev/full 2>&1", ""),
+        (
+            ("coast", "sim://vc660@1", "--model", "vc660", "--address", "1"),
+            ">/dev/full",
+            f"{LOST}: No space left on device",
+        ),
+    ],
+)
+def test_a_command_ends_with_the_code_of_its_outcome_where_its_output_is_lost(
+    words: tuple[str, ...], redirection: str, shown: str
+) -> None:
+    """It ended with 2, as if its usage were wrong and nothing had been sent."""
+    result = run_shell(redirection, *COMMAND, *words)
+    assert (result.returncode, result.stdout + result.stderr) == (0, result.stdout + result.stderr)
+    assert shown in result.stdout + result.stderr
+
+
+def test_a_command_that_was_rejected_ends_with_one_where_its_output_is_lost() -> None:
+    words = ("set-frequency", DRIVE[0], "400", *DRIVE[1:])
+    assert run_shell(">/dev/full", *COMMAND, *words).returncode == ExitCode.FAILED
+
+
+def test_a_user_who_was_disabled_is_no_failure_where_the_output_is_lost(tmp_path: Path) -> None:
+    plant = tmp_path / "plant.toml"
+    plant.write_text(SHOP_FILE)
+    file = UserFile(tmp_path / "state" / "users.json")
+    file.change(lambda _: USERS)
+    assert run_shell(">/dev/full", *COMMAND, "user", "disable", str(plant), "viewer").returncode == 0
+    assert file.read().user("viewer").disabled
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let standard output fail; standard error is written."""
+    echo = output.click.echo
+
+    def fail(text: str, err: bool = False) -> None:
+        if not err:
+            raise OSError(28, "No space left on device")
+        echo(text, err=True)
+
+    monkeypatch.setattr(output.click, "echo", fail)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_release_ends_with_the_code_of_its_results_where_its_output_is_lost() -> None:
+    refused = error_to_json(NotFound("plant.no_drive", drive="fan-2"))
+    done: dict[str, Any] = {"fan-1": {"status": "done"}}
+    assert print_results(done, "released", "release.done", "release.nothing") is ExitCode.DONE
+    assert print_results({}, "released", "release.done", "release.nothing") is ExitCode.DONE
+    assert print_results(done | {"fan-2": refused}, "released", "release.done", "release.nothing") is ExitCode.FAILED
+
+
+class HeldKey:
+    """Keyboard on which the space bar is held."""
+
+    last_key = " "
+    last_key_at = float("inf")
+
+    async def get(self, timeout_s: float | None = None) -> str:
+        await asyncio.sleep(0.1)
+        return self.last_key
+
+    def clear(self) -> None:
+        pass
+
+
+def jog_with_lost_output(monkeypatch: pytest.MonkeyPatch) -> tuple[ExitCode, Any]:
+    """Jog a drive; no output can be written from its start on. Return exit code and motor."""
+    clear_simulated_buses()
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("drivebus.cli.keyboard.raw_keyboard", lambda: nullcontext(HeldKey()))
+    print_outcome = jog._print_jog_outcome
+
+    def print_or_fail(outcome: Any, bus: Any, event: str) -> None:
+        monkeypatch.setattr(output.click, "echo", raise_full_disk)
+        print_outcome(outcome, bus, event)
+
+    def raise_full_disk(text: str, err: bool = False) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(jog, "_print_jog_outcome", print_or_fail)
+    port = "sim://c320@1?name=jog&ramp=1"
+
+    async def run() -> ExitCode:
+        return await asyncio.wait_for(jog._jog(Target(port=port, model="c320", address=1), 5.0), 60.0)
+
+    code = virtual_time.run(run())
+    motor = find_simulated_bus("jog").stations[0].motor
+    clear_simulated_buses()
+    return code, motor
+
+
+def test_a_jog_whose_output_is_lost_ends_as_an_interrupted_one_with_its_motor_stopped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    code, motor = jog_with_lost_output(monkeypatch)
+    assert (code, motor.starts, motor.energised) == (ExitCode.INTERRUPTED, 1, False)
 
 
 def test_the_reader_of_a_pipe_that_is_gone_changes_no_exit_code_of_a_stop() -> None:
@@ -138,7 +262,7 @@ def test_a_line_that_can_t_be_written_ends_no_process() -> None:
     assert (result.returncode, result.stderr) == (0, "")
 
 
-def test_outside_of_a_stop_a_lost_output_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_output_is_an_error_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise ``monitor`` would go on without a reader."""
 
     def fail(*given: Any, **named: Any) -> None:

@@ -260,3 +260,22 @@ def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]
     assert document["model"] == "vc660"
     assert written.with_suffix(".md").exists()
+
+
+def test_an_acceptance_whose_output_is_lost_ends_with_the_code_of_its_findings(
+    bench: SimulatedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended with 2 after its first step; the report has the findings."""
+
+    def fail(text: str, err: bool = False) -> None:
+        if not err:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("drivebus.cli.output.click.echo", fail)
+    monkeypatch.setattr(acceptance_command, "TerminalAcceptance", AgreeingPerson)
+    monkeypatch.setattr(acceptance_command, "ACCEPTANCE_STEPS", ("parity", "reply_times"))
+    target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
+    code = run(acceptance_command._run(target, motor=False, frequency_hz=5.0, folder=tmp_path))
+    [written] = tmp_path.glob("drivebus-acceptance-*.json")
+    assert [one["step"] for one in json.loads(written.read_text())["findings"]] == ["parity", "reply_times"]
+    assert code == 0

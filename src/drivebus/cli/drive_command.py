@@ -127,9 +127,10 @@ def reject_local_options(given: dict[str, Any], names: Sequence[str]) -> None:
 async def run_command(
     target: Target, operation: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None
 ) -> ExitCode:
-    """Run one operation on one drive and print its outcome."""
-    async with connect.open_drive(target, limits) as (bus, drive):
-        return print_outcome(await operation(drive), bus.now())
+    """Run one operation on one drive and print its outcome; the exit code is that of the outcome in any case."""
+    with output.continue_without_output():
+        async with connect.open_drive(target, limits) as (bus, drive):
+            return print_outcome(await operation(drive), bus.now())
 
 
 def print_outcome(outcome: Outcome, now: float, *, stream: bool = False, **more: Any) -> ExitCode:

@@ -111,8 +111,9 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
         try:
             for name in ACCEPTANCE_STEPS:
                 findings.append(await run_step(name, session))
-                output.print_json(_finding_json(findings[-1]), stream=True)
-                output.print_text(_finding_text(findings[-1]))
+                with output.continue_without_output():  # the report has it
+                    output.print_json(_finding_json(findings[-1]), stream=True)
+                    output.print_text(_finding_text(findings[-1]))
         except AcceptanceInterrupted:
             output.print_note("cli.interrupted")
         finally:
@@ -171,7 +172,8 @@ def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> N
     for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):
         with path.with_suffix(suffix).open("x", encoding="utf-8") as file:
             file.write(content)
-    output.print_message("acceptance.written", path=path.with_suffix(".md"))
+    with output.continue_without_output():
+        output.print_message("acceptance.written", path=path.with_suffix(".md"))
 
 
 command = CliCommand(

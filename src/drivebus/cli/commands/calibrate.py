@@ -78,9 +78,10 @@ async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitC
     found = await (_run_motion(session, calibration) if step.moves else calibration)
     if found is None:
         return ExitCode.INTERRUPTED
-    if found.outcome is not None:
-        print_outcome(found.outcome, session.bus.now(), event="jogged", stream=True)
-    return _print_result(session, step, found)
+    with output.continue_without_output():  # the motor has moved, and the result is stored
+        if found.outcome is not None:
+            print_outcome(found.outcome, session.bus.now(), event="jogged", stream=True)
+        return _print_result(session, step, found)
 
 
 async def _run_motion(session: CalibrationSession, step: Awaitable[T]) -> T | None:
@@ -92,7 +93,9 @@ async def _run_motion(session: CalibrationSession, step: Awaitable[T]) -> T | No
             await session.drive.stop()
         raise
     if found is None:
-        print_outcome(await session.drive.stop(), session.bus.now(), event="stopped", stream=True)
+        outcome = await session.drive.stop()
+        with output.continue_without_output():
+            print_outcome(outcome, session.bus.now(), event="stopped", stream=True)
     return found
 
 

@@ -55,7 +55,8 @@ async def _connect_and_test(
                 await drive.close()
         if shutdown.received or found is None:
             return ExitCode.INTERRUPTED
-        return _print_result(name, found, view["comm_loss"]["tested"])
+        with output.continue_without_output():  # it is over, and recorded
+            return _print_result(name, found, view["comm_loss"]["tested"])
 
 
 async def _result(drive: RemoteDrive) -> Json:

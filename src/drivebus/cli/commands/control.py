@@ -38,7 +38,7 @@ def _request(service: str, drive: str, reason: str | None, hold: bool) -> ExitCo
     async def interruptible() -> ExitCode:
         from drivebus.cli.signals import shutdown_signals
 
-        with shutdown_signals() as shutdown:
+        with shutdown_signals() as shutdown, output.continue_without_output():  # once made, the request may be granted
             code = await shutdown.interruptible(ask())
         return ExitCode.INTERRUPTED if code is None else code
 
@@ -109,8 +109,9 @@ def _answer(service: str, drive: str, operation: Operation, key: str) -> None:
             return request
 
     user = asyncio.run(answer())["user"]
-    output.print_json({"drive": drive, "user": user})
-    output.print_message(key, drive=drive, user=user)
+    with output.continue_without_output():  # it is answered
+        output.print_json({"drive": drive, "user": user})
+        output.print_message(key, drive=drive, user=user)
 
 
 def _control_command(name: str, callback: Any, *more: click.Parameter, example: str = "") -> CliCommand:

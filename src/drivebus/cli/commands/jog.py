@@ -43,7 +43,10 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
             await print_comm_loss(drive)
             with raw_keyboard() as keys:
                 output.print_message("jog.how")
-                await _until_quit(bus, drive, keys, shutdown, frequency)
+                try:
+                    await _until_quit(bus, drive, keys, shutdown, frequency)
+                except OSError:  # the terminal or the pipe is gone, and the drive is stopped
+                    return ExitCode.INTERRUPTED
     return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
 
 
@@ -98,7 +101,8 @@ async def _jog_while_held(
                 if pressed != key:
                     break
     finally:  # a renewal that was refused is an error of its own; the stop is not
-        _print_jog_outcome(session.stop_outcome, bus, "ended")
+        with output.continue_without_output():
+            _print_jog_outcome(session.stop_outcome, bus, "ended")
 
 
 async def _next_key(keys: KeyQueue, timeout_s: float) -> str | None:

@@ -28,8 +28,9 @@ def _add(plant: str, name: str, role: str) -> None:
     user_name = normalized_name(name)
     user = User(user_name, Role(role), _hash(user_name), wall_ms())
     _change(plant, "user.add", name, {"role": role}, lambda database: database.with_user(user))
-    output.print_json({"name": user.name, "role": role})
-    output.print_message("user_command.added", name=user.name, role=output.text(f"user_command.{role}"))
+    with output.continue_without_output():  # it is done
+        output.print_json({"name": user.name, "role": role})
+        output.print_message("user_command.added", name=user.name, role=output.text(f"user_command.{role}"))
 
 
 def _list(plant: str) -> None:
@@ -150,8 +151,9 @@ def _prompt_password() -> str:
 
 
 def _print_done(key: str, **params: str) -> None:
-    output.print_json(params)
-    output.print_message(key, **params)
+    with output.continue_without_output():  # it is done
+        output.print_json(params)
+        output.print_message(key, **params)
 
 
 def _user_json(user: User) -> dict[str, Any]:

@@ -33,16 +33,17 @@ def print_results(outcomes: Mapping[str, Json], done_name: str, done_key: str, n
     """Print what was done and what was refused; ``done_name`` is the key of a drive's id in the JSON output."""
     done = [drive for drive, one in outcomes.items() if one.get("status") == "done"]
     refused = {drive: one for drive, one in outcomes.items() if "code" in one}
-    for drive in done:
-        output.print_json({done_name: drive}, stream=True)
-    if done:
-        output.print_message(done_key, drive=output.join(done, "items"))
-    elif not refused:
-        output.print_json({done_name: None}, stream=True)
-        output.print_message(nothing_key)
-    for drives, error in grouped_errors(refused):
-        output.print_json({"refused": drives, "error": error.text("en"), "key": error.key}, stream=True)
-        output.print_message("release.refused", why=error)
+    with output.continue_without_output():  # it is done
+        for drive in done:
+            output.print_json({done_name: drive}, stream=True)
+        if done:
+            output.print_message(done_key, drive=output.join(done, "items"))
+        elif not refused:
+            output.print_json({done_name: None}, stream=True)
+            output.print_message(nothing_key)
+        for drives, error in grouped_errors(refused):
+            output.print_json({"refused": drives, "error": error.text("en"), "key": error.key}, stream=True)
+            output.print_message("release.refused", why=error)
     return ExitCode.FAILED if refused else ExitCode.DONE
 
 
