@@ -560,6 +560,18 @@ def test_a_reply_that_echoes_too_little_is_no_valid_sync_reply() -> None:
     assert not dialect_for("vc660").is_valid_sync_reply(modbus.ExceptionReply(1, 8, 1))
 
 
+def test_a_rejected_read_of_a_c320_is_the_reason_of_its_signal_and_of_the_state() -> None:
+    """The signals showed a missing reply, although the drive had rejected each read."""
+    dialect = dialect_for("c320")
+    rejected = sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse.BAD_CODE)
+    [(request, _)] = dialect.polls(("dc_bus_voltage",))
+    found = dialect.decode_readings(request, rejected, 1.0)
+    assert set(found) == {"state", "dc_bus_voltage"}
+    for reading in found.values():
+        assert (reading.value, reading.reason) == (None, "drives.sunfar_response_6")
+    assert dialect.decode_readings(sunfar.SunfarReadParameter(1, 0, 1), rejected, 1.0) == {}
+
+
 # --- making one ---------------------------------------------------------------------------------------------------
 
 

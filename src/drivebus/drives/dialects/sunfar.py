@@ -176,8 +176,10 @@ class SunfarDialect(Dialect):
             known = request.expected_item is not None and reply.item == request.expected_item
             return self._monitor_readings(request.expected_item, reply, at) if known else {}
         if reply.state is None:
-            refused = isinstance(request, ReadMonitor)
-            return {"state": missing_reading(self.read_rejection_key(reply))} if refused else {}
+            if not isinstance(request, ReadMonitor):
+                return {}
+            missing = {"state": missing_reading(self.read_rejection_key(reply))}
+            return missing | self._monitor_readings(request.item, reply, at)
         found = {
             "state": Reading(
                 value=reply.state.name.lower(),
