@@ -257,6 +257,7 @@ def device_json(drive: DetectedDrive) -> Json:
         "doubtful": drive.doubtful,
         "valid_reply": drive.valid_reply,
         "replied_address": drive.replied_address,
+        "replied_late": drive.replied_late,
         "fits_partly": drive.fits_partly,
         "setpoint_steps_hz": dict(drive.setpoint_steps_hz),
         "sent": drive.exchange[0],
@@ -267,7 +268,8 @@ def device_json(drive: DetectedDrive) -> Json:
 def _note(drive: DetectedDrive) -> str:
     """Return why the model is in doubt; empty where it is not."""
     if drive.replied_address is not None:
-        return output.text("scan.other_address", found=drive.replied_address, address=drive.address)
+        key = "scan.late_reply" if drive.replied_late else "scan.other_address"
+        return output.text(key, found=drive.replied_address, address=drive.address)
     if not drive.models:
         return output.text("scan.rejected", family=drive.family)
     if drive.fits_partly:

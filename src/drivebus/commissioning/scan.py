@@ -56,6 +56,8 @@ class DetectedDrive:
     """False: bytes were received, but no valid reply: wrong parity, two drives at one address, or noise."""
     replied_address: int | None = None
     """Address of a valid frame that was received in place of a reply from ``address``; None where there was none."""
+    replied_late: bool = False
+    """``replied_address`` was asked before in the same pass, so that the frame may be its late reply."""
     fits_partly: bool = False
     """The status register answers, but not with a state of these models, or not their other registers."""
 
@@ -331,6 +333,7 @@ async def _probe_address(probed: _ProbedAddress, address: int) -> DetectedDrive 
 def _foreign_reply(scan_pass: ScanPass, address: int, result: BusResult) -> DetectedDrive:
     """Return the row of an address whose probe was answered from another address."""
     assert isinstance(result.error, AddressError)
+    replied_address = result.error.params["found"]
     return DetectedDrive(
         models=(),
         setpoint_steps_hz={},
@@ -340,7 +343,8 @@ def _foreign_reply(scan_pass: ScanPass, address: int, result: BusResult) -> Dete
         settings=scan_pass.settings,
         exchange=(result.sent, result.received),
         valid_reply=False,
-        replied_address=result.error.params["found"],
+        replied_address=replied_address,
+        replied_late=replied_address in scan_pass.addresses[: scan_pass.addresses.index(address)],
     )
 
 

@@ -45,6 +45,8 @@ class ScanPass:
     addresses: tuple[int, ...]
     has_factory_settings: bool
     """The setting is the factory setting of a candidate."""
+    is_documented: bool
+    """The manual of a candidate has the setting, or the user named it."""
     is_likely: bool
     """Part of the first search, of ``LIKELY_BAUDS`` and ``LIKELY_ADDRESSES``."""
     duration_s: float
@@ -93,8 +95,9 @@ def plan_scan(
 ) -> list[ScanPass]:
     """Return the passes: likely ones first, factory settings first among them.
 
-    ``models`` are searched at every setting that one of them can have; ``others`` at these too, and at their factory
-    settings. ``fixed`` is the only setting of a port that has no choice.
+    ``models`` are searched at every setting that one of them can have, and at the likely addresses at ``LIKELY_BAUDS``
+    whatever their manual has; ``others`` at these too, and at their factory settings. ``fixed`` is the only setting of
+    a port that has no choice.
     """
     kinds: dict[tuple[str, str], list[ScanCandidate]] = {}
     for profile in (*models, *others):
@@ -105,16 +108,23 @@ def plan_scan(
     passes: list[ScanPass] = []
     for (family, encoding), candidates in kinds.items():
         needs_8_bits = encoding in protocol_family(family).binary_encodings
-        for settings in [fixed] if fixed else _serial_settings(candidates, rare, bauds, formats):
+        found = {fixed: True} if fixed else _serial_settings(candidates, rare, bauds, formats)
+        for settings, is_documented in found.items():
             if fixed or settings.data_bits == 8 or not needs_8_bits:
-                passes += _build_passes(candidates, settings, addresses)
+                passes += _build_passes(candidates, settings, addresses, is_documented)
     return sorted(passes, key=_search_order)
 
 
-def _search_order(scan_pass: ScanPass) -> tuple[bool, bool, int, int]:
+def _search_order(scan_pass: ScanPass) -> tuple[bool, bool, bool, int, int]:
     baud = scan_pass.settings.baud
     rank = LIKELY_BAUDS.index(baud) if baud in LIKELY_BAUDS else len(LIKELY_BAUDS)
-    return not scan_pass.is_likely, not scan_pass.has_factory_settings, rank, -baud
+    return (
+        not scan_pass.is_likely,
+        not scan_pass.is_documented,
+        not scan_pass.has_factory_settings,
+        rank,
+        -baud,
+    )
 
 
 def _serial_settings(
@@ -122,9 +132,12 @@ def _serial_settings(
     rare: Collection[str],
     bauds: Sequence[int] | None,
     formats: Sequence[str] | None,
-) -> list[SerialSettings]:
-    """Return the settings to search, each once: of a rare model the factory setting, in its factory encoding, only."""
-    found: dict[SerialSettings, None] = {}
+) -> dict[SerialSettings, bool]:
+    """Return the settings to search, and whether a manual or the user has them.
+
+    Of a rare model these are its factory setting, in its factory encoding, only.
+    """
+    found: dict[SerialSettings, bool] = {}
     for candidate in candidates:
         line = candidate.profile.serial
         own_bauds, own_formats = (line.baud, *line.bauds), (line.format, *line.formats)
@@ -132,16 +145,22 @@ def _serial_settings(
             if candidate.encoding != candidate.profile.encodings[0]:
                 continue
             own_bauds, own_formats = (line.baud,), (line.format,)
-        for baud in bauds or own_bauds:
+        likely = () if bauds or candidate.profile.model in rare else LIKELY_BAUDS
+        for baud in (*(bauds or own_bauds), *likely):
+            is_documented = baud in (bauds or own_bauds)
             for format in formats or own_formats:
-                found[SerialSettings.parse(baud, format)] = None
-    return list(found)
+                settings = SerialSettings.parse(baud, format)
+                found[settings] = found.get(settings, False) or is_documented
+    return found
 
 
 def _build_passes(
-    candidates: Sequence[ScanCandidate], settings: SerialSettings, addresses: Sequence[int] | None
+    candidates: Sequence[ScanCandidate],
+    settings: SerialSettings,
+    addresses: Sequence[int] | None,
+    is_documented: bool,
 ) -> list[ScanPass]:
-    """Return one pass over the likely addresses and one over the others, where there are any."""
+    """Return one pass over the likely addresses, and one over the others of a documented setting, if there are any."""
     low = min(candidate.profile.addresses[0] for candidate in candidates)
     high = max(candidate.profile.addresses[1] for candidate in candidates)
     broadcasts = {candidate.profile.broadcast for candidate in candidates}
@@ -149,7 +168,7 @@ def _build_passes(
     factory = any(str(settings) == f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates)
     usual = settings.baud in LIKELY_BAUDS
     likely = tuple(address for address in wanted if usual and address in LIKELY_ADDRESSES)
-    others = tuple(address for address in wanted if address not in likely)
+    others = tuple(address for address in wanted if is_documented and address not in likely)
     probe_s = probe_duration_s(candidates, settings)
     return [
         ScanPass(
@@ -157,6 +176,7 @@ def _build_passes(
             candidates=tuple(candidates),
             addresses=part,
             has_factory_settings=factory,
+            is_documented=is_documented,
             is_likely=part is likely,
             duration_s=len(part) * probe_s,
         )
