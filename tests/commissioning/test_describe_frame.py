@@ -11,6 +11,7 @@ from drivebus import i18n, profiles
 from drivebus.commissioning.decode import labels
 from drivebus.commissioning.decode.describe import alternative_fields, describe_frame
 from drivebus.errors import ConfigurationError, ProfileError
+from drivebus.protocols import modbus
 from drivebus.protocols.describe import FrameDescription
 from fixtures.vectors import Vector, all_vectors, load_vectors
 
@@ -302,6 +303,17 @@ def test_a_broadcast_that_may_start_every_motor_is_a_hazard_and_a_broadcast_stop
     found = describe_frame(model, start)
     assert found.valid and keys(found, "hazards") == ["explain.broadcast_motion"]
     assert keys(describe_frame(model, stop), "hazards") == []
+
+
+@pytest.mark.parametrize("word", ["02", "0B", "07"])
+def test_a_start_to_address_0_is_a_hazard_where_the_manual_has_no_broadcast(word: str) -> None:
+    """By the Modbus specification a DF800 may execute it, and decode showed an erratum only."""
+    start = modbus.WriteRegister(0, 0x2000, int(word, 16))
+    for codec in (modbus.ModbusRtuCodec(), modbus.ModbusAsciiCodec()):
+        found = describe_frame("df800", codec.encode_request(start))
+        assert found.valid and keys(found, "hazards") == ["explain.possible_broadcast_motion"]
+    assert keys(describe_frame("df800", rtu("00 06 20 00 00 01")), "hazards") == []
+    assert keys(describe_frame("df800", rtu("01 06 20 00 00 02")), "hazards") == []
 
 
 def test_a_start_of_one_drive_is_no_broadcast_hazard() -> None:

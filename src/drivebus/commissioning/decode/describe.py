@@ -15,8 +15,9 @@ from drivebus.commissioning.decode.annotate import annotate
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import DriveProfile
+from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
-from drivebus.protocols.describe import Direction, FrameDescription, note
+from drivebus.protocols.describe import Direction, FrameDescription, Note, note
 from drivebus.protocols.family import protocol_family, resolve
 
 
@@ -38,17 +39,26 @@ def describe_frame(
     describe = resolve(protocol_family(profile.family).describe)
     chosen = _choose_encoding(profile, data, encoding)
     description: FrameDescription = describe(profile, data, chosen, _check_direction(direction), request)
-    if _is_broadcast_motion(profile, data, chosen, description):
-        return annotate(description, {}, hazards=(note("explain.broadcast_motion"),))
-    return description
+    hazard = _broadcast_hazard(profile, description)
+    if hazard is None or not description.valid or description.direction != "request":
+        return description
+    dialect = create_dialect(replace(profile, encodings=(chosen,)), profile.addresses[0])
+    return annotate(
+        description, {}, hazards=(hazard,) if dialect.station_config.effect_of(data) is Effect.MOTION else ()
+    )
 
 
-def _is_broadcast_motion(profile: DriveProfile, data: bytes, encoding: str, description: FrameDescription) -> bool:
-    """Return whether a frame to every drive at once may start their motors."""
-    if not description.valid or description.direction != "request" or description.fields.get("broadcast") is not True:
-        return False
-    dialect = create_dialect(replace(profile, encodings=(encoding,)), profile.addresses[0])
-    return dialect.station_config.effect_of(data) is Effect.MOTION
+def _broadcast_hazard(profile: DriveProfile, description: FrameDescription) -> Note | None:
+    """Return the hazard of a frame that moves and that every drive may execute; None for a frame to one drive.
+
+    Modbus over Serial Line V1.02, 2.1: a station executes a write to address 0, whether its manual names it or not.
+    """
+    address = description.fields.get("address")
+    if description.fields.get("broadcast") is True:
+        return note("explain.broadcast_motion")
+    if profile.family == "modbus" and address == modbus.BROADCAST < profile.addresses[0]:
+        return note("explain.possible_broadcast_motion", model=profile.model, address=address)
+    return None
 
 
 def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | None:
