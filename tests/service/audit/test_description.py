@@ -53,6 +53,11 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             None,
         ),
         (
+            record("plant.stop", "", drives=["fan-3", "fan-9"]),
+            "Bus stop of all drives: 2 drives (Flue gas fan, fan-9)",
+            "停止全部变频器（总线停止）：2 台变频器（引风机、fan-9）",
+        ),
+        (
             record("group.start", "air", group="air", frequency_hz=30.0),
             "Start group Air: 30.0 Hz",
             "启动组送引风：30.0 Hz",
@@ -138,7 +143,9 @@ def test_a_write_of_many_parameters_shows_the_first_ones() -> None:
     ("outcome", "english", "chinese"),
     [
         ("acknowledged", "Acknowledged, can't be confirmed", "已应答，无法确认"),
-        ("confirmed, failed", "Confirmed, Failed", "已确认，失败"),
+        ("confirmed, failed", "Confirmed; Failed", "已确认；失败"),
+        ("acknowledged, unknown", "Acknowledged, can't be confirmed; Outcome unknown", "已应答，无法确认；结果未知"),
+        ("done, unchanged", "Done; Unchanged", "已完成；未变"),
         ("bus.no_reply", "not done (bus.no_reply)", "未执行（bus.no_reply）"),
         ("runs_on", "the motor kept running", "电机继续运行"),
         ("NotInTheCatalogue", "NotInTheCatalogue", "NotInTheCatalogue"),
@@ -147,6 +154,21 @@ def test_a_write_of_many_parameters_shows_the_first_ones() -> None:
 def test_an_outcome_reads_as_words(outcome: str, english: str, chinese: str) -> None:
     found = described(record("drive.run", "fan-3", outcome=outcome))
     assert found["outcome_text"] == {"en": english, "zh": chinese}
+
+
+def outcome_text(item: dict[str, Any]) -> Any:
+    return described(item)["outcome_text"]["en"]
+
+
+def test_the_error_of_a_drive_in_a_group_does_not_name_the_group_as_the_drive() -> None:
+    """A record of several drives does not say which one its error is of."""
+    lost = "the control lease of the group start was lost"
+    assert outcome_text(record("drive.run", "fan-3", outcome="plant.lease_gone")) == f"fan-3 is not started: {lost}"
+    unnamed = "not done (plant.lease_gone)"
+    assert outcome_text(record("group.start", "air", group="air", outcome="plant.lease_gone")) == unnamed
+    assert outcome_text(record("plant.stop", "", outcome="plant.lease_gone")) == unnamed
+    follower = record("drive.run", "fan-3", drive="fan-3", outcome="confirmed, plant.lease_gone")
+    assert outcome_text(follower) == f"Confirmed; {unnamed}"
 
 
 def test_an_event_without_an_outcome_has_no_outcome_text() -> None:

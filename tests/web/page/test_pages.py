@@ -312,6 +312,16 @@ def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, 
     expect(page.locator(".entry")).to_have_count(0)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_result_that_changed_nothing_is_no_failure(stage: Stage, visit: Any, expect: Any, language: str) -> None:
+    """Regression: it was an English word in red, in Chinese too."""
+    stage.call("start_inhibits.release", drives=["fan-1"])
+    stage.call("start_inhibits.release", drives=["fan-1"])
+    page = visit("#/audit", language=language)
+    newest = page.locator(".entry", has_text=i18n.text("audit.outcome_unchanged", language)).first.locator(".ended")
+    expect(newest).not_to_have_class(re.compile("bad"))
+
+
 def test_a_search_of_the_trail_without_a_match_says_so(stage: Stage, visit: Any, expect: Any) -> None:
     """Regression: an empty box stood there, above the number of all records."""
     stage.call("start_inhibit.release", drive="fan-1")

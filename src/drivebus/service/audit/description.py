@@ -26,6 +26,8 @@ MAX_VALUES = 8
 MAX_DRIVES = 6
 """Drives of one command that are named; the rest is counted."""
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
+OTHER_OUTCOMES = frozenset({"unchanged", *map(str, CommLossResult)})
+"""Outcomes that only the audit trail has a sentence for."""
 NUMBERS = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 _PLACEHOLDER = re.compile(r"\{\w+\}")
 
@@ -157,14 +159,16 @@ def _outcome(item: Json) -> Text | None:
     sentence = params.get(ERROR_TEXT) if isinstance(params, dict) else None
     if isinstance(sentence, dict) and all(isinstance(sentence.get(language), str) for language in i18n.LANGUAGES):
         return Text.from_mapping(sentence)
-    named = {"drive": item.get("target"), **(params if isinstance(params, dict) else {})}
-    return Text.join([_outcome_part(part, named) for part in str(outcome).split(", ")], "phrases")
+    parts, params = str(outcome).split(", "), params if isinstance(params, dict) else {}
+    is_of_target = len(parts) == 1 and bool(item.get("target")) and params.get("group") != item["target"]
+    named = {"drive": item["target"], **params} if is_of_target else {}  # else the drive of an error is not recorded
+    return Text.join([_outcome_part(part, named) for part in parts], "clauses")
 
 
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
     if code in OUTCOMES:
         return bilingual_text(f"page.outcome_{code}")
-    if code in {str(result) for result in CommLossResult}:
+    if code in OTHER_OUTCOMES:
         return bilingual_text(f"audit.outcome_{code}")
     if not i18n.known(code):
         return Text(code, code)

@@ -100,5 +100,5 @@ function Record({ entry }) {
       <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl>`;
 }
 
-const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done"]);
+const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done", "unchanged", "trips", "stops"]);
 const isSuccess = ({ outcome }) => !outcome || outcome.split(", ").every((one) => SUCCESS_OUTCOMES.has(one));
