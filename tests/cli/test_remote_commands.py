@@ -26,6 +26,7 @@ from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
+from drivebus.service.api.errors import build_error_json
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
 from drivebus.service.control import comm_loss_test
@@ -310,6 +311,38 @@ def test_a_missing_response_is_an_unknown_outcome(misbehaving_service: str) -> N
         run_command(misbehaving_service, "stop", *FAN, code=ExitCode.UNKNOWN)["error"]["type"]
         == OutcomeUnknown.__name__
     )
+
+
+@pytest.mark.parametrize(
+    ("status", "document"),
+    [
+        (503, build_error_json("plant.internal", "ServiceUnavailable", {})),
+        (500, build_error_json("api.unforeseen", "InternalError", {})),
+        (504, None),
+    ],
+    ids=["service", "gateway", "proxy"],
+)
+def test_a_start_that_a_service_or_a_proxy_failed_to_answer_has_an_unknown_outcome(
+    misbehaving_service: str, monkeypatch: pytest.MonkeyPatch, status: int, document: Any
+) -> None:
+    """It was a failure that had moved nothing, so that no stop followed."""
+    stops: list[str] = []
+
+    def respond(self: MisbehavingHandler) -> None:
+        if self.path.endswith("/lease"):
+            self._send(200, {"lease": {"session": "s"}})
+        elif self.path.endswith("/arm"):
+            self._send(200, {"arm_token": "t"})
+        elif self.path.endswith("/stop"):
+            stops.append(self.path)
+            self.connection.close()
+        else:
+            self._send(status, "Gateway Time-out" if document is None else {"error": document})
+
+    MisbehavingHandler.respond = respond  # type: ignore[method-assign]
+    monkeypatch.setattr(MisbehavingHandler, "do_DELETE", lambda self: self._send(200, {}), raising=False)
+    result = CliRunner().invoke(cli, ["run", "--service", misbehaving_service, *FAN, "--frequency", "5", "--json"])
+    assert (result.exit_code, len(stops)) == (ExitCode.UNKNOWN, 1), result.output
 
 
 def test_a_service_sends_no_escape_sequences_to_the_terminal(

@@ -173,7 +173,7 @@ async def test_an_export_of_many_parts_is_one_file() -> None:
 
 
 def test_every_status_that_an_error_may_have_is_described() -> None:
-    assert {status for _, status in HTTP_STATUS} | {BUS_FAILURE_STATUS} == STATUS_MEANINGS.keys()
+    assert {status for _, status in HTTP_STATUS} | {BUS_FAILURE_STATUS, 500} == STATUS_MEANINGS.keys()
 
 
 async def test_an_error_of_the_service_is_forwarded_as_it_was_sent() -> None:

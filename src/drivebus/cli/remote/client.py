@@ -69,7 +69,7 @@ class LocalClient:
     async def call(self, operation: str, params: Json) -> Json:
         from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
 
-        with outcome_unknown_on_loss(operation, "plant.gone", "plant.hangs"):
+        with outcome_unknown_on_loss(operation):
             return await self._client.call(operation, params, self._actor)
 
     async def close(self) -> None:

@@ -53,7 +53,7 @@ class HttpClient:
 
     async def call(self, operation: str, params: Json) -> Json:
         """See ``RemoteClient.call``."""
-        with outcome_unknown_on_loss(operation, "plant.gone", "plant.hangs", "service.silent"):
+        with outcome_unknown_on_loss(operation):
             return await asyncio.to_thread(self._call_sync, operation, params)
 
     async def close(self) -> None:
