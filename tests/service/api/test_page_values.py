@@ -9,7 +9,7 @@ from typing import Any, get_args
 import pytest
 
 from drivebus import web
-from drivebus.service.api.operations.drives import DriveObject, SignalObject
+from drivebus.service.api.operations.drive_view import DriveObject, SignalObject
 
 SCRIPTS = Path(web.__file__).parent / "static" / "js"
 
