@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.bus import TraceEvent, TraceKind
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
 from drivebus.bus.station import Station
@@ -17,7 +17,7 @@ from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import StopUnconfirmed, Superseded
+from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
@@ -212,6 +212,37 @@ def test_a_stop_to_an_offline_drive_is_repeated_and_reported() -> None:
     assert outcome.key == "drives.stop_no_reply"
     assert len(bus.sent(sunfar.SunfarControl)) >= 3
     assert all(e.received == b"" for e in outcome.exchanges)
+
+
+class RejectsReads(FakeC320):
+    """Rejects every read of a signal, with response 6."""
+
+    def __call__(self, request: Any) -> Any:
+        if isinstance(request, sunfar.ReadMonitor):
+            return sunfar.SunfarReply(address=1, response=sunfar.SunfarResponse.BAD_CODE)
+        return super().__call__(request)
+
+
+STRAY = HeaderError("bus.stray_before", station=1, count=1, bytes="FF")
+LATE = NoReply("bus.late_reply", station=1, milliseconds=300)
+
+
+@pytest.mark.parametrize(
+    ("model", "station", "why"),
+    [
+        ("c320", RejectsReads(), bilingual_text("drives.sunfar_response_6")),
+        ("c320", lambda request: STRAY, bilingual_text(STRAY.key, **STRAY.params)),
+        ("c320", lambda request: LATE, bilingual_text(LATE.key, **LATE.params)),
+        ("df800", lambda request: STRAY, bilingual_text(STRAY.key, **STRAY.params)),
+    ],
+)
+def test_replies_without_a_state_are_named_and_not_called_no_reply(model: str, station: Any, why: Any) -> None:
+    """The hint of a drive that rejected each read, or replied with a stray byte, was to look whether it answers."""
+    bus = PureBus(dialect=dialect_for(model), station=station)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unusable_replies")
+    assert outcome.params["why"] == why
+    assert i18n.known("hint.drives.stop_unusable_replies")
 
 
 def test_one_reading_of_standstill_is_not_enough() -> None:

@@ -181,6 +181,9 @@ class StatementChecker:
                     yield "bytes followed each request in that time"
                 if params["attempt"] > len(around):
                     yield f"only {len(around)} requests"
+            case "drives.stop_unusable_replies":
+                if not any(isfinite(e.reply_at) for e in around):
+                    yield "nothing was received"
             case "bus.truncated":
                 if not any(e.line_fault in ("cut", "damaged", "late", "before", "doubled", "foreign") for e in around):
                     yield "no reply was cut"

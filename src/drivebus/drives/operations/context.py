@@ -249,7 +249,7 @@ class OperationContext:
             error = yield from self.verified_reads(requests)
             if error is not None:
                 failed += 1
-                self.state_reports.add_failure()
+                self.state_reports.add_failure(error)
                 self.reading_pairs.clear()
                 if failed <= allowed_failures:
                     continue
@@ -261,6 +261,7 @@ class OperationContext:
                 self.derived = yield from self._with_fault_code(derived)
                 return None
         why = self.reading_pairs.bad_reason(*self.dialect.state_names) or "drives.disagree"
+        self.state_reports.unusable = bilingual_text(why)
         self.derived = DerivedState(DriveState.UNKNOWN, reason=why)
         return None
 

@@ -4,7 +4,22 @@ from __future__ import annotations
 
 from drivebus.drives.readings import Readings
 from drivebus.drives.state import DerivedState
-from drivebus.values import Quality
+from drivebus.errors import DrivebusError, ProtocolError
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.values import Quality, Text
+
+RECEIVED_BYTES_KEYS = frozenset(
+    {
+        "bus.late_reply",
+        "bus.offline_bytes",
+        "bus.truncated",
+        "bus.line_errors",
+        "bus.collision",
+        "bus.sync_rejected",
+        "drives.sync_probe_rejected",
+    }
+)
+"""Errors of the bus that name received bytes, beside every ``ProtocolError``."""
 
 
 class StateReports:
@@ -18,6 +33,8 @@ class StateReports:
         self.output_hz: float | None = None
         self.count = 0
         self.failures = 0
+        self.unusable: Text | None = None
+        """Why the last received bytes showed no state."""
 
     def add(self, derived: DerivedState | None, readings: Readings) -> None:
         """Add the state that one read showed, None where it showed none."""
@@ -31,6 +48,12 @@ class StateReports:
         self.count = self.count + 1 if same else 1
         self.output_hz = float(reading.value) if good and reading is not None else None  # type: ignore[arg-type]
 
-    def add_failure(self) -> None:
+    def add_failure(self, error: DrivebusError) -> None:
         """Add a read without a valid reply."""
         self.failures += 1
+        self.name_unusable(error)
+
+    def name_unusable(self, error: DrivebusError) -> None:
+        """Keep the reason of a frame whose reply was received and not accepted."""
+        if isinstance(error, ProtocolError) or error.key in RECEIVED_BYTES_KEYS:
+            self.unusable = bilingual_text(error.key, **error.params)

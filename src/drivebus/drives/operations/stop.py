@@ -16,7 +16,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
-from drivebus.errors import PortLost
+from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
@@ -120,6 +120,8 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
             op.stops_sent += result.sent_at is not None
             op.stop_rejection = None if result.reply is None else op.dialect.rejection(result.reply)
             answered = result.error is None and result.reply is not None and op.stop_rejection is None
+            if isinstance(result.error, DrivebusError):
+                op.state_reports.name_unusable(result.error)
     return answered
 
 
@@ -195,8 +197,10 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_completed")
     reports, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
     if reports.newest is None:
-        key = "drives.stop_no_reply" if why is None else "drives.stop_rejected"
-        return op.outcome(OutcomeStatus.UNKNOWN, key, why=why)
+        if why is not None:
+            return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_rejected", why=why)
+        key = "drives.stop_no_reply" if reports.unusable is None else "drives.stop_unusable_replies"
+        return op.outcome(OutcomeStatus.UNKNOWN, key, why=reports.unusable)
     state, output_hz = reports.newest.state, reports.output_hz
     params = {
         "found": reported_text(state, output_hz),
