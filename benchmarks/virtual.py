@@ -8,7 +8,7 @@ import time
 from benchmarks.clients.station_configs import station_config
 from benchmarks.harness import Figures
 from drivebus.bus import Bus
-from drivebus.bus.commands import DeliverResult, Send, SetTimer
+from drivebus.bus.commands import DeliverResult, Send
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusResult
 from drivebus.bus.prepared_request import Poll
@@ -31,14 +31,11 @@ def bare_core(transactions: int) -> float:
     for address in range(1, STATIONS + 1):
         pending += core.start_polling(address, [Poll(ReadRegisters(address, 0, 4), 0.01)], address, now)
     began = time.perf_counter()
-    wake: float | None = None
     while done < transactions:
         reply = b""
         for act in pending:
             if type(act) is Send:
                 reply = replies[act.data[0]]
-            elif type(act) is SetTimer:
-                wake = act.when
             elif type(act) is DeliverResult:
                 assert act.result.error is None
                 done += 1
@@ -46,8 +43,8 @@ def bare_core(transactions: int) -> float:
             now += 0.002 + line.seconds(8 + len(reply))
             pending = core.on_data(reply, now)
         else:
-            assert wake is not None
-            now = wake
+            assert core.wake_at is not None
+            now = core.wake_at
             pending = core.on_timer(now)
     return transactions / (time.perf_counter() - began)
 

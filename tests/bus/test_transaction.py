@@ -222,7 +222,7 @@ def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_toleranc
     script.run_until(1.0)
     script.submit(read_request())
     deadline = bus.transaction.ends_at  # type: ignore[union-attr]
-    script._timer_at = None
+    bus.wake_at = None
     script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=deadline + stall_s)
     result = script.result()
     assert (result.error is None) is accepted

@@ -54,7 +54,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "transaction": "parts",
         "_silence_timeout": "silence timeout",
         "_silent_since": "quiet",
-        "_timer_at": "until",
+        "wake_at": "until",
         "_allow_mixed": "",
         "settings": "",
         "name": "",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
-from drivebus.bus.commands import CoreCommand, DeliverResult, Send, SetTimer
+from drivebus.bus.commands import CoreCommand, DeliverResult, Send
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
@@ -62,7 +62,6 @@ class GateState:
     __slots__ = (
         "_owns_core",
         "_sequence_started",
-        "alarm",
         "command",
         "core",
         "events",
@@ -81,7 +80,6 @@ class GateState:
         self.core.add_station(subject.dialect.station_config)
         self.monitor = PermitMonitor(model=subject.model)
         self.now = GRID_START_S
-        self.alarm: float | None = None
         self.command: DriveCommand | None = None
         self.model_command: ModelCommand | None = None
         self.held_permit: HeldPermit | None = None
@@ -95,13 +93,7 @@ class GateState:
     def copy(self) -> Self:
         """Return a copy, which shares the core until an event changes it."""
         made = object.__new__(type(self))
-        made.subject, made.core, made.now, made.alarm, made._owns_core = (
-            self.subject,
-            self.core,
-            self.now,
-            self.alarm,
-            False,
-        )
+        made.subject, made.core, made.now, made._owns_core = self.subject, self.core, self.now, False
         made._sequence_started = self._sequence_started
         made.command, made.model_command, made.held_permit, made.shadow = (
             self.command,
@@ -179,10 +171,10 @@ class GateState:
             or bool(self.permits)
         )
         found: list[str] = []
-        if self.alarm is None or self.alarm >= self.now:
+        if core.wake_at is None or core.wake_at >= self.now:
             found.append("step")
-        if self.alarm is not None:
-            found += ["wake"] * (self.now >= self.alarm) + ["sleep"] * (self.alarm > self.now + hung_s)
+        if core.wake_at is not None:
+            found += ["wake"] * (self.now >= core.wake_at) + ["sleep"] * (core.wake_at > self.now + hung_s)
         if (
             transaction is not None
             and transaction.tx_end_at <= self.now <= transaction.ends_at
@@ -272,12 +264,11 @@ class GateState:
         self.now = self.subject.grid.after(self.now)
 
     def _wake(self, _: str) -> None:
-        self.alarm = None
         self._perform(self._own_core().on_timer(self.now))
 
     def _sleep(self, _: str) -> None:
-        assert self.alarm is not None
-        self.now = self.alarm
+        assert self.core.wake_at is not None
+        self.now = self.core.wake_at
 
     def _suspend(self, _: str) -> None:
         """Let a time pass that is longer than any command is valid."""
@@ -419,9 +410,7 @@ class GateState:
             if type(effect) is Send:
                 self._on_transmit(effect.data)
         for effect in commands:
-            if type(effect) is SetTimer:
-                self.alarm = effect.when
-            elif type(effect) is DeliverResult:
+            if type(effect) is DeliverResult:
                 self._on_done(effect)
 
     def _on_transmit(self, data: bytes) -> None:

@@ -6,14 +6,13 @@ No rule of the bus is decided here.
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from math import inf
 from types import TracebackType
 from typing import Any
 
 from drivebus.bus import timer as timers
-from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
+from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest, BusResult, StationConfig
 from drivebus.bus.prepared_request import Poll
@@ -74,10 +73,8 @@ class Bus:
         self._clock = clock
         self._loop: asyncio.AbstractEventLoop | None = None
         self._timer: timers.BusTimer | None = None
-        self._timer_at: float | None = None
-        """Time set by the core."""
-        self._pending_commands: deque[CoreCommand] = deque()
-        self._performing = False
+        self._executing: list[CoreCommand] | None = None
+        """Commands that are being executed; the execution of one may append others."""
         self._trace_sinks: list[Callable[[TraceEvent], None]] = []
         self._reopening: asyncio.Task[None] | None = None
         self._pausable_port = port if isinstance(port, PausableReader) else None
@@ -157,7 +154,7 @@ class Bus:
     @property
     def overdue_s(self) -> float:
         """Seconds by which the timer of the bus is overdue; more than a moment means that the event loop hangs."""
-        return 0.0 if self._timer_at is None else max(0.0, self.now() - self._timer_at)
+        return 0.0 if self.core.wake_at is None else max(0.0, self.now() - self.core.wake_at)
 
     def now(self) -> float:
         """Return monotonic seconds, the time base of this bus. On Linux they go on while the system is suspended."""
@@ -313,7 +310,7 @@ class Bus:
         if self._pausable_port is not None:
             self._pausable_port.read_pending()
         now = self._clock()
-        if self._timer_at is not None and now >= self._timer_at:
+        if self._is_due(now):
             if self._pausable_port is None and self.core.transaction is not None:
                 self._loop.call_soon(self._on_timer_after_readers)  # type: ignore[union-attr]
                 return
@@ -325,19 +322,22 @@ class Bus:
         """Serve the timer after the readers that were ready when it fired."""
         assert self._clock is not None
         now = self._clock()
-        if self._timer_at is not None and now >= self._timer_at:
+        if self._is_due(now):
             self._perform(self.core.on_timer(now))
         else:
             self._arm_timer()
+
+    def _is_due(self, now: float) -> bool:
+        return self.core.wake_at is not None and now >= self.core.wake_at
 
     def _spin_gap(self) -> None:
         """Wait in a loop for a gap that is over before a timer could be set."""
         assert self._clock is not None and self._pausable_port is not None
         self._spinning = True
-        while (when := self._timer_at) is not None and when <= self._clock() + SPIN_THRESHOLD_S:
+        while (when := self.core.wake_at) is not None and when <= self._clock() + SPIN_THRESHOLD_S:
             timers.busy_wait(self._clock, when)
             self._pausable_port.read_pending()
-            if self._timer_at == when:
+            if self.core.wake_at == when:
                 self._perform(self.core.on_timer(self._clock()))
         self._spinning = False
 
@@ -358,7 +358,8 @@ class Bus:
     def _arm_timer(self) -> None:
         if self._timer is None:
             return
-        when = self._read_at if self._timer_at is None else min(self._timer_at, self._read_at)
+        wake_at = self.core.wake_at
+        when = self._read_at if wake_at is None or wake_at > self._read_at else wake_at
         if when != self._timer.when:
             self._timer.set(None if when == inf else when)
 
@@ -369,18 +370,21 @@ class Bus:
 
         Frames leave first: their permits were checked at this very moment, and a sink may take its time.
         """
-        if self._performing:
-            self._pending_commands.extend(commands)
+        if self._executing is not None:
+            self._executing += commands
             self._send_frames(commands)
             return
-        self._performing = True
+        self._executing = commands
         try:
-            self._send_frames(commands)
-            self._execute(commands)
-            while self._pending_commands:
-                self._execute((self._pending_commands.popleft(),))
+            self._send_frames(tuple(commands))
+            for command in commands:
+                if type(command) is DeliverResult:
+                    self._deliver(command)
+                elif type(command) is EmitTrace:
+                    for sink in tuple(self._trace_sinks):
+                        self._notify(sink, command.event)
         finally:
-            self._performing = False
+            self._executing = None
         if not self._spinning:
             self._schedule_next()
 
@@ -391,7 +395,7 @@ class Bus:
             self._pause_or_resume_reader()
         self._arm_timer()
 
-    def _send_frames(self, commands: list[CoreCommand]) -> None:
+    def _send_frames(self, commands: Sequence[CoreCommand]) -> None:
         for command in commands:
             if type(command) is Send:
                 try:
@@ -402,18 +406,11 @@ class Bus:
                     self._report(f"writing to bus {self.name} failed", error)
                     self.port_lost(PortLost("ports.lost", port=self.name, reason=str(error)))
 
-    def _execute(self, commands: Iterable[CoreCommand]) -> None:
-        for command in commands:
-            if type(command) is DeliverResult:
-                if type(command.token) is PollSubscription:
-                    self._notify(command.token.on_result, command.result)
-                elif not command.token.done():
-                    command.token.set_result(command.result)
-            elif type(command) is SetTimer:
-                self._timer_at = command.when
-            elif type(command) is EmitTrace:
-                for sink in tuple(self._trace_sinks):
-                    self._notify(sink, command.event)
+    def _deliver(self, command: DeliverResult) -> None:
+        if type(command.token) is PollSubscription:
+            self._notify(command.token.on_result, command.result)
+        elif not command.token.done():
+            command.token.set_result(command.result)
 
     def _notify(self, sink: Callable[[Any], None], value: Any) -> None:
         """Call a sink; its failure is reported and does not stop the bus."""

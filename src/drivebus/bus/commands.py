@@ -17,13 +17,6 @@ class Send:
 
 
 @dataclass(slots=True)
-class SetTimer:
-    """Call ``on_timer`` at this monotonic second; replaces the timer set before. None: no timer."""
-
-    when: float | None
-
-
-@dataclass(slots=True)
 class DeliverResult:
     """Deliver the result of the request that was submitted, or is polled, under ``token``."""
 
@@ -38,4 +31,4 @@ class EmitTrace:
     event: TraceEvent
 
 
-CoreCommand = Send | SetTimer | DeliverResult | EmitTrace
+CoreCommand = Send | DeliverResult | EmitTrace

@@ -5,7 +5,8 @@ Theory of operation
 Requests enter by ``submit`` (once) and ``start_polling`` (periodically) and wait in the ``Scheduler``. The port reports
 ``on_port_open``, ``on_port_lost`` and ``on_data``, the clock ``on_timer``. Each of these calls ends in ``_advance``:
 it ends the open transaction when its time has come, sends the next frame when the bus has been silent for the gap, and
-returns the commands to execute, in order: ``Send``, ``SetTimer``, ``DeliverResult``, ``EmitTrace``.
+returns the commands to execute, in order: ``Send``, ``DeliverResult``, ``EmitTrace``. ``wake_at`` is the time at which
+``on_timer`` is due.
 
 A ``Transaction`` begins with our frame and ends when its reply has been followed by the gap of silence, or at its
 deadline. A failed one makes its station suspect (see the table of states in ``station``): a late reply may be on its
@@ -55,7 +56,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
-from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send, SetTimer
+from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
 from drivebus.bus.compatibility import check_compatible
 from drivebus.bus.echo import EchoDetector
 from drivebus.bus.failure_reason import (
@@ -91,7 +92,6 @@ MAX_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence on a bus that is never silent
 SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
-TIMER_FIRED = -1.0  # value of ``_timer_at`` that makes the next SetTimer be issued even if it is None again
 
 
 class UntrustedReply(NoReply):
@@ -159,11 +159,12 @@ class BusCore:
         self.activity = RecentActivity()
         self.transaction: Transaction | None = None
         """The open transaction, at most one."""
+        self.wake_at: float | None = None
+        """Monotonic second at which ``on_timer`` is due, None if at none. Every event may change it."""
         self.character_s = settings.character_s
         self._allow_mixed = allow_mixed
         self._silence_timeout = SilenceTimeout(settings)
         self._silent_since = 0.0
-        self._timer_at: float | None = None
         self._commands: list[CoreCommand] = []
 
     # --- stations ------------------------------------------------------------------------------------------------
@@ -396,24 +397,23 @@ class BusCore:
         return self._advance(now)
 
     def on_timer(self, now: float) -> list[CoreCommand]:
-        """Handle the time set by the last SetTimer."""
-        self._timer_at = TIMER_FIRED
+        """Handle the time ``wake_at``."""
         return self._advance(now)
 
     # --- sending -------------------------------------------------------------------------------------------------
 
     def _advance(self, now: float) -> list[CoreCommand]:
-        """End the open transaction when its time has come, send the next frame when it may be sent, set the timer."""
+        """End the open transaction when its time has come, send the next frame when it may be sent, set ``wake_at``."""
         transaction = self.transaction
         if transaction is not None and now >= transaction.ends_at:
             self._finish_transaction(transaction, now)
             transaction = self.transaction
         if transaction is not None:
-            self._set_timer(transaction.ends_at)
+            self.wake_at = transaction.ends_at
         elif self.is_open:
             self._send_next(now)
         else:
-            self._set_timer(None)
+            self.wake_at = None
         commands, self._commands = self._commands, []
         return commands
 
@@ -433,14 +433,14 @@ class BusCore:
         ):
             at = max(at, prepared.station.next_allowed_at(now))
         if now < at and (prepared is None or not self._silence_timeout.expired(prepared, now)):
-            self._set_timer(at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now)))
+            self.wake_at = at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now))
             return
         if unsolicited:
             self._classify_unsolicited(now)
             self._send_next(now)  # the bytes may have made a station suspect: choose again
         elif prepared is None:
             self._silence_timeout.reset()
-            self._set_timer(None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at)
+            self.wake_at = None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at
         elif now < at and prepared.priority is not RequestPriority.STOP:
             self._fail_unsent(prepared, LineError("bus.no_silence", seconds=SILENCE_TIMEOUT_S), now)
         else:
@@ -478,7 +478,7 @@ class BusCore:
                     attempt=prepared.attempts,
                 )
             )
-        self._set_timer(transaction.ends_at)
+        self.wake_at = transaction.ends_at
 
     def _fail_unsent(self, prepared: PreparedRequest, error: Exception, now: float) -> None:
         """Fail a frame because the bus is never silent; the next frame has its turn."""
@@ -489,15 +489,10 @@ class BusCore:
         if prepared.is_sync_probe:
             prepared.station.mark_suspect(now)
             self._fail_waiting(prepared.station, error)
-        self._set_timer(now + prepared.gap_s)
+        self.wake_at = now + prepared.gap_s
 
     def _max_gap_s(self) -> float:
         return max((station.gap_s for station in self.stations.values()), default=3.5 * self.character_s)
-
-    def _set_timer(self, when: float | None) -> None:
-        if when != self._timer_at:
-            self._timer_at = when
-            self._commands.append(SetTimer(when))
 
     # --- end of a transaction ------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from heapq import heappop, heappush
 from typing import Any
 
-from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
+from drivebus.bus.commands import CoreCommand, DeliverResult, Send
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.bus.prepared_request import Poll
@@ -39,7 +39,6 @@ class BusScript:
         self.traced: list[TraceEvent] = []
         self.recording = True
         """Off for long runs."""
-        self._timer_at: float | None = None
         self._incoming: list[tuple[float, int, bytes, int]] = []
         self._count = 0
         self._perform(core.on_port_open(start))
@@ -95,8 +94,9 @@ class BusScript:
 
     def _next_at(self) -> float | None:
         coming = self._incoming[0][0] if self._incoming else None
-        if coming is None or (self._timer_at is not None and self._timer_at < coming):
-            return self._timer_at
+        wake_at = self.core.wake_at
+        if coming is None or (wake_at is not None and wake_at < coming):
+            return wake_at
         return coming
 
     def _step(self, at: float) -> None:
@@ -106,7 +106,6 @@ class BusScript:
             _, _, data, line_errors = heappop(self._incoming)
             self._perform(self.core.on_data(data, self.now, line_errors))
         else:
-            self._timer_at = None
             self._perform(self.core.on_timer(self.now))
 
     def _perform(self, commands: list[CoreCommand]) -> None:
@@ -116,10 +115,8 @@ class BusScript:
             elif isinstance(command, DeliverResult):
                 if self.recording:
                     self.results.setdefault(command.token, []).append(command.result)
-            elif isinstance(command, EmitTrace):
-                self.traced.append(command.event)
             else:
-                self._timer_at = command.when
+                self.traced.append(command.event)
 
     def _send(self, frame: bytes) -> None:
         if self.recording:
