@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -10,10 +11,10 @@ import pytest
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import ramp_timeout_s, speed_tolerance_hz, wait_at_speed
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.state import Direction
+from drivebus.drives.state import Direction, DriveStatus
 from drivebus.errors import Superseded, TargetNotReached
 from drivebus.protocols import sunfar
-from fixtures.drives import FakeC320, PureBus, dialect_for, operation_for
+from fixtures.drives import FakeC320, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
 
 STARTED = Outcome(status=OutcomeStatus.CONFIRMED, key="drives.start_confirmed")
 
@@ -60,6 +61,40 @@ def test_it_is_not_there_at_another_frequency(output: int) -> None:
 def test_a_drive_that_reports_reverse_meanwhile_is_a_failure() -> None:
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
     assert wait_for(bus, op).key == "drives.wrong_direction"
+
+
+@pytest.mark.parametrize("model", ["vc660", "c320"])
+def test_a_speed_that_falls_along_a_slow_ramp_is_waited_for_unless_a_time_is_given(model: str) -> None:
+    """After the time of a fast ramp it was called not reached, and the motor stopped."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await drive.run(40.0, wait=True)
+            bench.station().set_ramps(10.0, 1500.0)
+            with pytest.raises(TargetNotReached):
+                await drive.run(39.0, wait=True, timeout_s=5.0)
+            began = asyncio.get_running_loop().time()
+            assert (await drive.run(20.0, wait=True)).status is OutcomeStatus.CONFIRMED
+            assert 500 < asyncio.get_running_loop().time() - began < 620
+            assert bench.station().motor.output_hz == pytest.approx(20.0, abs=0.11)
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("held_at_s", [0.0, 90.0])
+def test_a_speed_that_no_longer_approaches_is_not_waited_for(held_at_s: float) -> None:
+    """At once after the time of the ramp, or 5 s after the speed came nearer for the last time."""
+    fake = FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=1000)
+    bus, op = waiting(fake)
+
+    def rise(status: DriveStatus) -> None:
+        fake.output = 1000 + round(min(bus.now, held_at_s) * 10)
+
+    with pytest.raises(TargetNotReached) as caught:
+        bus.run(wait_at_speed(op, 50.0, STARTED, None, None, rise))
+    assert bus.now == pytest.approx(max(60.0, held_at_s + 5.0), abs=1.0)
+    assert caught.value.params["limit_s"] == pytest.approx(bus.now, abs=1.0)
 
 
 def test_every_status_that_is_read_while_waiting_is_reported_as_progress() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from drivebus.drives.speed_progress import SpeedProgress
 from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
 SPEED_REMARK_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
 MIN_SPEED_REMARK_HZ = 0.5  # and never less than this
-SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no progress (3,600 s ramp: 0.07 Hz in 5 s)
-SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is remarked on
 OUTAGE_REPEAT_S = 10.0  # interval of the remark that the state is not known
 
 
@@ -62,8 +61,7 @@ class RunWatch:
     def __init__(self, frequency_hz: float, direction: Direction, started_at: float) -> None:
         self._frequency_hz, self._direction = frequency_hz, direction
         self._direction_remarked = self._speed_remarked = False
-        self._nearest_hz: float | None = None  # least difference of the speed so far
-        self._progress_at = 0.0
+        self._progress: SpeedProgress | None = None  # of a speed that differs from the commanded one
         self._outage = Outage(started_at)
 
     def update(self, status: DriveStatus, now: float) -> list[Remark]:
@@ -95,15 +93,15 @@ class RunWatch:
         reading = status.readings.get("output_frequency")
         usable = reading is not None and reading.quality is Quality.GOOD and isinstance(reading.value, int | float)
         if not usable or reading is None or not status.state.driven:
-            self._nearest_hz = None
+            self._progress = None
             return None
         difference_hz = abs(float(reading.value or 0.0) - self._frequency_hz)
         if difference_hz <= max(MIN_SPEED_REMARK_HZ, SPEED_REMARK_TOLERANCE * self._frequency_hz):
-            self._nearest_hz, self._speed_remarked = None, False
+            self._progress, self._speed_remarked = None, False
             return None
-        if self._nearest_hz is None or difference_hz < self._nearest_hz - SPEED_PROGRESS_HZ:
-            self._nearest_hz, self._progress_at = difference_hz, now
-        if self._speed_remarked or now - self._progress_at < SPEED_PROGRESS_TIMEOUT_S:
+        self._progress = self._progress or SpeedProgress(now)
+        self._progress.update(difference_hz, now)
+        if self._speed_remarked or self._progress.is_recent(now):
             return None
         self._speed_remarked = True
         key = "run.other_speed" if reading.value else "run.zero_speed"

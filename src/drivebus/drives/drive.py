@@ -197,8 +197,8 @@ class Drive:
     ) -> Outcome:
         """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
 
-        ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp);
-        ``on_progress`` is called with every status that is read meanwhile.
+        ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp,
+        and as long as its speed approaches); ``on_progress`` is called with every status that is read meanwhile.
         ``requested_at``: time of the request by ``bus.now()``. A frame that moves leaves at most 5 s after it, checks
         included; None: at most 2 s after the checks.
         """

@@ -19,6 +19,7 @@ from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions,
 from drivebus.drives.operations.stop import reported_text, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand, state_inhibit
+from drivebus.drives.speed_progress import SpeedProgress
 from drivebus.drives.state import Direction, DriveState, DriveStatus
 from drivebus.errors import (
     CapabilityError,
@@ -346,6 +347,7 @@ def wait_at_speed(
 ) -> DriveOperation[Outcome]:
     """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports.
 
+    Without ``timeout_s`` it waits as long as the speed approaches: a ramp may be unknown, or changed meanwhile.
     ``on_progress`` is called with every status that was read meanwhile.
     """
     conditions = yield from get_bus_conditions()
@@ -353,6 +355,7 @@ def wait_at_speed(
     limit_s = ramp_timeout_s(op.drive.acceleration_s, timeout_s)
     began = conditions.now
     near_hz = speed_tolerance_hz(op, frequency_hz)
+    progress = SpeedProgress()
     while True:
         error = yield from op.read_verified_state()
         conditions = yield from get_bus_conditions()
@@ -370,7 +373,11 @@ def wait_at_speed(
             done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
             notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
             return replace(done, notes=notes)
+        if output is not None:
+            progress.update(abs(abs(output) - frequency_hz), conditions.now)
         waited_s = conditions.now - began
+        if timeout_s is None and progress.is_recent(conditions.now):
+            limit_s = max(limit_s, waited_s)
         if state.output_off or waited_s > limit_s:
             times = {"limit_s": round(limit_s, 1), "waited_s": round(waited_s, 1)}
             raise _not_reached_error(op, frequency_hz, output, times, error)
