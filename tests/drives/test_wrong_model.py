@@ -15,7 +15,7 @@ from drivebus.bus import Bus
 from drivebus.drives import Drive, create_dialect, stop_bus
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.store import MemoryStore
-from drivebus.errors import StartInhibited, StopUnconfirmed
+from drivebus.errors import NoReply, StartInhibited, StopUnconfirmed
 from drivebus.ports import open_port
 from drivebus.protocols import modbus
 from drivebus.simulator.models.catalog import make_station
@@ -123,6 +123,32 @@ def test_a_silent_station_is_sent_the_stop_where_its_model_was_made_ready_to_sta
             sent = {each.sent[1] for each in caught.value.outcome.exchanges}
             assert (modbus.WriteRegister.function in sent) is was_ready
             assert (caught.value.outcome.key == "drives.stop_withheld_silent") is not was_ready
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("assumed", [False, True])
+def test_a_first_stop_that_still_waits_for_the_model_says_so_and_is_sent_after_it(assumed: bool) -> None:
+    """The bus holds the read back for 5 s after unanswered ones. The outcome named the turn on the bus instead."""
+
+    async def scenario() -> None:
+        async with foreign_drive("gd10", "gd10") as (drive, station):
+            station.faults.silent = True
+            with pytest.raises(NoReply):
+                await drive.status()
+            station.faults.silent = False
+            if assumed:
+                drive.assume_model()
+                await asyncio.gather(drive.stop(), return_exceptions=True)
+                assert station.command == 5
+                return
+            with pytest.raises(StopUnconfirmed) as caught:
+                await drive.stop()
+            outcome = caught.value.outcome
+            assert (outcome.key, outcome.params) == ("drives.stop_awaits_model", {"station": 3, "model": "gd10"})
+            assert outcome.text("en").startswith("STOP NOT SENT") and station.command == 0
+            await asyncio.sleep(6)
+            assert station.command == 5 and not drive.stop_pending
 
     run(scenario())
 

@@ -103,6 +103,7 @@ class OperationContext:
         self.state_reports = StateReports()
         self.stop_rejection: Rejection | None = None  # of the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
+        self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start
         self.waits_in_quarantine = True  # False: reads fail where a quarantine of 5 s would delay them
         self.stops_sent = 0  # stops that were given to the port

@@ -130,7 +130,9 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
 
     A station that does not answer is sent it where a drive of this model has been made ready to start there before.
     """
-    found = None if op.drive.model_assumed else (yield from op.check_model())
+    op.stop_awaits_model = not op.drive.model_assumed and op.dialect.model_check() is not None
+    found = (yield from op.check_model()) if op.stop_awaits_model else None
+    op.stop_awaits_model = False
     is_silent_drive = found is not None and not found.answered and op.drive.was_this_model
     op.withheld_stop = None if is_silent_drive else found
     return op.withheld_stop is None
@@ -193,6 +195,9 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
         model, withheld = op.dialect.profile.model, op.withheld_stop
         key = "drives.stop_withheld" if withheld.answered else "drives.stop_withheld_silent"
         return op.outcome(OutcomeStatus.UNKNOWN, key, station=op.dialect.address, model=model, why=withheld.why)
+    if not op.stops_sent and op.stop_awaits_model:
+        params = {"station": op.dialect.address, "model": op.dialect.profile.model}
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_awaits_model", **params)
     if not op.stops_sent:
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_not_completed")
     reports, why = op.state_reports, op.stop_rejection and op.stop_rejection.text
