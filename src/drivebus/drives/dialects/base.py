@@ -6,7 +6,7 @@ A dialect turns the intents of an operation into requests of one protocol family
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
@@ -21,7 +21,8 @@ from drivebus.drives.state import DerivedState, Direction, Fault
 from drivebus.errors import CapabilityError, LimitError, ProtocolError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
-from drivebus.protocols.codec import Codec, Complete
+from drivebus.protocols.codec import Codec, Complete, Effect
+from drivebus.serial_settings import StationTiming
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
@@ -103,6 +104,24 @@ class Dialect(ABC):
 
     def __init__(self, profile: DriveProfile, address: int, options: dict[str, Any]) -> None:
         self.profile, self.address, self.options = profile, address, options
+
+    def _make_station_config(
+        self, timing: StationTiming, effect_of: Callable[[bytes], Effect], **more: Any
+    ) -> StationConfig:
+        """Return the configuration of the station for the bus; ``more``: further fields of it."""
+        return StationConfig(
+            address=self.address,
+            codec=self.codec,
+            timing=timing,
+            effect_of=effect_of,
+            sync_request=self._bus_sync_request,
+            label=self.profile.model,
+            **more,
+        )
+
+    @abstractmethod
+    def _bus_sync_request(self, n: int) -> Any:
+        """Return sync probe ``n`` of the bus; ``n`` counts up."""
 
     @property
     @abstractmethod

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     CommandFrame,
     Dialect,
@@ -100,14 +100,7 @@ class Dzb100Dialect(Dialect):
         self._signals = signals_by_index(profile, "query")
         self._sync_count = 0
         self._last_read: Dzb100ReadParameter | None = None
-        self.station_config = StationConfig(
-            address=address,
-            codec=self.codec,
-            timing=timing,
-            effect_of=frame_effect,
-            sync_request=self._bus_sync_request,
-            label=profile.model,
-        )
+        self.station_config = self._make_station_config(timing, frame_effect)
 
     def _bus_sync_request(self, n: int) -> Dzb100ReadParameter:
         request = Dzb100ReadParameter(self.address, 2 * n % (PARAMETER_COUNT + 1))

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     DEFAULT_NONCE_START,
     CommandFrame,
@@ -110,13 +110,9 @@ class ModbusDialect(Dialect):
         output = profile.signals.get("output_frequency")
         self._output_step_hz = output.scale.factor if output is not None else 0.0
         self.state_names = state_names(status, self._fault_names) if status else ("state",)
-        self.station_config = StationConfig(
-            address=address,
-            codec=self.codec,
-            timing=_with_end_silence(timing, encoding),
-            effect_of=self.effect,
-            sync_request=self._bus_sync_request,
-            label=profile.model,
+        self.station_config = self._make_station_config(
+            _with_end_silence(timing, encoding),
+            self.effect,
             longest_requests=tuple(request for request, _ in self.polls(tuple(profile.signals))),
         )
 

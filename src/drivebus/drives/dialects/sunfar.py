@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import zip_longest
 from typing import Any
 
-from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     CommandFrame,
     Dialect,
@@ -109,13 +109,9 @@ class SunfarDialect(Dialect):
         self._signals = signals_by_index(profile, "monitor")
         self._sync_count = 0
         self._last_read: SunfarReadParameter | None = None
-        self.station_config = StationConfig(
-            address=address,
-            codec=self.codec,
-            timing=timing,
-            effect_of=frame_effect,
-            sync_request=self._bus_sync_request,
-            label=profile.model,
+        self.station_config = self._make_station_config(
+            timing,
+            frame_effect,
             stop_request=self._control_request(SunfarOperation.STOP),
             longest_requests=(SunfarWriteParameter(address, 0, 0, 0),),
         )

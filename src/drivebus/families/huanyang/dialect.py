@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     CommandFrame,
     Dialect,
@@ -71,14 +71,7 @@ class HuanyangDialect(Dialect):
         """Parameters of two bytes: the bus takes a reply that is shorter than the longest one for a rejection."""
         self._sync_count = 0
         self._last_read: HuanyangRequest | None = None
-        self.station_config = StationConfig(
-            address=address,
-            codec=self.codec,
-            timing=timing,
-            effect_of=frame_effect,
-            sync_request=self._bus_sync_request,
-            label=profile.model,
-        )
+        self.station_config = self._make_station_config(timing, frame_effect)
 
     def _bus_sync_request(self, n: int) -> HuanyangRequest:
         """Return a read of every other parameter of the profile: the reply names the parameter."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
-from drivebus.bus.messages import RetryPolicy, StationConfig
+from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     UNNAMED_FAULT_CODE,
     CommandFrame,
@@ -63,14 +63,7 @@ class MitsubishiDialect(Dialect):
         self.codec: Codec = MitsubishiCodec()
         self._signals = signals_by_index(profile, "monitor")
         self._sync_count = 0
-        self.station_config = StationConfig(
-            address=address,
-            codec=self.codec,
-            timing=timing,
-            effect_of=frame_effect,
-            sync_request=self._bus_sync_request,
-            label=profile.model,
-        )
+        self.station_config = self._make_station_config(timing, frame_effect)
 
     def _bus_sync_request(self, n: int) -> MitsubishiRequest:
         return self._read(SYNC_CODES[n % len(SYNC_CODES)])
