@@ -192,6 +192,10 @@ class Monitor:
         """Error of the newest poll, None where it got a reply."""
         return self._monitor.last_error
 
+    def poll_state(self) -> None:
+        """Poll the state at once: on a bus with many drives its next turn is seconds later."""
+        self._bus.call(self._monitor.poll_state)
+
     def close(self) -> None:
         """End the polls. Idempotent."""
         self._bus.call(self._monitor.close)

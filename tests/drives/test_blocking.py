@@ -56,6 +56,7 @@ def test_a_monitor_polls_in_the_background_until_it_is_closed() -> None:
         drive = blocking.Drive(bus, "vc660", 1)
         with drive.monitor(["output_frequency"], on_change=lambda _: received.set()) as monitor:
             assert received.wait(10.0)
+            monitor.poll_state()
             deadline = time.monotonic() + 10.0
             while str(monitor.status().state) != "stopped" and time.monotonic() < deadline:
                 time.sleep(0.02)

@@ -122,9 +122,16 @@ class Monitor:
                 self._read_hidden_values()
             if derived.fault_code == UNNAMED_FAULT_CODE != before.fault_code and self._subscription is not None:
                 # Its code was not read yet, or it was reset since the state was read.
-                states = {self._requests[name] for name in self._dialect.state_names if name in self._requests}
-                self._subscription.make_due({*self._dialect.fault_reads(), *states})
+                self._subscription.make_due({*self._dialect.fault_reads(), *self._state_polls()})
             self._derived_at = self._reading_pairs.oldest_time(*self._dialect.state_names)
+
+    def _state_polls(self) -> set[Any]:
+        return {self._requests[name] for name in self._dialect.state_names if name in self._requests}
+
+    def poll_state(self) -> None:
+        """Poll the state at once: on a bus with many drives its next turn is seconds later."""
+        if self._subscription is not None:
+            self._subscription.make_due(self._state_polls())
 
     def _read_hidden_values(self) -> None:
         """Read at once what could not be read or not be verified during the fault: some polls have a period of 60 s."""

@@ -471,6 +471,23 @@ def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> 
 GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=3.0, max_concurrent_starts=2)
 
 
+def test_a_group_start_does_not_wait_for_the_turn_of_a_slow_poll() -> None:
+    """Each drive waited for a poll of the one before, which was due 10 s later."""
+    drives = tuple(replace(drive, min_poll_interval_s=10.0) for drive in DRIVES if drive.bus == "b")
+    group = GroupConfig(id="pumps", drives=tuple(drive.id for drive in drives), title=Text("Pumps", "水泵"))
+
+    async def scenario() -> None:
+        async with running_service(plant_config(drives=drives, groups=(group,), buses=BUSES[1:])) as kit:
+            await asyncio.sleep(15)
+            await kit.grant_waivers()
+            began = asyncio.get_running_loop().time()
+            found = (await kit.call("group.start", group="pumps", frequency_hz=20.0))["outcomes"]
+            assert [outcome["status"] for outcome in found.values()] == ["confirmed", "confirmed"]
+            assert 1.0 < asyncio.get_running_loop().time() - began < 4.0
+
+    run(scenario())
+
+
 def test_a_group_starts_its_drives_in_sequence_and_a_stop_of_one_ends_it() -> None:
     async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:

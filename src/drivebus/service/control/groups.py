@@ -130,10 +130,17 @@ class GroupCommands:
         """Wait for the drive's turn; return the time from which its start deadline runs. Raises Superseded."""
         requested_at = ticket.issued_at
         while not self._slot_free(group, runtimes, runtime):
+            self._poll_accelerating(runtimes)
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
             requested_at = self.plant.now()
             check_not_superseded(self.plant, ticket)
         return requested_at
+
+    def _poll_accelerating(self, runtimes: list[DriveRuntime]) -> None:
+        """Poll the state of the drives that the others wait for: its turn may be many seconds away."""
+        for runtime in runtimes:
+            if runtime.monitor is not None and self._is_accelerating(runtime, self.plant.now()):
+                runtime.monitor.poll_state()
 
     def _slot_free(self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime) -> bool:
         now = self.plant.now()
