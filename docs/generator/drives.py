@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cache
-from pathlib import Path
 
 from drivebus import profiles
 from drivebus.profiles import DriveProfile
-from drivebus.protocols.family import protocol_family
 from generator import terms
 from generator.terms import CAPABILITIES, GRADES, localized, term
 
 MODELS_WITH_PAGE = ("c320", "dzb100", "vc660", "df800")
-PROTOCOL_PAGES = Path(__file__).parents[1] / "protocols"
 
 
 @cache
@@ -59,15 +56,10 @@ def model_link(profile: DriveProfile, language: str, folder: str) -> str:
 
 
 def related_models(profile: DriveProfile, language: str) -> str:
-    """Return the table of the models on the page of a profile."""
-    same = (other for other in shipped() if _page(other) == profile.model)
+    """Return the table of a profile and of the models that share its maker's protocol; Modbus is no such protocol."""
+    is_shared = profile.family != "modbus"
+    same = (other for other in shipped() if other is profile or (is_shared and other.family == profile.family))
     return models_table(same, language, lambda one: f"`{one.model}`")
-
-
-def _page(profile: DriveProfile) -> str:
-    """Return the page of a model: its own, or that of the model that stands for its family."""
-    own = PROTOCOL_PAGES / f"{profile.model}.md"
-    return profile.model if own.is_file() else protocol_family(profile.family).scan_models[0]
 
 
 def _row(profile: DriveProfile, language: str, model: str) -> list[str]:
