@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.bus.messages import BusRequest
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
@@ -326,6 +327,7 @@ def test_a_running_drive_only_gets_its_new_frequency() -> None:
     outcome = start(bus, op, 12.0)
     assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, sunfar.SunfarOperation.SET_FREQUENCY, 1200)]
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.setpoint_acknowledged")
+    assert "reports no set frequency" in i18n.text(outcome.key, "en", **outcome.params)  # no failed read: it has none
 
 
 def test_an_unanswered_frequency_that_no_read_shows_is_unknown() -> None:
