@@ -392,7 +392,7 @@ def test_an_administrator_sees_and_revokes_the_tokens_of_all_users(tmp_path: Pat
 
 def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
-    no_user = {"setup": False, "user": None, "rights": [], "csrf": None}
+    no_user = {"setup": False, "users_missing": None, "user": None, "rights": [], "csrf": None}
 
     async def scenario() -> None:
         assert await done(harness.client(), "GET", "/session") == no_user
@@ -402,6 +402,7 @@ def test_the_session_answer_has_the_user_and_the_remaining_times(tmp_path: Path)
         (session,) = harness.auth.sessions.of_user("operator")
         assert found == {
             "setup": False,
+            "users_missing": None,
             "user": "operator",
             "rights": ["view", "stop", "operate"],
             "session": session.id,
