@@ -18,6 +18,7 @@ from drivebus.service.api.operations.operation import EmptyResponse
 from drivebus.service.auth.rights import Role
 from drivebus.simulator.motor import Trip
 from drivebus.types import Json
+from drivebus.values import Text
 from drivebus.web.operations import WEB_OPERATIONS
 from fixtures.running_service import RunningService, http_service, token
 from fixtures.service import SHOP_FILE
@@ -158,6 +159,7 @@ def test_a_running_service_answers_what_is_described_without_an_undeclared_field
     run_comm_loss_test(api)
     trip_and_read_alarms(api, plant)
     read_history(api)
+    fail_to_write_history(api, plant)
     use_groups(api)
     stop_everything(api)
     configure(api, plant, tmp_path)
@@ -260,6 +262,16 @@ def read_history(api: CheckedClient) -> None:
     for bus in api.call("buses.list")["buses"]:
         api.call("buses.get", bus=bus["id"])
         assert api.call("buses.frames", bus=bus["id"])["frames"]
+
+
+def fail_to_write_history(api: CheckedClient, plant: RunningService) -> None:
+    async def statistics() -> Json:
+        plant.kit.service.plant.historian.writer.problem = Text("full", "已满")
+        return await plant.kit.call("plant.statistics")
+
+    found = plant.run_in_loop(statistics)
+    assert found["history"]["problem"]
+    api.check(OPERATIONS["plant.statistics"], httpx.Response(200, json=found))
 
 
 def use_groups(api: CheckedClient) -> None:

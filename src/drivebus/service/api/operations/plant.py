@@ -33,7 +33,7 @@ class HistorianObject(ApiObject):
     """Whether the history is written, the problem if not, and the numbers of its samples; lost ones are gaps."""
 
     ok: bool
-    problem: str | None
+    problem: LocalizedText | None
     queued: int
     samples: int
     lost_samples: int
