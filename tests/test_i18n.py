@@ -116,6 +116,29 @@ def test_a_reason_of_the_operating_system_keeps_its_words_in_english_and_is_tran
     assert errors.SystemReason(TimeoutError()).text("zh") == "TimeoutError"
 
 
+def test_a_list_in_a_sentence_has_the_mark_of_the_language_between_its_items() -> None:
+    """Regression: names had ", " between them in a Chinese sentence, joined before its language was known."""
+    error = errors.NotFound("plant.no_drive", id="x", known=["fan-1", "fan-2"])
+    assert "fan-1, fan-2" in error.text("en")
+    assert "fan-1、fan-2" in error.text("zh")
+    names = (Text("supply", "送风"), Text("extract", "排风"))
+    assert i18n.text("plant.no_drive", "zh", id="x", known=names).count("送风、排风") == 1
+
+
+def joined_parameters() -> Iterator[str]:
+    """Yield each keyword argument that is a joined list, of a raised error, an issue or a note of a sentence."""
+    for file, node in constants():
+        if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            is_sentence = isinstance(node.args[0].value, str) and not any(one.arg is None for one in node.keywords)
+            for keyword in node.keywords if is_sentence else ():
+                if re.match(r"', '\.join\(", ast.unparse(keyword.value)):
+                    yield f"{file}:{node.lineno} {keyword.arg}"
+
+
+def test_no_list_of_a_sentence_is_joined_before_its_language_is_known() -> None:
+    assert list(joined_parameters()) == []
+
+
 def constants() -> Iterator[tuple[str, ast.AST]]:
     """Yield every node of the code with its file."""
     for path in sorted(SOURCE.rglob("*.py")):

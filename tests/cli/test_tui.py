@@ -222,6 +222,26 @@ async def test_the_newest_message_is_whole_however_long_it_is() -> None:
         assert lines[0] == "0:25  old news"
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+async def test_no_message_is_shown_without_its_beginning(language: str) -> None:
+    """Regression: the end of an older message stood above the newest ones, as if it were one itself."""
+    words = {"en": "the drive accepted the frequency and can't show it; ", "zh": "变频器已接受频率，无法读回；"}
+
+    class Talking(FakeRowSource):
+        def messages(self) -> list[str]:
+            return ["0:25  " + words[language] * 4, *[f"0:{second}  news" for second in range(26, 44)]]
+
+    screen = MonitorApp(Talking())
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.6)
+        area = screen.query_one("#messages")
+        height = area.size.height
+        screen._source.messages = lambda: Talking().messages()[:height]  # type: ignore[method-assign]
+        await pilot.pause(0.6)
+        lines = [line for y in range(height) if (line := area.render_line(y).text.strip())]
+        assert lines[-1].endswith("news") and all(line.startswith("0:") for line in lines)
+
+
 async def test_ctrl_c_ends_the_live_view_without_a_question() -> None:
     screen = MonitorApp(FakeRowSource())
     async with screen.run_test(size=(80, 24)) as pilot:

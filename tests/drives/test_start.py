@@ -289,7 +289,7 @@ def test_a_drive_that_ignores_the_bus_is_named_with_its_keypad_step() -> None:
     bus, op = c320(FakeC320(parameters={(0, 1): 0}))
     with pytest.raises(PreflightError) as caught:
         start(bus, op)
-    assert caught.value.params["parameters"] == "F0.1"
+    assert caught.value.params["parameters"] == ("F0.1",)
     unmet = {"notation": "F0.1", "found": 0, "keypad": bus.dialect.profile.preconditions[0].keypad}
     assert caught.value.params["steps"] == bilingual_text("drives.precondition_unmet", **unmet)
     assert str(caught.value) == (
@@ -629,7 +629,7 @@ def test_df800_reads_its_preflight_before_every_start() -> None:
     fake.registers[102] = 0
     with pytest.raises(PreflightError) as caught:
         start(bus, OperationContext(op.drive))
-    assert caught.value.params["parameters"] == "F1.02"
+    assert caught.value.params["parameters"] == ("F1.02",)
 
 
 def test_an_unanswered_start_of_df800_is_never_resent() -> None:

@@ -33,7 +33,7 @@ def no_ports(monkeypatch: pytest.MonkeyPatch, *existing: str) -> None:
 async def test_a_missing_port_names_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch, "/dev/ttyUSB1", "/dev/ttyACM0")
     error = await refused("/dev/ttyUSB9")
-    assert (error.key, error.params["existing"]) == ("ports.missing", "/dev/ttyUSB1, /dev/ttyACM0")
+    assert (error.key, error.params["existing"]) == ("ports.missing", ("/dev/ttyUSB1", "/dev/ttyACM0"))
     assert error.scope is ErrorScope.PORT
 
 

@@ -178,7 +178,7 @@ async def test_a_server_that_never_acknowledges_a_setting_does_not_delay_the_ope
         port = open_port(f"rfc2217://127.0.0.1:{number}?baud=9600")
         await port.open(FakeReceiver())
         assert [note.key for note in port_notes(port)] == ["ports.rfc2217-unacknowledged"]
-        assert port_notes(port)[0].params["names"] == "data bits, parity, stop bits"
+        assert port_notes(port)[0].params["names"] == ("data bits", "parity", "stop bits")
         assert "parity" in port_notes(port)[0].text()
         await port.close()
 

@@ -90,10 +90,10 @@ def test_a_consecutive_index_counts_the_groups_before_it() -> None:
 def test_a_consecutive_index_is_not_guessed_without_the_sizes() -> None:
     with pytest.raises(ProfileError) as caught:
         notation.parse_notation("F01.00", CONSECUTIVE)
-    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F00")
+    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", ("F00",))
     with pytest.raises(ProfileError) as caught:
         notation.parse_notation("F02.01", CONSECUTIVE, {"F00": 30, "F01": 12})
-    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", "F02")
+    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.unplaced", ("F02",))
 
 
 def test_an_item_beyond_its_group_is_no_item_of_the_next_group() -> None:

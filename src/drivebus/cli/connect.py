@@ -59,7 +59,7 @@ def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     from drivebus.errors import ConfigurationError
 
     if name not in profile.options:
-        known = ", ".join(sorted(profile.options)) or "–"
+        known = tuple(sorted(profile.options)) or "–"
         raise ConfigurationError("cli.option_unknown", model=profile.model, found=name, expected=known)
     question = profile.question(name)
     value = _convert_like(text, profile.options[name])

@@ -17,4 +17,4 @@ def require_extra(extra: str) -> None:
     if missing:
         from drivebus.errors import ConfigurationError
 
-        raise ConfigurationError(f"cli.extra.{extra}", missing=", ".join(missing))
+        raise ConfigurationError(f"cli.extra.{extra}", missing=tuple(missing))

@@ -107,7 +107,12 @@ def known(key: str) -> bool:
 
 
 def _localized(value: Any, language: str) -> Any:
-    """Return a value in one language: a ``Text`` of a profile, or the sentence of an error or an outcome."""
+    """Return a value in one language: a ``Text`` of a profile, the sentence of an error or an outcome, or a list.
+
+    The mark between the items of a list is that of the language.
+    """
+    if isinstance(value, list | tuple):
+        return join((str(_localized(one, language)) for one in value), "items", language)
     in_language = getattr(value, "in_language", None)
     if callable(in_language):
         return in_language(language)

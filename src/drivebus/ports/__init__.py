@@ -37,7 +37,7 @@ def open_port(
     parsed = parse_port_url(url, baud=baud, format=format, defaults=defaults, **options)
     found = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
     if not found:
-        known = ", ".join(sorted({entry.name for entry in entry_points(group="drivebus.ports")}))
+        known = tuple(sorted({entry.name for entry in entry_points(group="drivebus.ports")}))
         raise PortUrlError("ports.scheme", link=url, found=parsed.scheme, expected=known, examples=PORT_URL_EXAMPLES)
     port: Port = found[0].load()(parsed)
     return port

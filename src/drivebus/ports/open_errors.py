@@ -85,7 +85,7 @@ def _group_of(path: str) -> int:
 def _missing_error(path: str) -> PortUnavailable:
     existing = [port.url for port in discover_ports()]
     if existing:
-        return PortUnavailable("ports.missing", port=path, existing=", ".join(existing))
+        return PortUnavailable("ports.missing", port=path, existing=tuple(existing))
     return PortUnavailable("ports.missing-wsl" if _in_wsl() else "ports.missing-none", port=path)
 
 

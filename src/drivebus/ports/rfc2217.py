@@ -241,7 +241,7 @@ class Rfc2217Port:
                     expected=int.from_bytes(value),
                     found=int.from_bytes(found),
                 )
-        return (PortNote("ports.rfc2217-unacknowledged", {"names": ", ".join(missing)}),) if missing else ()
+        return (PortNote("ports.rfc2217-unacknowledged", {"names": tuple(missing)}),) if missing else ()
 
     async def _wait_until(self, done: Callable[[], bool]) -> None:
         """Wait until ``done`` or the timeout. Raises PortLost where the connection is lost."""

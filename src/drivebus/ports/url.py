@@ -63,7 +63,7 @@ class PortUrl:
         """Raise PortUrlError for an option that this scheme does not have."""
         for name in self.options:
             if name not in known:
-                expected = ", ".join(sorted({"baud", "format", *known}))
+                expected = tuple(sorted({"baud", "format", *known}))
                 raise PortUrlError(
                     "ports.option-unknown", link=self.text, scheme=self.scheme, found=name, expected=expected
                 )
@@ -73,7 +73,7 @@ class PortUrl:
         allowed = tuple(allowed)
         found = self.options.get(name, default).lower()
         if found not in allowed:
-            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=", ".join(allowed))
+            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=tuple(allowed))
         return found
 
     def echo(self) -> EchoSetting:

@@ -333,7 +333,7 @@ def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
         questions.append(_setpoint_question(m.POLE_PAIRS, (1, m.MAX_POLE_PAIRS), *texts))
     if _has_assumed_step(parsed):
         steps = [f"{step:g}" for step in m.USUAL_STEPS_HZ]
-        shown = {"step_hz": f"{parsed.setpoint.factor:g}", "steps_hz": ", ".join(steps)}
+        shown = {"step_hz": f"{parsed.setpoint.factor:g}", "steps_hz": tuple(steps)}
         text, reason, procedure = (bilingual_text(f"profiles.setpoint_step_{part}", **shown) for part in parts)
         questions.append(
             m.OpenQuestion(

@@ -12,7 +12,7 @@ from drivebus.errors import ProfileError
 from drivebus.profiles.check_access import block_registers, check_access, check_codes, command_places
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
-from drivebus.profiles.diagnostics import Issue, issue, join_values, nearest_names
+from drivebus.profiles.diagnostics import Issue, issue, listed_values, nearest_names
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, USUAL_STEPS_HZ, NotationRule
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import (
@@ -75,9 +75,9 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
         except ValueError:
             yield issue("serial_format", path, text)
     if serial.format not in serial.formats:
-        yield issue("not_in", ("serial", "format"), serial.format, choices=join_values(serial.formats))
+        yield issue("not_in", ("serial", "format"), serial.format, choices=listed_values(serial.formats))
     if serial.baud not in serial.bauds:
-        yield issue("not_in", ("serial", "baud"), serial.baud, choices=join_values(serial.bauds))
+        yield issue("not_in", ("serial", "baud"), serial.baud, choices=listed_values(serial.bauds))
     yield from _check_waits(profile)
 
 
@@ -129,9 +129,9 @@ def _check_family(profile: ProfileIn) -> Iterator[Issue]:
     family = protocol_family(profile.family)
     for encoding in profile.encodings:
         if encoding not in family.encodings:
-            yield issue("choice", ("encodings",), encoding, choices=join_values(family.encodings))
+            yield issue("choice", ("encodings",), encoding, choices=listed_values(family.encodings))
     if profile.notation.style not in family.notations:
-        choices = join_values(family.notations)
+        choices = listed_values(family.notations)
         yield issue("choice", ("notation", "style"), profile.notation.style, related=(("family",),), choices=choices)
 
 
@@ -190,7 +190,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the model has a function to write one register, and one to read."""
     functions = profile.modbus.functions if profile.modbus else []
     if profile.modbus is not None and not {6, 16} & set(functions):
-        yield issue("missing_key", ("modbus", "functions"), join_values(functions), name="6 / 16")
+        yield issue("missing_key", ("modbus", "functions"), ", ".join(map(str, functions)), name="6 / 16")
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
@@ -236,9 +236,9 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
         maximum = parameter.maximum_option
         numbers = [name for name, option in profile.options.items() if option.span]
         if maximum is not None and maximum not in numbers:
-            yield issue("choice", ("parameters", notation, "maximum_option"), maximum, choices=join_values(numbers))
+            yield issue("choice", ("parameters", notation, "maximum_option"), maximum, choices=listed_values(numbers))
         if parameter.caveat is not None and parameter.caveat not in profile.caveats:
-            known = join_values(profile.caveats)
+            known = listed_values(profile.caveats)
             yield issue("choice", ("parameters", notation, "caveat"), parameter.caveat, choices=known)
 
 
@@ -253,18 +253,20 @@ def _check_options(profile: ProfileIn) -> Iterator[Issue]:
     options = {name: option for name, option in profile.options.items() if _is_described(option)}
     for name, option in profile.options.items():
         if name not in options:
-            known = join_values(nearest_names(name, options) or options)
+            known = listed_values(nearest_names(name, options) or options)
             yield issue("unknown_key", ("options", name, "value"), name, known=known)
         elif not _is_allowed(option):
             span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
             yield issue(
-                "choice", ("options", name, "value"), option.value, choices=join_values([*option.choices, *span])
+                "choice", ("options", name, "value"), option.value, choices=listed_values([*option.choices, *span])
             )
     for option_name, variants in profile.commands.variants.items() if profile.commands else ():
         choices = [str(choice) for choice in options[option_name].choices] if option_name in options else []
         for value in variants:
             if value not in choices:
-                yield issue("choice", ("commands", "variants", option_name, value), value, choices=join_values(choices))
+                yield issue(
+                    "choice", ("commands", "variants", option_name, value), value, choices=listed_values(choices)
+                )
 
 
 def _is_described(option: OptionIn) -> bool:
@@ -295,7 +297,7 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
     """Check that command, setpoint and status registers differ and that the EEPROM bit is one bit."""
     bit = profile.write.eeprom_address_bit
     if bit is not None and bit.bit_count() != 1:
-        choices = ", ".join(f"0x{1 << place:04X}" for place in range(15, -1, -1))
+        choices = tuple(f"0x{1 << place:04X}" for place in range(15, -1, -1))
         yield issue("choice", ("write", "eeprom_address_bit"), f"{bit:04X}H", choices=choices)
     if profile.commands is None:
         return
@@ -318,7 +320,7 @@ def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the register of the identity is that of a signal: its polls then show the model."""
     registers = {_register_of(profile, one.notation, one) for one in profile.signals.values()} - {None}
     if profile.identity is not None and profile.identity.register_ not in registers:
-        choices = join_values(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
+        choices = listed_values(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
         yield issue("choice", ("identity", "register"), f"{profile.identity.register_:04X}H", choices=choices)
     yield from check_codes(profile)
 
@@ -398,7 +400,7 @@ def _check_references(profile: ProfileIn) -> Iterator[Issue]:
     named |= {(("ramp",), n) for n in profile.ramp or ()}
     for path, notation in sorted(named):
         if notation not in profile.parameters:
-            near = ", ".join(nearest_names(notation, profile.parameters)) or "-"
+            near = tuple(nearest_names(notation, profile.parameters)) or "-"
             yield issue("unlisted", path, notation, near=near)
 
 
@@ -409,7 +411,7 @@ def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
     steps = setpoint.factor in USUAL_STEPS_HZ and setpoint.full_scale is None and setpoint.rpm is None
     if setpoint.is_assumed and not steps:
         shown = setpoint.full_scale or setpoint.rpm or setpoint.factor
-        usual = join_values(f"{step:g}" for step in USUAL_STEPS_HZ)
+        usual = listed_values(f"{step:g}" for step in USUAL_STEPS_HZ)
         related = tuple(("setpoint", name) for name in ("full_scale", "rpm", "factor"))
         yield issue("setpoint_evidence", ("setpoint", "evidence"), shown, related=related, usual=usual)
     if setpoint.rpm is not None and not protocol_family(profile.family).register_based:

@@ -121,7 +121,7 @@ def _check_sync_block(rule: ModbusIn, block: list[int]) -> Iterator[Issue]:
     if READ_FUNCTIONS["input"] not in rule.functions:
         yield _needs_function(at, "input")
     if block not in rule.blocks:
-        choices = ", ".join(map(str, rule.blocks)) or "-"
+        choices = tuple(map(str, rule.blocks)) or "-"
         yield issue("choice", at, block, related=(("modbus", "blocks"),), choices=choices)
     if rule.loopback or rule.rejected_read is not None:
         yield issue("no_effect_beside", at, block, other="loopback" if rule.loopback else "rejected_read")

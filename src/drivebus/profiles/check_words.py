@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
-from drivebus.profiles.diagnostics import Issue, KeyPath, issue, join_values
+from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.profiles.schema import BitIn, CommandsIn, ProfileIn
 
@@ -23,9 +23,8 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
     for section in ("commands", "status"):
         table = getattr(profile, section)
         if table is not None and bool(table.bits) is bool(table.values):
-            yield issue(
-                "bits_or_values", (section,), join_values(kind for kind in ("bits", "values") if getattr(table, kind))
-            )
+            present = [kind for kind in ("bits", "values") if getattr(table, kind)]
+            yield issue("bits_or_values", (section,), ", ".join(present) or "-")
     yield from _check_masks(profile)
     yield from _check_whole_words(profile)
     yield from _check_command_values(profile)

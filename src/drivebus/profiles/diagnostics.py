@@ -115,9 +115,9 @@ def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DE
     )
 
 
-def join_values(values: Iterable[object]) -> str:
-    """Return values as one text, as a diagnostic names what was found or what may be chosen."""
-    return ", ".join(map(str, values)) or "-"
+def listed_values(values: Iterable[object]) -> tuple[str, ...]:
+    """Return values as the parameter of a diagnostic that names what may be chosen; a dash without one."""
+    return tuple(map(str, values)) or ("-",)
 
 
 def _text_key(catalogue: str, part: str, kind: str) -> str:
@@ -207,13 +207,13 @@ def issues_from_pydantic(error: ValidationError, root: type[BaseModel]) -> list[
 def _to_issue(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) -> Issue:
     kind, value, ctx = fault["type"], fault["input"], fault.get("ctx", {})
     if kind == "extra_forbidden":
-        return issue("unknown_key", path, path[-1], known=", ".join(_known_keys(path, root)))
+        return issue("unknown_key", path, path[-1], known=tuple(_known_keys(path, root)))
     if kind == "missing":
         return issue("missing_key", path, "-", name=path[-1])
     if kind == "literal_error":
         if path[0] == "commands" and "toggle" in str(value):
             return issue("toggle", path, value)
-        return issue("choice", path, value, choices=ctx["expected"].replace(" or ", ", "))
+        return issue("choice", path, value, choices=tuple(ctx["expected"].replace(" or ", ", ").split(", ")))
     if kind in _RANGE_OPERATORS:
         bound = next(iter(ctx.values()))
         return issue("range", path, value, bound=f"{_RANGE_OPERATORS[kind]} {bound}")

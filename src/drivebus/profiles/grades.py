@@ -38,10 +38,10 @@ def lacks(profile: DriveProfile) -> list[Lack]:
     if profile.grade == "simulated":
         found.append(Lack("hardware"))
     if assumed and profile.grade != "verified":
-        found.append(Lack("assumed", {"count": len(assumed), "names": ", ".join(assumed)}))
+        found.append(Lack("assumed", {"count": len(assumed), "names": tuple(assumed)}))
     questions = [question.name for question in profile.open_questions]
     if questions and profile.grade != "verified":
-        found.append(Lack("questions", {"count": len(questions), "names": ", ".join(questions)}))
+        found.append(Lack("questions", {"count": len(questions), "names": tuple(questions)}))
     return found
 
 

@@ -154,7 +154,7 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
         raise _single_error(own, issue("shadows", (), name))
     found = shipped or own
     if found is None:
-        raise _single_error(Path(name), issue("no_model", (), name, near=", ".join(similar_models(name)) or "-"))
+        raise _single_error(Path(name), issue("no_model", (), name, near=tuple(similar_models(name)) or "-"))
     return found
 
 
@@ -190,7 +190,7 @@ def _base_path(here: _TomlSource, base: str) -> Path:
     except ProfileError as error:
         if error.params["file"] == str(here.path):
             raise
-        near = ", ".join(similar_models(base)) or "-"
+        near = tuple(similar_models(base)) or "-"
         raise _located_error([here], [issue("no_base", ("extends",), base, near=near)]) from None
 
 

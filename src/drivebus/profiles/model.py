@@ -412,11 +412,11 @@ class OpenQuestion:
         return spanned or any(type(value) is type(choice) and value == choice for choice in self.choices)
 
     @property
-    def expected(self) -> str:
+    def expected(self) -> tuple[str, ...]:
         """The values that the option may have, or their type."""
         span = [f"{self.span[0]} … {self.span[1]}"] if self.span else []
         shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in self.choices]
-        return ", ".join([*shown, *span]) or type(self.value).__name__
+        return (*shown, *span) or (type(self.value).__name__,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,7 +135,7 @@ def _unknown_name_error(profile: DriveProfile, name: str) -> ProfileError:
     if not near:
         return ProfileError("profiles.unknown_name", name=name, model=profile.model, examples=examples)
     return ProfileError(
-        "profiles.unknown_name_near", name=name, model=profile.model, examples=examples, near=", ".join(near)
+        "profiles.unknown_name_near", name=name, model=profile.model, examples=examples, near=tuple(near)
     )
 
 

@@ -113,7 +113,7 @@ def protocol_family(name: str) -> ProtocolFamily:
     for point in _entry_points():
         if point.name == name:
             return _load(point)
-    raise ConfigurationError("families.unknown", found=name, expected=", ".join(f.name for f in protocol_families()))
+    raise ConfigurationError("families.unknown", found=name, expected=tuple(f.name for f in protocol_families()))
 
 
 def protocol_families() -> tuple[ProtocolFamily, ...]:

@@ -72,7 +72,7 @@ def _apply_word(quality: LineQuality, word: str) -> LineQuality:
             return replace(quality, **{"per_byte" if name == "bytes" else "echo": True})
         return replace(quality, **_parse_pairs(NAMED_QUALITIES[name]))
     if not separator or name not in (*_PROBABILITY_KEYS, "late", "batch"):
-        expected = ", ".join((*NAMED_QUALITIES, *(f"{key}=" for key in (*_PROBABILITY_KEYS, "late", "batch"))))
+        expected = (*NAMED_QUALITIES, *(f"{key}=" for key in (*_PROBABILITY_KEYS, "late", "batch")))
         raise ConfigurationError("sim.line_quality_word", found=word, expected=expected)
     return replace(quality, **_parse_pairs(word))
 

@@ -95,7 +95,7 @@ def open_port(url: Any) -> SimPort:
     purpose), and the options of the models (``direction_field``, …).
     """
     if not url.path:
-        raise PortUrlError("sim.empty", link=url.text, models=", ".join(simulated_models()))
+        raise PortUrlError("sim.empty", link=url.text, models=tuple(simulated_models()))
     url.reject_unknown_options(
         "seed", "line_quality", "name", "echo", "load", "ramp", "drives", *station_option_names()
     )

@@ -97,7 +97,7 @@ def error_headers(error: DrivebusError) -> dict[str, str]:
     """Return ``Allow`` (RFC 9110, 15.5.6) and ``Retry-After`` in whole seconds, where the error has them."""
     found = {}
     if "allowed" in error.params:
-        found["Allow"] = str(error.params["allowed"])
+        found["Allow"] = ", ".join(error.params["allowed"])
     if error.params.get("retry_s") is not None:
         found["Retry-After"] = str(int(error.params["retry_s"]) + 1)
     return found

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import pytest
+
 from drivebus import i18n
 from fixtures.browser import Stage
 
@@ -25,6 +27,24 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     page.click("[data-do=selection]")
     page.locator("dialog .notice li").wait_for()
     assert [id for id in every if stage.view(id)["start_inhibited"]] == every[:1]
+
+
+@pytest.mark.parametrize("size", [(640, 450), (740, 360)], ids=["zoomed", "phone on its side"])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_on_a_low_screen_the_reason_of_a_waiver_is_seen_above_the_buttons(
+    stage: Stage, visit: Any, language: str, size: tuple[int, int]
+) -> None:
+    """Regression: the field was behind the buttons, and the button that waits for it looked broken."""
+    page = visit("#/fleet?group=air", language=language, size=size)
+    page.locator(".grouppanel summary").first.click()
+    page.click("main [data-select='/waivers']")
+    names, reason, act, box = (
+        page.locator(one).bounding_box()
+        for one in (".dialog .choices", ".dialog form input:not([type=checkbox])", "[data-do=selection]", ".dialog")
+    )
+    assert box["y"] >= 0 and names["y"] + names["height"] <= reason["y"]
+    assert reason["y"] + reason["height"] <= act["y"]
+    assert act["y"] + act["height"] <= page.locator(".stopbar").bounding_box()["y"]
 
 
 def test_the_same_user_in_a_second_window_is_named_as_you(stage: Stage, visit: Any) -> None:

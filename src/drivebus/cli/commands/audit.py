@@ -99,7 +99,7 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
         plants = state_directory("x").parent
         found = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
         if len(found) != 1:
-            raise ConfigurationError("audit.command.which", plants=", ".join(one.name for one in found) or "-")
+            raise ConfigurationError("audit.command.which", plants=tuple(one.name for one in found) or "-")
         return found[0], AuditConfig()
     if Path(plant).suffix != ".toml":
         return Path(plant), AuditConfig()

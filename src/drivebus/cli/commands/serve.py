@@ -27,7 +27,7 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     config = load(plant)
     for name in without:
         if name not in installed_gateways():
-            raise ConfigurationError("gateways.unknown", found=name, expected=", ".join(installed_gateways()))
+            raise ConfigurationError("gateways.unknown", found=name, expected=tuple(installed_gateways()))
     for gateway in config.gateways:
         if gateway.extra is not None and gateway.enabled and gateway.id not in without:
             require_extra(gateway.extra)

@@ -98,12 +98,17 @@ class MonitorApp(App[int]):
         self._messages.update("\n".join(self._message_lines()))
 
     def _message_lines(self) -> list[str]:
-        """Return the last lines of the messages that fit; a long message is continued on the next line."""
+        """Return the lines of the last whole messages that fit; a long message is continued on the next line."""
         cells = max(1, self._messages.content_size.width - MESSAGE_INDENT)
         height = max(1, self._messages.content_size.height)
-        parts = (output.wrap(message, cells) for message in self._source.messages()[-height:])
-        blank = " " * MESSAGE_INDENT
-        return [blank * (number > 0) + line for message in parts for number, line in enumerate(message)][-height:]
+        shown: list[str] = []
+        for message in reversed(self._source.messages()[-height:]):
+            first, *rest = output.wrap(message, cells) or [""]
+            lines = [first, *(" " * MESSAGE_INDENT + line for line in rest)]
+            if shown and len(shown) + len(lines) > height:
+                break
+            shown = lines + shown
+        return shown[-height:]
 
     def _selected(self) -> str | None:
         rows = self._source.drives()

@@ -76,7 +76,7 @@ def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> 
         default = next((each for each in profile.encodings if each in known), known[0])
         return family.first_bytes.get(data[0], default) if data else default
     if wanted not in known:
-        raise ConfigurationError("explain.encoding", model=profile.model, found=wanted, expected=", ".join(known))
+        raise ConfigurationError("explain.encoding", model=profile.model, found=wanted, expected=tuple(known))
     return wanted
 
 

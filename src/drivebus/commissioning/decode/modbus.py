@@ -113,9 +113,7 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
     notes, rule = _access_errata(profile, fields), profile.modbus
     function, count = fields.get("function"), fields.get("count", 1)
     if rule and function is not None and function not in rule.functions:
-        notes.append(
-            note("explain.function", model=profile.model, found=function, expected=_join_numbers(rule.functions))
-        )
+        notes.append(note("explain.function", model=profile.model, found=function, expected=rule.functions))
     if rule and function in (3, 4) and count > rule.max_read and count != rule.rejected_read:
         notes.append(note("explain.too_many", model=profile.model, found=count, expected=rule.max_read))
     if "register" in fields:
@@ -124,7 +122,7 @@ def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note
         span = range(register, register + min(count, 8)) if function in (3, 4) else (register,)
         unknown = [each for each in span if not _is_known_register(profile, space, each)]
         if unknown:
-            shown = ", ".join(f"{each:04X}H" for each in unknown)
+            shown = tuple(f"{each:04X}H" for each in unknown)
             notes.append(note("explain.no_table", model=profile.model, registers=shown))
     return notes
 
@@ -155,10 +153,6 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
         if hz > limit and profile.evidence["limits"].kind == "manual":
             notes.append(note("explain.setpoint_range", frequency_hz=hz, limit_hz=limit))
     return notes
-
-
-def _join_numbers(numbers: tuple[int, ...]) -> str:
-    return ", ".join(map(str, numbers))
 
 
 def _value_rows(profile: DriveProfile, read: Span, values: Sequence[int]) -> FieldDict:

@@ -31,11 +31,10 @@ def create_dialect(
         raise ConfigurationError(key, model=profile.model, found=address, expected=f"{low}-{high}")
     chosen = encoding or profile.encodings[0]
     if chosen not in profile.encodings:
-        known = ", ".join(profile.encodings)
-        raise ConfigurationError("drives.encoding", model=profile.model, found=chosen, expected=known)
+        raise ConfigurationError("drives.encoding", model=profile.model, found=chosen, expected=profile.encodings)
     unknown = [name for name in options or {} if name not in profile.options]
     if unknown:
-        known = ", ".join(profile.options) or "-"
+        known = tuple(profile.options) or "-"
         raise ConfigurationError("drives.option", model=profile.model, found=unknown[0], expected=known)
     for name, value in (options or {}).items():
         question = profile.question(name)

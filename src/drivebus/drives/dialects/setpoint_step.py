@@ -50,7 +50,7 @@ def check_setpoint_step(profile: DriveProfile, options: Mapping[str, Any], frequ
             "drives.step_cap",
             model=profile.model,
             frequency_hz=frequency_hz,
-            steps_hz=", ".join(f"{step:g}" for step in steps_hz),
+            steps_hz=tuple(f"{step:g}" for step in steps_hz),
             limit_hz=UNCALIBRATED_CAP_HZ,
             cap_hz=profile.setpoint_scale.value(cap),
         )

@@ -65,7 +65,7 @@ def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWri
         nearest_shown = display_value(parameter, nearest, nearest)
         raise LimitError("drives.parameter_step", notation=parameter.notation, value=shown, nearest=nearest_shown)
     if parameter.choices_complete and not _is_described(parameter, raw):
-        known = ", ".join(str(choice) for choice in parameter.choices)
+        known = tuple(str(choice) for choice in parameter.choices)
         raise LimitError("drives.parameter_choice", notation=parameter.notation, value=shown, choices=known)
     return _check_address(dialect.profile, ParameterWrite(parameter, shown, raw))
 

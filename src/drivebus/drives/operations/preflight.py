@@ -69,7 +69,7 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
             "drives.preflight_refused" if refused else "drives.preflight",
             model=op.dialect.profile.model,
             station=op.dialect.address,
-            parameters=", ".join(precondition.notation for precondition in found.unmet),
+            parameters=tuple(precondition.notation for precondition in found.unmet),
             steps=keypad_steps(found.unmet),
         )
     return found

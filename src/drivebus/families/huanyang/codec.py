@@ -208,7 +208,7 @@ def _frame_size(data: bytes, lengths: dict[int, tuple[int, ...]]) -> int:
     if data[1] & REJECTED and lengths is REQUEST_LENGTHS:
         raise CodeError("huanyang.function", expected="01-05", found=data[1])
     if data[2] not in allowed:
-        raise LengthError("huanyang.length", expected=", ".join(map(str, allowed)), found=data[2])
+        raise LengthError("huanyang.length", expected=tuple(map(str, allowed)), found=data[2])
     return HEAD_SIZE + data[2] + CRC_SIZE
 
 

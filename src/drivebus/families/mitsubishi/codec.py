@@ -174,5 +174,5 @@ def _check_sum(body: bytes, digits: bytes) -> None:
         raise ChecksumError("protocols.checksum", expected=computed, found=received)
 
 
-def _known_codes() -> str:
-    return ", ".join(f"{code:02X}" for code in sorted({*READ_DIGITS, *WRITE_DIGITS}))
+def _known_codes() -> tuple[str, ...]:
+    return tuple(f"{code:02X}" for code in sorted({*READ_DIGITS, *WRITE_DIGITS}))

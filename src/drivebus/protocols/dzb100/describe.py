@@ -242,7 +242,7 @@ def _control_hazards(request: Dzb100Control, options: Dzb100DecodeOptions) -> tu
         for value in _frequency_fields(request.data, coding).values()
     )
     coding = bilingual(coding_key(options.setpoint_coding))
-    return (note("protocols.dzb100.hazard.tenfold", frequency_hz=hz, coding=coding, readings=", ".join(others)),)
+    return (note("protocols.dzb100.hazard.tenfold", frequency_hz=hz, coding=coding, readings=tuple(others)),)
 
 
 def coding_key(coding: str) -> str:

@@ -73,7 +73,7 @@ def _consecutive_index(group: int, item: int, sizes: Mapping[str, int]) -> int:
         lacking.append(group)
     name = f"F{group:02d}.{item:02d}"
     if lacking:
-        groups = ", ".join(f"F{each:02d}" for each in lacking)
+        groups = tuple(f"F{each:02d}" for each in lacking)
         raise ProfileError("profiles.unplaced", notation=name, groups=groups)
     if item >= known.get(group, 1):
         raise ProfileError("profiles.beyond_group", notation=name, group=f"F{group:02d}", size=known[group])

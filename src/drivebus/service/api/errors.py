@@ -128,7 +128,7 @@ def _translate(found: Mapping[str, Any], path: str) -> Json:
     context = found.get("ctx", {})
     bounds = {name: f"{context[name]:.15g}" for name in ("ge", "le") if name in context}
     others = {name: context[name] for name in ("min_length", "max_length", "pattern") if name in context}
-    choices = str(context.get("expected", "")).replace(" or ", ", ")
+    choices = str(context.get("expected", "")).replace(" or ", ", ").split(", ")
     key = FAULT_MESSAGES.get(found["type"], "other")
     return param_fault(path, repr(found.get("input")), key, choices=choices, **bounds, **others)
 

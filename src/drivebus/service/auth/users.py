@@ -128,7 +128,7 @@ class UserDatabase:
             raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
-            raise InvalidInput("auth.beyond_role", rights=", ".join(sorted(beyond)))
+            raise InvalidInput("auth.beyond_role", rights=tuple(sorted(beyond)))
         return replace(self, tokens=(*self.tokens, token))
 
     def without_token(self, id: str) -> UserDatabase:

@@ -113,7 +113,7 @@ def drive_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
 def suggestions(name: str, known: list[str]) -> dict[str, Any]:
     """Return the parameters of an issue about an unknown name: known names and similar ones."""
     close = nearest_names(name, known) or get_close_matches(name, known, 1, 0.0)
-    return {"known": ", ".join(known) or "-", "near": ", ".join(close) or "-"}
+    return {"known": tuple(known) or "-", "near": tuple(close) or "-"}
 
 
 def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
@@ -157,7 +157,7 @@ def _check_address(id: str, drive: DriveTable, profile: DriveProfile) -> Iterato
 
 def _check_encoding(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
     if drive.encoding is not None and drive.encoding not in profile.encodings:
-        yield issue("choice", ("drive", id, "encoding"), drive.encoding, choices=", ".join(profile.encodings))
+        yield issue("choice", ("drive", id, "encoding"), drive.encoding, choices=tuple(profile.encodings))
 
 
 def _check_options(id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
@@ -248,7 +248,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
         else:
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
-                values = ", ".join(str(one) for one in sorted(factory))
+                values = tuple(str(one) for one in sorted(factory))
                 yield issue("serial_unclear", path, "-", name=name, values=values)
 
 
@@ -264,7 +264,7 @@ def _check_offered(
     for id, _ in drives:
         offered = _offered(parsed.profiles[id], name)
         if value not in offered:
-            choices = ", ".join(str(one) for one in offered)
+            choices = tuple(str(one) for one in offered)
             yield issue("serial_not_offered", path, value, drive=id, model=parsed.profiles[id].model, choices=choices)
             return
 

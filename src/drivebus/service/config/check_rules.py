@@ -53,12 +53,12 @@ def check_drive_names(parsed: ParsedPlant, drives: Sequence[str], path: KeyPath)
 def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
     path = ("group", id)
     if group.leader is not None and group.leader not in group.drives:
-        yield issue("not_in_group", (*path, "leader"), group.leader, drives=", ".join(group.drives))
+        yield issue("not_in_group", (*path, "leader"), group.leader, drives=tuple(group.drives))
     if group.ratios and group.leader is None:
         yield issue("no_leader", (*path, "ratios"), ", ".join(group.ratios))
     for drive in group.ratios:
         if drive not in group.drives:
-            yield issue("not_in_group", (*path, "ratios", drive), drive, drives=", ".join(group.drives))
+            yield issue("not_in_group", (*path, "ratios", drive), drive, drives=tuple(group.drives))
         elif drive == group.leader:
             yield issue("ratio_of_leader", (*path, "ratios", drive), drive)
 
@@ -110,14 +110,12 @@ def _check_sides(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> 
         return
     for word in (side for side in (left, right) if isinstance(side, StateLiteral)):
         if word.text not in STATE_WORDS:
-            close = ", ".join(get_close_matches(word.text, STATE_WORDS, 3, 0.5) or STATE_WORDS)
-            yield issue(
-                "expression_state", path, word.text, column=word.column, known=", ".join(STATE_WORDS), near=close
-            )
+            close = tuple(get_close_matches(word.text, STATE_WORDS, 3, 0.5) or STATE_WORDS)
+            yield issue("expression_state", path, word.text, column=word.column, known=tuple(STATE_WORDS), near=close)
     if any(_is_state(side) for side in (left, right)) and comparison.operator not in ("==", "!="):
         yield issue("expression_order", path, str(comparison), column=left.column)
     for number in (side for side in (left, right) if isinstance(side, Quantity) and side.unit not in UNIT_MEASURES):
-        units = ", ".join(unit for unit in UNIT_MEASURES if unit)
+        units = tuple(unit for unit in UNIT_MEASURES if unit)
         yield issue("expression_unit", path, number.unit, column=number.column, units=units)
     yield from _check_units(parsed, comparison, path)
 
@@ -235,7 +233,7 @@ def _check_alarm_signal(parsed: ParsedPlant, alarm: AlarmTable, name: str, path:
             signals[drive] = parsed.profiles[drive].signals[name]
     units = {signal.unit: drive for drive, signal in signals.items()}
     if alarm.kind in _THRESHOLD_KINDS and len(units) > 1:
-        shown = ", ".join(f"{drive}: {unit or '-'}" for unit, drive in units.items())
+        shown = tuple(f"{drive}: {unit or '-'}" for unit, drive in units.items())
         yield issue("alarm_units", (*path, "signal"), name, units=shown)
     elif alarm.threshold is not None:
         yield from _check_threshold(alarm, alarm.threshold, signals, path)

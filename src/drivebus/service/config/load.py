@@ -116,7 +116,7 @@ def _database_warnings(url: str | None) -> Iterator[Issue]:
     """Yield a database elsewhere whose certificate the URL leaves unverified."""
     mode = None if url is None else unverified_sslmode(url)
     if url is not None and mode is not None:
-        yield issue("unverified_database", ("history", "url"), f"sslmode={mode}", host=", ".join(remote_hosts(url)))
+        yield issue("unverified_database", ("history", "url"), f"sslmode={mode}", host=tuple(remote_hosts(url)))
 
 
 def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:
@@ -148,7 +148,7 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
 def _name_gateways(one: Issue) -> Issue:
     """Return the issue of an unknown table ``[gateway.<name>]`` with the installed gateways, any other as it is."""
     if one.kind == "unknown_key" and one.path[0] == "gateway" and len(one.path) == 2:
-        return issue("unknown_gateway", one.path, one.found, known=", ".join(installed_gateways()))
+        return issue("unknown_gateway", one.path, one.found, known=tuple(installed_gateways()))
     return one
 
 

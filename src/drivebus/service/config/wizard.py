@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
@@ -184,7 +184,7 @@ def _bus_lines(index: int, bus: BusAnswer, language: str) -> Iterator[str]:
 
 def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
     yield from (f"[drive.{id}]", f'bus = "{bus}"', f"address = {drive.address}")
-    comment = trailing_comment("sisters", language, models=", ".join(drive.others)) if drive.others else ""
+    comment = trailing_comment("sisters", language, models=drive.others) if drive.others else ""
     comment = trailing_comment("doubtful", language) if drive.is_doubtful and not drive.others else comment
     yield f"model = {toml_string(drive.model)}{comment}"
     profile = profiles.load(drive.model)
@@ -201,9 +201,8 @@ def _drive_lines(id: str, bus: str, drive: DriveAnswer, language: str) -> Iterat
 
 def _undecided_lines(bus: str, drive: DriveAnswer, language: str) -> Iterator[str]:
     """Yield the table of a drive commented out: the model in it is no model until the user writes one."""
-    models = ", ".join(drive.candidates)
     reason = "undecided" if len(drive.candidates) > 1 else "unlike"
-    yield from comment_lines(reason, language, address=str(drive.address), models=models)
+    yield from comment_lines(reason, language, address=str(drive.address), models=drive.candidates)
     yield from (f"# [drive.{bus}-{drive.address}]", f'# bus = "{bus}"', f"# address = {drive.address}", '# model = "?"')
     if drive.encoding is not None:
         yield f"# encoding = {toml_string(drive.encoding)}"
@@ -245,11 +244,11 @@ class _Examples:
         yield from ("", *comment_lines("history", language), "", *comment_lines("web", language))
 
 
-def comment_lines(name: str, language: str, **params: str) -> list[str]:
+def comment_lines(name: str, language: str, **params: Any) -> list[str]:
     """Return a message of the catalogue as comment lines."""
     text = i18n.text(f"plant_init.file_{name}", language, **params)
     return [f"# {line}".rstrip() for line in text.split("\n")]
 
 
-def trailing_comment(name: str, language: str, **params: str) -> str:
+def trailing_comment(name: str, language: str, **params: Any) -> str:
     return "   # " + i18n.text(f"plant_init.file_{name}", language, **params)

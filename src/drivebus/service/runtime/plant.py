@@ -375,5 +375,5 @@ MAX_NAMES_IN_ERROR = 20  # a plant may have hundreds of drives
 def _lookup(known: dict[str, T], what: str, id: str) -> T:
     if id not in known:
         shown = [*list(known)[:MAX_NAMES_IN_ERROR], *(["…"] if len(known) > MAX_NAMES_IN_ERROR else [])]
-        raise NotFound(f"plant.no_{what}", id=id, known=", ".join(shown) or "-")
+        raise NotFound(f"plant.no_{what}", id=id, known=tuple(shown) or "-")
     return known[id]

@@ -36,19 +36,18 @@ def make_station(
     models = simulated_models()
     chosen = models.get(model) or _simulated_from_profile(model)
     if chosen is None:
-        raise ConfigurationError("sim.model", found=model, near=", ".join(_similar_models(model) or list(models)[:4]))
+        raise ConfigurationError("sim.model", found=model, near=tuple(_similar_models(model) or list(models)[:4]))
     addresses = chosen.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
         raise ConfigurationError("sim.address", model=model, found=address, expected=expected)
     if load not in LOADS:
-        raise ConfigurationError("sim.setting", name="load", found=load, expected=", ".join(LOADS))
+        raise ConfigurationError("sim.setting", name="load", found=load, expected=tuple(LOADS))
     arguments = dict(chosen.fixed)
     for name, value in (options or {}).items():
         if name in chosen.options:
             if value not in chosen.options[name]:
-                expected = ", ".join(chosen.options[name])
-                raise ConfigurationError("sim.setting", name=name, found=value, expected=expected)
+                raise ConfigurationError("sim.setting", name=name, found=value, expected=tuple(chosen.options[name]))
             arguments[name] = value
     return chosen.station(address, motor=Motor(load=LOADS[load]()), **arguments)
 

@@ -90,7 +90,7 @@ class AuthMiddleware:
         found = next((route for route in routes if route.method == _method(scope)), None)
         if found is None:
             allowed = {route.method for route in routes} | {"HEAD" for route in routes if route.method == "GET"}
-            raise MethodNotAllowed("auth.no_such_method", allowed=", ".join(sorted(allowed)))
+            raise MethodNotAllowed("auth.no_such_method", allowed=tuple(sorted(allowed)))
         return found
 
     def _authenticate(self, route: Route, headers: Headers, scope: Scope) -> Credential | None:

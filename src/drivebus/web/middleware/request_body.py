@@ -39,7 +39,7 @@ async def read_body(receive: Receive, headers: Headers, max_bytes: int = MAX_BOD
         return parse_json(body)
     except MalformedJson as error:
         if error.duplicates:
-            raise MalformedBody("auth.twice", names=", ".join(error.duplicates)) from None
+            raise MalformedBody("auth.twice", names=tuple(error.duplicates)) from None
         raise MalformedBody("auth.malformed", problem=error.problem) from None
 
 

@@ -97,7 +97,7 @@ async def add_token(request: Request, params: NewTokenParams) -> Json:
     """Create a token with at most the present rights of its user; the secret is shown this once."""
     context, actor = context_of(request), actor_of(request)
     if beyond := set(params.rights) - actor.rights:
-        raise AccessDenied("auth.beyond_own", rights=", ".join(sorted(beyond)))
+        raise AccessDenied("auth.beyond_own", rights=tuple(sorted(beyond)))
     secret, token = new_token(
         name=params.name,
         user=_user_name(request),
