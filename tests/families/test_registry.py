@@ -31,7 +31,7 @@ def test_an_unknown_family_is_reported_with_the_known_ones() -> None:
     with pytest.raises(ConfigurationError) as found:
         protocol_family("acme")
     assert found.value.key == "families.unknown"
-    assert found.value.params == {"found": "acme", "expected": ", ".join(BUILT_IN_NAMES)}
+    assert found.value.params == {"found": "acme", "expected": tuple(BUILT_IN_NAMES)}
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_a_run_above_the_mains_frequency_names_every_coding() -> None:
     found = described(DZB100["dzb100-1-request"])
     key, params = found.hazards[0]
     assert key == "protocols.dzb100.hazard.tenfold"
-    assert params["readings"] == "100 (hex-0.1), 10 (hex-0.01), 1000 (hex-1)"
+    assert params["readings"] == ("100 (hex-0.1)", "10 (hex-0.01)", "1000 (hex-1)")
     assert (
         described(DZB100["dzb100-1-request"], options=dzb100.Dzb100DecodeOptions("hex-0.01")).fields["frequency_hz"]
         == 10.0

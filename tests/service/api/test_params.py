@@ -106,7 +106,7 @@ def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
             {"drive": "fan-1", "frequency_hz": 1.0, "direction": "up"},
             "direction",
             "expected one of 'forward', 'reverse'",
-            "应为以下之一：'forward', 'reverse'",
+            "应为以下之一：'forward'、'reverse'",
         ),
     ],
 )

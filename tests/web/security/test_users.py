@@ -368,7 +368,7 @@ def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path
             assert (await client.post("/api/v1/tokens", json=body | {"days": days})).status_code == 422
         answer = await client.post("/api/v1/tokens", json=body | {"rights": ["view", "write_parameters", "audit"]})
         assert answer.json()["error"]["code"] == "auth.beyond_own"
-        assert answer.json()["error"]["params"] == {"rights": "audit, write_parameters"}
+        assert answer.json()["error"]["params"] == {"rights": ["audit", "write_parameters"]}
 
     run(scenario())
 
