@@ -140,7 +140,7 @@ def test_a_token_cannot_have_more_rights_than_its_user() -> None:
     database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     with pytest.raises(InvalidInput) as rejected:
         database.with_token(replace(TOKEN, user="vera", rights=(Right.VIEW, Right.STOP, Right.OPERATE)))
-    assert (rejected.value.key, rejected.value.params) == ("auth.beyond_role", {"rights": "operate, stop"})
+    assert (rejected.value.key, rejected.value.params) == ("auth.beyond_role", {"rights": ("operate", "stop")})
     with pytest.raises(InvalidInput):
         database.with_token(replace(TOKEN, rights=()))
     with pytest.raises(ResourceNotFound):
