@@ -88,7 +88,7 @@ def test_a_command_without_its_server_packages_fails_before_it_starts_anything(
 
 
 @pytest.mark.parametrize(
-    ("language", "expected"), [("en", "not installed: click, rich."), ("zh", "未安装：click, rich。")]
+    ("language", "expected"), [("en", "not installed: click, rich."), ("zh", "未安装：click、rich。")]
 )
 def test_the_base_installation_has_the_library_and_the_command_names_its_extra(language: str, expected: str) -> None:
     """``pip install .`` installs neither click nor rich."""
