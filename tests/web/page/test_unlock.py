@@ -37,6 +37,24 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.wait_for_selector(".lease.own")
 
 
+def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log_out(stage: Stage, visit: Any) -> None:
+    """Regression: unlocking replaces the cookie, and a request with the old one was still on its way."""
+    page = visit("#/drive/fan-1", role="operator")
+    fall_idle(stage)
+    held: list[Any] = []
+    page.route("**/api/v1/history/tags*", lambda request: held.append(request))
+    page.reload()
+    page.fill("[data-do=unlock] input[type=password]", PASSWORD)
+    page.click("[data-do=unlock] button")
+    page.wait_for_selector("[data-do=unlock]", state="detached")
+    assert held
+    for request in held:
+        request.fulfill(status=401, json={"error": {"code": "auth.not_logged_in", "kind": "NotAuthenticated"}})
+    page.wait_for_timeout(300)
+    page.click("[data-do=take]")
+    page.wait_for_selector(".lease.own")
+
+
 @pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
 def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_its_input(
     stage: Stage, visit: Any, size: tuple[int, int]

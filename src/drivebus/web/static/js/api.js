@@ -58,18 +58,22 @@ async function send(method, path, { body, query, timeout_ms = REQUEST_TIMEOUT_MS
   if (method !== "GET" && session.peek()?.csrf) headers["X-Drivebus-CSRF"] = session.peek().csrf;
   const limit = AbortSignal.timeout(timeout_ms);
   const stop = given ? AbortSignal.any([limit, given]) : limit;
+  const asking = session.peek();
   const how = {
     method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
     body: body === undefined ? undefined : JSON.stringify(body),
   };
   const answer = await fetch(urlOf(path, query), how).catch(() => { throw unreachableError(method); });
-  if (!answer.ok) throw followSession(await errorFrom(answer));
+  if (!answer.ok) throw followSession(await errorFrom(answer), asking);
   return answer;
 }
 
-/** Show the login page on any 401, and the form that unlocks on the refusal of an idle session. */
-function followSession(error) {
-  if (!session.peek()?.user) return error;
+/**
+ * Show the login page on any 401, and the form that unlocks on the refusal of an idle session. A refusal of a request
+ * that was sent before the session changed does not count: unlocking replaces the cookie.
+ */
+function followSession(error, asking) {
+  if (!session.peek()?.user || session.peek() !== asking) return error;
   if (error.status === 401) session.value = { ...session.peek(), user: null, rights: [] };
   else if (error.code === "auth.idle") session.value = { ...session.peek(), idle: true };
   return error;
