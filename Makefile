@@ -10,8 +10,10 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
-# These hold to a real clock beside a browser, or measure this machine: one test at a time.
-ALONE := tests/web/page tests/real tests/web/api tests/web/live tests/system/test_demo_dashboard.py
+# These measure this machine, or hold to half a second of a real clock: one test at a time.
+ALONE := tests/web/page/test_jog.py tests/real tests/web/api tests/web/live tests/system/test_demo_dashboard.py
+# These wait for a browser and for real clocks most of the time: two browsers share the cores.
+BROWSER := tests/web/page
 # These hold to the real clock of slow buses and other programs: they wait nearly all the time, so three wait at once.
 WAITING := tests/cli tests/interop tests/ports
 # The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
@@ -29,9 +31,10 @@ test: $(VENV)/.test ## Every test; missing peers are skipped by name (DRIVEBUS_R
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(WAITING) $(DOCUMENTED),--ignore $(each))
+	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(BROWSER) $(WAITING) $(DOCUMENTED),--ignore $(each))
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
 	$(BIN)/python -m pytest -n 3 --dist loadfile $(WAITING)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER) $(ALONE:%=--ignore %)
 	$(BIN)/python -m pytest $(ALONE) $(DOCUMENTED:%=--ignore %)
 endif
 
