@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from drivebus.drives.outcome import Outcome
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.errors import Expired
 from drivebus.service.config.model import GroupConfig
+from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, plant_config, running_service
 
@@ -85,23 +87,45 @@ def test_each_further_drive_of_a_group_has_its_own_deadline(
     run(scenario())
 
 
-def test_the_age_of_a_setpoint_counts_from_its_command() -> None:
-    """A setpoint expires after five seconds; where its frame may start the motor, after two."""
+def record_ages(kit: ServiceKit) -> dict[str, float]:
+    """Return drive → seconds from now to the time from which the age of its next setpoint counts."""
+    commanded_at, ages = kit.service.plant.now(), {}
+
+    def record_age(runtime: DriveRuntime) -> None:
+        original = runtime.drive.set_frequency
+
+        async def recording(frequency_hz: float, requested_at: float | None = None) -> Outcome:
+            ages[runtime.id] = (kit.service.plant.now() if requested_at is None else requested_at) - commanded_at
+            return await original(frequency_hz, requested_at)
+
+        runtime.drive.set_frequency = recording  # type: ignore[method-assign]
+
+    for runtime in kit.service.plant.drives.values():
+        record_age(runtime)
+    return ages
+
+
+@pytest.mark.parametrize("leader", [None, "fan-1"])
+def test_the_age_of_a_setpoint_counts_from_its_command(leader: str | None) -> None:
+    """A setpoint expires after five seconds; where its frame may start the motor, after two.
+
+    That of a follower counts from the outcome of its leader, which waited for the audit record.
+    """
 
     async def scenario() -> None:
-        async with running_service() as kit:
+        group = replace(GROUP, leader=leader)
+        async with running_service(plant_config(groups=(group,))) as kit:
             await asyncio.sleep(2)
             kit.trail.delay_s = 1.5
-            drive, commanded_at, times = kit.service.plant.drives["fan-1"].drive, kit.service.plant.now(), []
-            original = drive.set_frequency
-
-            async def recording(frequency_hz: float, requested_at: float | None = None) -> Outcome:
-                times.append(requested_at)
-                return await original(frequency_hz, requested_at)
-
-            drive.set_frequency = recording  # type: ignore[method-assign]
-            await kit.call("drive.set_frequency", drive="fan-1", frequency_hz=20.0)
-            assert times == [commanded_at]
+            ages = record_ages(kit)
+            if leader is None:
+                await kit.call("drive.set_frequency", drive="pump-1", frequency_hz=20.0)
+                assert ages == {"pump-1": 0.0}
+                ages = record_ages(kit)
+            await kit.call("group.set_frequency", group="fans", frequency_hz=20.0)
+            assert ages.pop("fan-1") == 0.0
+            (follower,) = ages.values()
+            assert follower == 0.0 if leader is None else 1.5 < follower < 3.5
 
     run(scenario())
 

@@ -137,20 +137,29 @@ class DriveCommands:
             for group, drive in self.plant.followers(leader.id)
         }
 
-    async def set_follower(self, group: GroupConfig, drive: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
+    async def set_follower(
+        self,
+        group: GroupConfig,
+        drive: DriveRuntime,
+        frequency_hz: float,
+        actor: Actor,
+        requested_at: float | None = None,
+    ) -> Json:
         """Give a follower its share, unless its lease ended while the leader was commanded."""
         try:
             self.require_control(drive.id, actor)
         except ControlNotHeld as error:
             self.plant.publish_event("command", drive.id, "plant.does_not_follow", actor=actor.name, why=error)
             return error_to_json(error)
-        return await self.set_drive_frequency(drive, follower_hz(group, drive.id, frequency_hz), actor)
+        return await self.set_drive_frequency(drive, follower_hz(group, drive.id, frequency_hz), actor, requested_at)
 
-    async def set_drive_frequency(self, drive: DriveRuntime, frequency_hz: float, actor: Actor) -> Json:
-        """Return the outcome, or the error, of a setpoint."""
+    async def set_drive_frequency(
+        self, drive: DriveRuntime, frequency_hz: float, actor: Actor, requested_at: float | None
+    ) -> Json:
+        """Return the outcome, or the error, of a setpoint. Its age counts from ``requested_at``, None: from now."""
         try:
             _check_limits_known(drive)
-            outcome = await drive.drive.set_frequency(frequency_hz)
+            outcome = await drive.drive.set_frequency(frequency_hz, requested_at)
         except DrivebusError as error:
             return error_to_json(error)
         drive.commanded_hz = frequency_hz

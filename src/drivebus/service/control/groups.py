@@ -167,20 +167,25 @@ class GroupCommands:
 
     @handles(GROUP_SET_FREQUENCY)
     async def set_frequency(self, params: GroupSetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:
-        """Set the leader's frequency (of every drive where there is no leader), then the followers' at their ratio."""
+        """Set the leader's frequency (of every drive where there is no leader), then the followers' at their ratio.
+
+        The age of a follower's setpoint counts from the leader's outcome.
+        """
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
         first = runtimes[:1] if group.leader else []
         outcomes = {
             runtime.id: await self.commands.set_drive_frequency(
-                runtime, follower_hz(group, runtime.id, params.frequency_hz), actor
+                runtime, follower_hz(group, runtime.id, params.frequency_hz), actor, ticket.issued_at
             )
             for runtime in first
         }
         rest = runtimes[len(first) :]
         if not all(map(_is_done, outcomes.values())):
             return {"outcomes": outcomes | _skipped(group, rest)}
+        if first:
+            ticket = replace(ticket, issued_at=self.plant.now())
         found = await asyncio.gather(
             *(self._set_follower_unless_stopped(group, runtime, params.frequency_hz, actor, ticket) for runtime in rest)
         )
@@ -194,7 +199,7 @@ class GroupCommands:
             check_not_superseded(self.plant, ticket)
         except Superseded as error:
             return error_to_json(error)
-        return await self.commands.set_follower(group, runtime, frequency_hz, actor)
+        return await self.commands.set_follower(group, runtime, frequency_hz, actor, ticket.issued_at)
 
     def group_view(self, group: GroupConfig) -> Json:
         """Return the live topic ``groups/<id>``."""
