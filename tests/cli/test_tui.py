@@ -242,6 +242,17 @@ async def test_no_message_is_shown_without_its_beginning(language: str) -> None:
         assert lines[-1].endswith("news") and all(line.startswith("0:") for line in lines)
 
 
+async def test_a_long_port_in_the_title_is_cut_and_not_left_out() -> None:
+    """Regression: the title wrapped, and "4 drive(s) ·" was the end of its only line."""
+    source = FakeRowSource()
+    source.title = "reads only · 4 drive(s) · sim://c320@1-3?line_quality=loss=0.1,flip=0.01,late=0.1:0.4 · 9600 8E1"
+    screen = MonitorApp(source)
+    async with screen.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.4)
+        shown = screen.query_one("#title").render_line(0).text.rstrip()
+    assert shown.endswith("…") and "sim://c320@1-3" in shown
+
+
 async def test_ctrl_c_ends_the_live_view_without_a_question() -> None:
     screen = MonitorApp(FakeRowSource())
     async with screen.run_test(size=(80, 24)) as pilot:
@@ -493,6 +504,27 @@ def test_a_long_bus_name_keeps_its_end_and_a_gap_before_the_settings() -> None:
     shown = bus_cells(row, bus_columns(80))[0].plain
     assert shown.endswith(":4001")
     assert width(shown) < bus_columns(80)["bus"]
+
+
+@pytest.mark.parametrize(
+    ("language", "counters", "expected"),
+    [
+        ("en", {"NoReply": 3}, "no reply 3"),
+        ("en", {"late": 2, "NoReply": 33, "collision": 5}, "no reply 33, 7 more"),
+        ("en", {"NoReply": 33_333, "late": 222_222, "collision": 5}, "255560 in all"),
+        ("zh", {"late": 2, "NoReply": 33, "collision": 5}, "无应答 33，另有 7"),
+    ],
+)
+def test_counters_that_a_narrow_terminal_cannot_hold_are_counted_and_never_cut(
+    language: str, counters: dict[str, int], expected: str
+) -> None:
+    """Regression: a noisy line at 80 columns showed "no reply 33, line …"."""
+    output.parse_global_options(["--lang", language])
+    columns = bus_columns(80)
+    shown = bus_cells(BusRow(name="line", settings="9600 8N1", errors=counters), columns)[-1].plain
+    assert shown == f" {expected}" and width(shown) <= columns["errors"]
+    whole = BusRow(name="line", settings="9600 8N1", errors=counters).errors_text()
+    assert all(str(count) in whole for count in counters.values())
 
 
 def test_the_stations_of_a_killed_parent_end_and_delete_their_folder() -> None:

@@ -280,6 +280,30 @@ def test_stations_of_many_drives_are_one_correct_sentence(scripts: Any) -> None:
     assert found["text"].startswith("a bus stop is in force on station 13, 14: starts,")
 
 
+@pytest.mark.parametrize(("language", "expected"), [("zh", "（5 分钟内 3.0 至 4.44 %，"), ("en", "(3.0 to 4.44 % in")])
+def test_error_rates_of_many_drives_are_one_sentence_with_their_range(
+    scripts: Any, language: str, expected: str
+) -> None:
+    """Regression: each drive of a noisy line had the same sentence with another percentage."""
+    scripts.evaluate("(name) => import('/static/js/i18n.js').then((m) => m.loadLanguage(name))", language)
+    items = []
+    for percent in (3.12, 3.0, 4.44):
+        params = {"error_percent": percent, "limit_percent": 1.0}
+        text = {name: i18n.text("drives.high_error_rate", name, **params) for name in ("en", "zh")}
+        items.append({"id": f"d{percent}", "key": "drives.high_error_rate", "params": params, "text": text})
+    (found,) = call(scripts, "selection", f"m.mergeSentences({json.dumps(items)})")
+    assert expected in found["text"] and "1.0 %" in found["text"]
+
+
+def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
+    """Regression: the sentence of a group of 30 had all 30 numbers."""
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    item = "{ id: `d${n}`, key: 'k', params: { station: n }, text: { en: `on station ${n}: refused`, zh: '' } }"
+    call_of = f"m.mergeSentences(Array.from({{ length: 30 }}, (_, n) => ({item})))"
+    (found,) = call(scripts, "selection", call_of)
+    assert found["text"] == "on station 0, 1, 2, 3, 4, 5, 6, 7 and 22 more: refused"
+
+
 def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage, visit: Any) -> None:
     """Regression: "stopp… (last known)"."""
     page = visit("#/fleet", size=(1440, 900))

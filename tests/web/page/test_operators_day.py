@@ -161,6 +161,22 @@ def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage
     assert page.input_value(".grouppanel input[inputmode=decimal]") == ""
 
 
+def test_the_outcome_of_a_group_start_ends_with_the_stop_of_the_group(stage: Stage, visit: Any) -> None:
+    """Regression: "Confirmed: the drive reports running" stood beside drives that had been stopped."""
+    for drive in ("pump-1", "pump-2"):
+        stage.call("waiver.grant", drive=drive, reason="watched bench")
+    page = visit("#/fleet?group=water")
+    page.click(".grouppanel summary")
+    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=2)}')")
+    page.fill(".grouppanel input[inputmode=decimal]", "20")
+    page.click("[data-step=first]:enabled")
+    page.click("[data-step=second]")
+    outcome = page.locator(".grouppanel .notice", has_text=i18n.text("page.outcome_confirmed", "en"))
+    outcome.wait_for()
+    page.click("[data-stop=group]")
+    outcome.wait_for(state="detached")
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_start_of_a_group_with_a_blocked_drive_is_disabled_with_its_reason(
     stage: Stage, visit: Any, language: str

@@ -20,6 +20,8 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     assert page.locator("dialog input[type=checkbox]").count() == len(every)
     box, act, bar = (page.locator(one).bounding_box() for one in ("dialog", "[data-do=selection]", ".stopbar"))
     assert act["y"] + act["height"] <= box["y"] + box["height"] <= bar["y"], "the dialog's buttons are below the fold"
+    line = page.locator("dialog [data-do=choose-none]").evaluate("(one) => getComputedStyle(one).textDecorationLine")
+    assert line == "underline", "a button that looks like text"
     page.click("dialog [data-do=choose-none]")
     assert page.locator("dialog input:checked").count() == 0 and page.locator("[data-do=selection]").is_disabled()
     page.click("dialog [data-do=choose-all]")

@@ -148,9 +148,18 @@ def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
 
 
 @pytest.mark.parametrize(
-    ("span", "message"), [(61_000, "1 min 1 s"), (90_061_000, "1 d 1 h"), (-500, "−0.5 s"), (0, "0 s")]
+    ("span", "message"),
+    [
+        (61_000, "1 min 1 s"),
+        (90_061_000, "1 d 1 h"),
+        (-500, "−0.5 s"),
+        (0, "0 s"),
+        (599_970, "10 min"),
+        (12_300, "12.3 s"),
+    ],
 )
 def test_a_duration_is_shown_with_its_two_largest_units(scripts: Any, span: int, message: str) -> None:
+    """Regression: a chart that two fingers brought back to ten minutes showed "9 min 60 s"."""
     assert module(scripts, "labels", f"m.duration({span}, name => name)") == message
 
 

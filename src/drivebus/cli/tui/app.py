@@ -23,6 +23,7 @@ class MonitorApp(App[int]):
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     #title { height: 1; background: $primary; color: $text; padding: 0 1; text-style: bold; }
+    #title { text-wrap: nowrap; text-overflow: ellipsis; }
     Screen { overflow: hidden; }
     #drives { height: auto; max-height: 60%; overflow-x: hidden; }
     #buses { height: auto; overflow-x: hidden; }

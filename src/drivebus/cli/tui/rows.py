@@ -104,10 +104,22 @@ class BusRow:
     errors: Mapping[str, int] = field(default_factory=dict)
     """Counters by kind."""
 
-    def errors_text(self) -> str:
-        """Format the counters that are not zero."""
-        counts = [f"{error_kind_text(kind)} {count}" for kind, count in self.errors.items() if count]
-        return output.join(counts, "phrases") or output.text("live.no_errors")
+    def errors_text(self, cells: int | None = None) -> str:
+        """Format the counters that are not zero.
+
+        Where ``cells`` do not hold them all: the largest ones and the number of all other errors.
+        """
+        counts = [(f"{error_kind_text(kind)} {count}", count) for kind, count in self.errors.items() if count]
+        text = output.join([one for one, _ in counts], "phrases") or output.text("live.no_errors")
+        if cells is None or output.width(text) <= cells:
+            return text
+        counts.sort(key=lambda one: -one[1])
+        for shown in range(len(counts) - 1, 0, -1):
+            largest = output.join([one for one, _ in counts[:shown]], "phrases")
+            text = output.text("live.errors_more", shown=largest, n=sum(n for _, n in counts[shown:]))
+            if output.width(text) <= cells:
+                return text
+        return output.text("live.errors_total", n=sum(n for _, n in counts))
 
     def to_json(self) -> dict[str, Any]:
         return {

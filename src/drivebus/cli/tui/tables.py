@@ -81,6 +81,7 @@ def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[T
 
 def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
     """Return the cells of one bus in these columns."""
+    errors = row.errors_text(columns["errors"] - 1)
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
     return [
         _cell(_keep_end(row.name, columns["bus"] - 1), "bus", "bold"),
@@ -88,7 +89,7 @@ def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
         _cell(output.text("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
         _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
         _cell(rate, "rate"),
-        _cell(f" {row.errors_text()}", "errors", "yellow" if any(row.errors.values()) else "dim"),
+        _cell(f" {errors}", "errors", "yellow" if any(row.errors.values()) else "dim"),
     ]
 
 

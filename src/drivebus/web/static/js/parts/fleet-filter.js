@@ -24,7 +24,7 @@ export function savePreferences() {
   savePreference("fleet", { sort: sort.value, by: groupBy.value, size: size.value });
 }
 
-const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
+export const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
 
 /** The kinds that a drive belongs to. A drive whose alarms are all cleared is not abnormal, but they wait for their
  * acknowledgement. */

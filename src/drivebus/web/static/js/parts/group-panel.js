@@ -1,5 +1,5 @@
 // A group: progress, start in two steps, setpoint. Its stop is in the stop bar.
-import { html, useState } from "../lib.js";
+import { html, useEffect, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { number, numberOf } from "../format.js";
@@ -9,6 +9,7 @@ import { secondsLeft, withdrawRequests } from "../control-requests.js";
 import { isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
+import { MOVING_STATES } from "./fleet-filter.js";
 import { Frequency, frequencyError, refusesFrequency } from "./frequency.js";
 import { ArmStart } from "./arm-start.js";
 import { AskForControlButton, ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "./selection.js";
@@ -76,6 +77,8 @@ function Controls({ id, views }) {
   const leader = views.find((view) => view.id === group(id).value.leader);
   // Without its leader's frequency no drive of a group gets one.
   const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
+  const turning = views.some((view) => MOVING_STATES.has(view.state));
+  useEffect(() => { if (!turning) setStarted(null); }, [turning]); // at rest the outcome of a start is outdated
   const frequency_hz = numberOf(hertz);
   const send = (rest, body) => api.post(path(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
   const set = () => run(() => send("/set-frequency", { frequency_hz }));

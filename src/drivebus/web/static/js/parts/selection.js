@@ -13,16 +13,20 @@ const FEW = 3;
 
 export const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
 
-/** Parameters of a sentence that name the drive; all others must be equal for sentences to be one. */
+/** Parameters of a sentence that name the drive. */
 const OWN = ["drive", "station", "address"];
+/** Measured values: of several drives the lowest and the highest are shown. All others must be equal for sentences to be one. */
+const MEASURED = ["error_percent"];
 
 /** Names of drives in one sentence; more are counted. */
 const MAX_NAMES = 8;
 
 /** Names of drives as a list; of many the first ones and the number of the others. */
-export function listed(ids) {
-  const names = ids.slice(0, MAX_NAMES).map(nameOf).join(t("language.between_items"));
-  return ids.length > MAX_NAMES ? t("page.names_more", { names, n: ids.length - MAX_NAMES }) : names;
+export const listed = (ids) => shortList(ids, nameOf);
+
+function shortList(items, text) {
+  const names = items.slice(0, MAX_NAMES).map(text).join(t("language.between_items"));
+  return items.length > MAX_NAMES ? t("page.names_more", { names, n: items.length - MAX_NAMES }) : names;
 }
 
 /** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, text, isNamed}], and
@@ -30,7 +34,7 @@ export function listed(ids) {
 export function mergeSentences(items) {
   const groups = new Map();
   for (const one of items) {
-    const others = Object.entries(one.params ?? {}).filter(([name]) => !OWN.includes(name));
+    const others = Object.entries(one.params ?? {}).filter(([name]) => ![...OWN, ...MEASURED].includes(name));
     const alike = JSON.stringify([one.key, others]);
     groups.set(alike, [...(groups.get(alike) ?? []), one]);
   }
@@ -38,13 +42,24 @@ export function mergeSentences(items) {
 }
 
 function mergedText(alike) {
-  const [{ params, text }] = alike;
-  const found = OWN.find((name) => params?.[name] !== undefined && localized(text).includes(String(params[name])));
-  if (!found) return { text: localized(text), isNamed: false };
+  const [{ params }] = alike;
+  const text = MEASURED.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
+  const found = OWN.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
+  if (!found) return { text, isNamed: false };
   const isNamed = found === "drive";
-  const own = isNamed ? listed(alike.map(({ id }) => id)) : alike.map((one) => one.params[found]).join(t("language.between_items"));
-  return { text: replaced(localized(text), String(params[found]), own), isNamed };
+  const own = isNamed ? listed(alike.map(({ id }) => id)) : shortList(alike, (one) => one.params[found]);
+  return { text: replaced(text, String(params[found]), own), isNamed };
 }
+
+/** The sentence of the first drive with the lowest and the highest of the measured values. */
+function withRange(sentence, alike, name) {
+  const values = alike.map(({ params }) => params?.[name]);
+  const [least, most] = [Math.min(...values), Math.max(...values)].map(decimal);
+  return least === most ? sentence : replaced(sentence, decimal(values[0]), t("page.value_range", { least, most }));
+}
+
+/** A measured value as the service writes it: "3.0", "3.12". */
+const decimal = (value) => (Number.isInteger(value) ? value.toFixed(1) : String(value));
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
 function SelectionResults({ outcomes }) {

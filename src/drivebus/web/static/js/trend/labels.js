@@ -55,11 +55,11 @@ export function forInput(at) {
 /** The two largest units of a duration: "3 min 20 s". `unit(name)` is the text of a unit. */
 export function duration(span, unit) {
   const parts = [["d", DAY_MS], ["h", HOUR_MS], ["min", 60_000], ["s", 1000]];
-  let rest = Math.abs(span);
+  let rest = Math.round(Math.abs(span) / 100) * 100; // before it is divided: 59.96 s are a minute
   const found = [];
   for (const [name, size] of parts) {
-    const count = name === "s" ? Math.round(rest / 100) / 10 : Math.floor(rest / size);
-    if (name !== "s") rest -= count * size;
+    const count = name === "s" ? rest / size : Math.floor(rest / size);
+    rest -= count * size;
     if (count && found.length < 2) found.push(`${count} ${unit(name)}`);
   }
   return (span < 0 ? "−" : "") + (found.join(" ") || `0 ${unit("s")}`);
