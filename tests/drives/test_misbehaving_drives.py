@@ -16,7 +16,7 @@ from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S
 from drivebus.drives.permissives import (
-    MIN_FAILURES_FOR_ERROR_RATE,
+    MIN_DAMAGED_REPLIES,
     CommandKind,
     DriveCommand,
     DriveEvidence,
@@ -255,11 +255,9 @@ def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sun
     assert not bus.effects()
 
 
-@pytest.mark.parametrize(
-    ("failures", "blocked"), [(MIN_FAILURES_FOR_ERROR_RATE - 1, False), (MIN_FAILURES_FOR_ERROR_RATE, True)]
-)
-def test_three_damaged_replies_inhibit_a_start_and_two_do_not(failures: int, blocked: bool) -> None:
-    conditions = BusConditions(now=10.5, stop_epoch=3, error_rate=0.5, failures=failures)
+@pytest.mark.parametrize(("damaged", "blocked"), [(MIN_DAMAGED_REPLIES - 1, False), (MIN_DAMAGED_REPLIES, True)])
+def test_three_damaged_replies_inhibit_a_start_and_two_do_not(damaged: int, blocked: bool) -> None:
+    conditions = BusConditions(now=10.5, stop_epoch=3, damage_rate=0.5, damaged=damaged)
     stands = DriveEvidence(
         derived=DerivedState(DriveState.STOPPED),
         state_at=10.4,

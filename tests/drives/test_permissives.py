@@ -11,7 +11,7 @@ from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.permissives import (
     COMMAND_TTL_S,
     MAX_STATUS_AGE_S,
-    MIN_FAILURES_FOR_ERROR_RATE,
+    MIN_DAMAGED_REPLIES,
     CommandKind,
     DriveCommand,
     DriveEvidence,
@@ -103,19 +103,19 @@ def test_a_foreign_master_blocks_everything_that_acts() -> None:
 
 
 def test_two_drives_at_one_address_are_not_commanded() -> None:
-    check_withheld(StartInhibited, "drives.duplicate", conditions=replace(CONDITIONS, duplicate=True))
+    check_withheld(StartInhibited, "drives.duplicate", conditions=replace(CONDITIONS, duplicate_address=True))
 
 
 @pytest.mark.parametrize(("family", "limit"), [("sunfar", 0.01), ("modbus", 0.01), ("dzb100", 0.001)])
 def test_a_high_error_rate_inhibits_a_start(family: str, limit: float) -> None:
-    request_permit(conditions=replace(CONDITIONS, error_rate=limit, failures=9), family=family)
-    bad = replace(CONDITIONS, error_rate=limit * 1.01, failures=9)
+    request_permit(conditions=replace(CONDITIONS, damage_rate=limit, damaged=9), family=family)
+    bad = replace(CONDITIONS, damage_rate=limit * 1.01, damaged=9)
     check_withheld(StartInhibited, "drives.high_error_rate", conditions=bad, family=family)
 
 
 def test_one_lost_frame_is_no_error_rate() -> None:
-    request_permit(conditions=replace(CONDITIONS, error_rate=0.5, failures=2))
-    check_withheld(StartInhibited, "drives.high_error_rate", conditions=replace(CONDITIONS, error_rate=0.5, failures=3))
+    request_permit(conditions=replace(CONDITIONS, damage_rate=0.5, damaged=2))
+    check_withheld(StartInhibited, "drives.high_error_rate", conditions=replace(CONDITIONS, damage_rate=0.5, damaged=3))
 
 
 def test_a_start_needs_a_fresh_status() -> None:
@@ -153,7 +153,7 @@ def test_a_write_to_input_terminals_is_granted_motion_in_any_state_but_not_on_a_
     running = replace(STANDSTILL, derived=DerivedState(DriveState.RUNNING), limits_checked=False)
     assert request_permit(inputs, Effect.MOTION, evidence=running).expires_at == 12.0
     for key, changed in (
-        ("drives.high_error_rate", replace(CONDITIONS, error_rate=1.0, failures=9)),
+        ("drives.high_error_rate", replace(CONDITIONS, damage_rate=1.0, damaged=9)),
         ("drives.start_inhibited", replace(CONDITIONS, start_inhibited=True)),
     ):
         check_withheld(StartInhibited, key, command=inputs, effect=Effect.MOTION, conditions=changed)
@@ -212,9 +212,9 @@ def test_a_status_is_fresh_for_two_seconds_and_not_longer() -> None:
 
 
 def test_three_failures_are_an_error_rate() -> None:
-    assert MIN_FAILURES_FOR_ERROR_RATE == 3
+    assert MIN_DAMAGED_REPLIES == 3
     with pytest.raises(StartInhibited) as caught:
-        request_permit(conditions=replace(CONDITIONS, error_rate=0.123456, failures=3), family="modbus")
+        request_permit(conditions=replace(CONDITIONS, damage_rate=0.123456, damaged=3), family="modbus")
     assert caught.value.key == "drives.high_error_rate"
     assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
 
@@ -230,7 +230,7 @@ def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind
         "drives.high_error_rate",
         command=command,
         effect=effect,
-        conditions=replace(CONDITIONS, error_rate=1.0, failures=9),
+        conditions=replace(CONDITIONS, damage_rate=1.0, damaged=9),
     )
     check_withheld(
         StartInhibited,
@@ -267,7 +267,7 @@ def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> N
         StartInhibited,
         "drives.high_error_rate",
         command=setpoint,
-        conditions=replace(CONDITIONS, error_rate=1.0, failures=9),
+        conditions=replace(CONDITIONS, damage_rate=1.0, damaged=9),
     )
 
 
@@ -281,7 +281,7 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         limits_checked=True,
         is_prepared=True,
     )
-    request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), nothing)
+    request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), nothing)
     check_withheld(
         StartInhibited,
         "drives.limits_unchecked",
@@ -303,5 +303,5 @@ def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -
         is_prepared=True,
     )
     command = DriveCommand("x", kind, 10.0, 3)
-    permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, error_rate=1.0, failures=9), faulty)
+    permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), faulty)
     assert (permit.effect, permit.retry_policy, permit.stop_epoch) == (Effect.SETTING, RetryPolicy.EDGE_TRIGGERED, 3)

@@ -72,7 +72,7 @@ def test_a_repetition_that_is_not_allowed_any_more_does_not_hide_that_the_reset_
 
     def seen(ask: Any) -> None:
         if ask.request == RESET:
-            bus.conditions = replace(bus.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate_address=True)
 
     bus.on_request = seen
     outcome = bus.run(reset_fault(operation_for(bus.dialect)))

@@ -578,7 +578,7 @@ def test_a_resend_that_is_not_allowed_any_more_does_not_hide_that_the_start_was_
 
     def seen(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
-            bus.conditions = replace(bus.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate_address=True)
 
     bus.on_request = seen
     outcome = start(bus, op)
@@ -593,7 +593,7 @@ def test_what_follows_a_pulse_may_be_withheld_without_hiding_the_pulse() -> None
 
     def seen(ask: Any) -> None:
         if getattr(ask.request, "register", 0) == 0x2000:
-            bus.conditions = replace(bus.conditions, duplicate=True)
+            bus.conditions = replace(bus.conditions, duplicate_address=True)
 
     bus.on_request = seen
     assert start(bus, op).status is OutcomeStatus.CONFIRMED

@@ -126,7 +126,7 @@ def test_no_state_of_the_host_withholds_a_stop() -> None:
 
     bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
     bus.conditions = replace(
-        bus.conditions, start_inhibited=True, foreign_master=True, duplicate=True, error_rate=0.9, failures=99
+        bus.conditions, start_inhibited=True, foreign_master=True, duplicate_address=True, damage_rate=0.9, damaged=99
     )
     assert bus.run(stop(operation_for(bus.dialect))).status is OutcomeStatus.CONFIRMED
 

@@ -149,9 +149,9 @@ def request_permit(
     conditions = replace(
         bus_state,
         foreign_master=bus_state.foreign_master if shown.foreign is None else shown.foreign,
-        duplicate=bus_state.duplicate if shown.duplicate is None else shown.duplicate,
-        error_rate=shown.rate,
-        failures=shown.damaged,
+        duplicate_address=bus_state.duplicate_address if shown.duplicate is None else shown.duplicate,
+        damage_rate=shown.rate,
+        damaged=shown.damaged,
     )
     try:
         return run_pure(op.request_permit(command, subject.frames[place]), lambda _: conditions)

@@ -38,7 +38,7 @@ COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an
     CommandKind.INPUTS: 2.0,
 }
 MAX_STATUS_AGE_S = 2.0  # a start needs a status that is no older than the command itself may be
-MIN_FAILURES_FOR_ERROR_RATE = 3  # one lost frame in a hundred would otherwise inhibit every start for 5 minutes
+MIN_DAMAGED_REPLIES = 3  # one damaged reply in a hundred would otherwise inhibit every start for 5 minutes
 
 _MOTION_KINDS = (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT)
 _START_STATES = frozenset({DriveState.STOPPED})
@@ -141,15 +141,15 @@ def unmet_bus_permissives(station: int, conditions: BusConditions) -> Iterator[S
         yield StartInhibited("drives.start_inhibited", station=station)
     if conditions.foreign_master:
         yield StartInhibited("drives.foreign_master", station=station)
-    if conditions.duplicate:
+    if conditions.duplicate_address:
         yield StartInhibited("drives.duplicate", station=station)
 
 
 def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[StartInhibited]:
     """Yield the further bus permissives that a start does not meet now."""
     limit = protocol_family(family).max_error_rate
-    if conditions.error_rate > limit and conditions.failures >= MIN_FAILURES_FOR_ERROR_RATE:
-        percent = round(conditions.error_rate * 100, 2)
+    if conditions.damage_rate > limit and conditions.damaged >= MIN_DAMAGED_REPLIES:
+        percent = round(conditions.damage_rate * 100, 2)
         yield StartInhibited("drives.high_error_rate", error_percent=percent, limit_percent=limit * 100)
 
 

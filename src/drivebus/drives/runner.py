@@ -136,8 +136,8 @@ def bus_conditions(bus: Bus, address: int) -> BusConditions:
         stop_epoch=bus.stop_epoch(address),
         start_inhibited=bus.start_inhibited(address),
         foreign_master=health.foreign_master,
-        duplicate=health.duplicate_address,
-        error_rate=health.damage_rate,
+        duplicate_address=health.duplicate_address,
+        damage_rate=health.damage_rate,
         reads_wait_until=health.reads_wait_until,
-        failures=health.damaged,
+        damaged=health.damaged,
     )

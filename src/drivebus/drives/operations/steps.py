@@ -43,10 +43,10 @@ class BusConditions:
     stop_epoch: int = 0  # incremented by every stop of this station
     start_inhibited: bool = False
     foreign_master: bool = False
-    duplicate: bool = False  # two drives seem to answer at this address
-    error_rate: float = 0.0  # share of damaged replies of the last 5 minutes, 0 to 1; a missing reply is not damaged
+    duplicate_address: bool = False  # two drives seem to answer at this address
+    damage_rate: float = 0.0  # share of damaged replies of the last 5 minutes, 0 to 1; a missing reply is not damaged
     reads_wait_until: float = 0.0  # monotonic seconds: the bus sends no read before, for a late reply may be due
-    failures: int = 0  # number of damaged replies of the last 5 minutes
+    damaged: int = 0  # number of damaged replies of the last 5 minutes
 
 
 GET_BUS_CONDITIONS = GetBusConditions()
