@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import json
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from click.testing import CliRunner
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.auth.actor import local_user
 from drivebus.service.auth.rights import Role
 from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, lines_until, running_command
 from fixtures.running_service import RunningService, http_service, token
@@ -85,7 +85,7 @@ def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_a_second_te
 ) -> None:
     """On the socket each terminal has a session of its own, and the answer is that of the same user."""
     ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
-    service, owner = (plant.url, "engineer/test") if transport == "http" else (str(plant.socket), getpass.getuser())
+    service, owner = (plant.url, "engineer/test") if transport == "http" else (str(plant.socket), local_user())
     with running_command("run", "--service", service, *FAN, "--frequency", "20", "--json") as holder:
         lines_until(holder, lambda line: '"event": "status"' in line)
         stops = plant.kit.service.plant.stop_counters.requested

@@ -169,7 +169,9 @@ def test_a_parameter_is_written_as_a_number_or_as_the_word_of_the_manual(value: 
 
 
 @pytest.mark.parametrize(
-    "reason", ["   ", "\u3000\u3000\u3000", "safe\u200f", "\u200b\u200b\u200b", "a\u2060b", "x\x1b[2J", "two\nlines"]
+    "reason",
+    ["   ", "\u3000\u3000\u3000", "safe\u200f", "\u200b\u200b\u200b", "a\u2060b", "x\x1b[2J", "two\nlines"]
+    + ["\xad\xad\xad", "\u3164 \u115f", "\u2800\u2800\u2800", "\ufe0f\u200d\ufe0f"],
 )
 def test_a_reason_is_visible_text_of_one_line(reason: str) -> None:
     """A waiver without a reason, or with one that shows as another, would explain nothing."""
@@ -180,3 +182,9 @@ def test_a_reason_is_visible_text_of_one_line(reason: str) -> None:
     schema = OPERATIONS["waiver.grant"].params.model_json_schema()["properties"]["reason"]
     assert not re.search(schema["pattern"], reason)
     assert re.search(schema["pattern"], " hard-wired stop, 急停 ")
+
+
+def test_invisible_characters_of_the_higher_planes_are_no_reason() -> None:
+    with pytest.raises(InvalidParameters):
+        OPERATIONS["waiver.grant"].validate({"drive": "fan-1", "reason": "\U000e0041" * 3})
+    OPERATIONS["waiver.grant"].validate({"drive": "fan-1", "reason": "می\u200cخواهم"})  # joins letters: visible text

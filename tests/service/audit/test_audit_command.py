@@ -63,6 +63,13 @@ def test_a_trail_without_head_is_compared_with_a_number_from_the_log(tmp_path: P
     assert (found.exit_code, "at least 11" in found.output, "newest checkpoints" in found.output) == (1, True, False)
 
 
+def test_a_head_that_was_changed_is_not_reported_as_absent(tmp_path: Path) -> None:
+    trail = written_trail(tmp_path)
+    trail.paths.head.write_text("{}")
+    found = invoke_audit("verify", str(trail.paths.folder))
+    assert (found.exit_code, "not a checkpoint" in found.output, "There is no" in found.output) == (1, True, False)
+
+
 def test_the_checkpoint_file_can_be_given(tmp_path: Path) -> None:
     trail = written_trail(tmp_path)
     checkpoints = tmp_path / "checkpoints.jsonl"

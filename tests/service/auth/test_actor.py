@@ -8,7 +8,7 @@ import weakref
 
 import pytest
 
-from drivebus.service.auth.actor import Actor, local_actor
+from drivebus.service.auth.actor import Actor, local_actor, local_user
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
 from drivebus.service.process.tuning import NICE_BATCH, NICE_GATEWAY, relax_gc, set_nice
 
@@ -20,6 +20,19 @@ def test_an_actor_survives_its_json_form() -> None:
     assert ann.remote, "a start takes two steps by default"
     assert ann.as_json() == ACTOR_JSON and Actor.from_json(ACTOR_JSON) == ann
     assert ann.may(Right.STOP) and not ann.may(Right.OPERATE)
+
+
+def test_a_person_at_the_command_line_is_never_recorded_under_the_name_of_the_service(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.setenv(name, "drivebus")
+    monkeypatch.setenv("SUDO_USER", "anna")
+    assert local_user() == "anna"
+    monkeypatch.delenv("SUDO_USER")
+    assert local_user() == "drivebus/command-line"
+    monkeypatch.setenv("LOGNAME", "root")
+    assert local_user() == "root"
 
 
 @pytest.mark.parametrize("name", ACTOR_JSON)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import getpass
 import json
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pytest
 
 from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.service.audit import AuditEntry, AuditTrail
+from drivebus.service.auth.actor import local_user
 from drivebus.service.auth.admin import change_users, user_file_of
 from drivebus.service.auth.errors import Conflict
 from drivebus.service.auth.users import UserDatabase
@@ -53,7 +53,7 @@ async def test_without_a_service_the_trail_records_each_change(tmp_path: Path) -
         REJECTED_REMOVAL | {"outcome": "requested"},
         REJECTED_REMOVAL | {"outcome": "auth.last_administrator"},
     ]
-    who = {"name": getpass.getuser(), "session": "command-line", "address": "local"}
+    who = {"name": local_user(), "session": "command-line", "address": "local"}
     assert [record["who"] for record in records] == [who] * 4
     checkpoints = (tmp_path / "checkpoints.jsonl").read_text().splitlines()
     assert len(checkpoints) == 4, "two of each command: one for the records found, one for its own"
@@ -95,7 +95,7 @@ async def test_a_running_service_records_the_change(tmp_path: Path) -> None:
     requested, done = REMOVAL | {"outcome": "requested"}, REMOVAL | {"outcome": "done"}
     assert [entry for entry, _ in service.records] == [requested, done]
     assert {(actor.name, actor.session, actor.remote) for _, actor in service.records} == {
-        (getpass.getuser(), "command-line", False),
+        (local_user(), "command-line", False),
     }
     assert not (tmp_path / "audit.jsonl").exists()
 

@@ -129,8 +129,8 @@ def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken() -> 
         database.with_user(User("capa", Role.VIEWER, None, 1))
 
 
-@pytest.mark.parametrize("label", ["a\x1b[31m", "a\nb", "a\u202eb", "a\u200fb", "a\u200bb"])
-def test_the_name_of_a_token_has_no_control_characters(label: str) -> None:
+@pytest.mark.parametrize("label", ["a\x1b[31m", "a\nb", "a\u202eb", "a\u200fb", "a\u200bb", " ", "\u3164"])
+def test_the_name_of_a_token_is_visible_text_without_control_characters(label: str) -> None:
     with pytest.raises(InvalidInput) as rejected:
         UserDatabase().with_user(ADMIN).with_token(replace(TOKEN, name=label))
     assert rejected.value.key == "auth.bad_label"

@@ -127,6 +127,26 @@ def test_parameters_are_read_afterwards_and_may_be_missing(
     assert run(go(silent))["parameters"] is None
 
 
+def test_an_incident_that_is_saved_while_the_service_ends_is_complete_without_parameters(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The drives are gone by then: a line that one of them does not exist would be untrue."""
+
+    async def read(drive: str) -> dict[str, Any]:
+        raise NotFound("plant.no_drive", id=drive, known="-")
+
+    async def go() -> str | None:
+        recorder = IncidentRecorder(IncidentStore(tmp_path), read)
+        saving = asyncio.create_task(save_incident(recorder))
+        await asyncio.sleep(0)
+        await recorder.close()
+        await asyncio.sleep(1)
+        return await saving
+
+    assert IncidentStore(tmp_path).get(str(run(go())))["parameters"] is None
+    assert not caplog.records
+
+
 def test_every_family_has_incident_parameters() -> None:
     for model in ("c320", "dzb100", "vc660", "df800"):
         profile = profiles.load(model)

@@ -61,6 +61,15 @@ async def test_a_snapshot_is_followed_by_deltas_of_the_requested_topics(plant: R
         assert (later["type"], set(later["topics"]) <= set(first["topics"])) == ("delta", True)
 
 
+async def test_text_that_is_not_utf_8_ends_the_connection_without_a_traceback_in_the_log(
+    plant: RunningService, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with by_token(plant) as socket:
+        await socket.send(b"\xff\xfe", text=True)
+        _, code = await ended(socket)
+    assert (code, [record for record in caplog.records if record.exc_info]) == (1007, [])
+
+
 async def test_frames_are_sent_while_they_are_subscribed(plant: RunningService) -> None:
     async with by_token(plant, "?topics=frames/a") as socket:
         while not (frames := (await receive(socket))["topics"].get("frames/a")):

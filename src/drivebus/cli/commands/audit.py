@@ -35,7 +35,7 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: s
     )
     if not report.keyed:
         output.print_note("audit.command.no_key", key=places.key)
-    if report.head is None:
+    if not places.head.exists():
         output.print_note("audit.command.no_head", head=places.head)
     return ExitCode.DONE if report.ok else ExitCode.FAILED
 

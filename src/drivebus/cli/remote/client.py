@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import getpass
 import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -59,12 +58,12 @@ class LocalClient:
     is_local = True
 
     def __init__(self, path: Path) -> None:
-        from drivebus.service.auth.actor import local_actor
+        from drivebus.service.auth.actor import local_actor, local_user
         from drivebus.service.ipc.client import SocketClient
         from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 
         self._client = SocketClient(socket_path(path, SERVICE_SOCKET) if path.is_dir() else path)
-        self._actor = local_actor(getpass.getuser(), f"cli-{os.getpid()}-{os.urandom(4).hex()}")
+        self._actor = local_actor(local_user(), f"cli-{os.getpid()}-{os.urandom(4).hex()}")
 
     async def call(self, operation: str, params: Json) -> Json:
         from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import getpass
+import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +49,15 @@ class Actor:
         """Return the actor of its JSON form. Raises KeyError, ValueError for anything else."""
         rights = frozenset(Right(right) for right in found["rights"])
         return cls(str(found["name"]), rights, str(found["session"]), bool(found["remote"]), str(found["address"]))
+
+
+def local_user() -> str:
+    """Return the name of the person at this machine's command line: who called sudo, else the user of the process.
+
+    ``sudo -u drivebus`` would record everybody under the name that stands for the service itself.
+    """
+    name = os.environ.get("SUDO_USER") or getpass.getuser()
+    return f"{name}/command-line" if name == SERVICE_NAME else name
 
 
 def local_actor(name: str, session: str) -> Actor:

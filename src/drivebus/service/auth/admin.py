@@ -5,13 +5,12 @@ The running service writes the audit records; if none runs, they are appended to
 
 from __future__ import annotations
 
-import getpass
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.service.audit import AuditEntry, AuditTrail
-from drivebus.service.auth.actor import local_actor
+from drivebus.service.auth.actor import local_actor, local_user
 from drivebus.service.auth.users import UserDatabase, UserFile
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.ipc.client import SocketClient
@@ -50,7 +49,7 @@ async def change_users(
 @asynccontextmanager
 async def _audit_writer(config: PlantConfig) -> AsyncIterator[WriteAuditRecord]:
     """Yield the writer of audit records: the running service, else the trail itself."""
-    actor = local_actor(getpass.getuser(), "command-line")
+    actor = local_actor(local_user(), "command-line")
     try:
         lock = single_instance(config.directory)
         lock.__enter__()

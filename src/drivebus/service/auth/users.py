@@ -14,7 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
@@ -122,9 +122,9 @@ class UserDatabase:
 
     def with_token(self, token: Token) -> UserDatabase:
         """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, and
-        for control characters in its name, which is shown to others.
+        for a name that is blank or has control characters, as it is shown to others.
         """
-        if CONTROL_CHARACTERS.search(token.name):
+        if CONTROL_CHARACTERS.search(token.name) or is_blank(token.name):
             raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:

@@ -223,7 +223,8 @@ class IncidentRecorder:
             LOG.warning("the parameters of %s could not be saved: %s", drive, error)
 
     async def close(self) -> None:
-        """Finish saving incidents; cancel reading of parameters."""
+        """Finish saving incidents; cancel reading of parameters, also of those that are saved from now on."""
+        self._read_parameters = None
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, *(task for _, task in self._last_incident.values()), return_exceptions=True)

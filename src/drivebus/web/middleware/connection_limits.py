@@ -16,6 +16,7 @@ HEADER_TIMEOUT_S = 10.0  # from the connection, or the first byte of a later req
 MAX_HEADER_BYTES = 32 * 1024
 _HEADER_LINE_BYTES = 4  # ": " and the line end of a header
 WRITE_STALL_TIMEOUT_S = 30.0  # a client may leave a response unread this long
+INVALID_UTF8_CLOSE_CODE = 1007  # RFC 6455, 7.4.1
 WEBSOCKET_CLOSE_TIMEOUT_S = 2.0  # for the close handshake; until then the connection counts
 
 
@@ -120,3 +121,15 @@ class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
         self.close_timeout = WEBSOCKET_CLOSE_TIMEOUT_S
+
+    def send_receive_event_to_app(self) -> None:
+        """Forward a message; close the connection for invalid UTF-8, for which uvicorn would log a traceback."""
+        if self.curr_msg_data_type == "text" and not self.close_sent:
+            try:
+                b"".join(self.frames).decode()
+            except UnicodeDecodeError:
+                self.frames = []
+                self.conn.send_close(INVALID_UTF8_CLOSE_CODE)
+                self.handle_parser_exception()
+                return
+        super().send_receive_event_to_app()

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES, INVISIBLE_RANGES, is_blank
 from drivebus.service.api.errors import params_error, pydantic_faults
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.types import Json
@@ -29,7 +29,7 @@ Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False, examp
 
 
 def _require_printable(text: str) -> str:
-    if CONTROL_CHARACTERS.search(text) or not text.strip():
+    if CONTROL_CHARACTERS.search(text) or is_blank(text):
         raise PydanticCustomError("printable", "control characters, or blank")
     return text
 
@@ -40,7 +40,9 @@ Reason = Annotated[
         min_length=3,
         max_length=500,
         examples=["bearing is being changed"],
-        json_schema_extra={"pattern": rf"^[^{CONTROL_RANGES}]*[^\s{CONTROL_RANGES}][^{CONTROL_RANGES}]*$"},
+        json_schema_extra={
+            "pattern": rf"^[^{CONTROL_RANGES}]*[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}][^{CONTROL_RANGES}]*$"
+        },
     ),
     AfterValidator(_require_printable),
 ]
