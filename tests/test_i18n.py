@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import ast
-import errno
 import io
 import json
-import os
 import re
 import string
-import sys
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -102,18 +99,6 @@ def test_every_text_is_found_by_its_key() -> None:
     for language in i18n.LANGUAGES:
         for catalogue in NAMES:
             assert read_catalogue(catalogue, language).items() <= i18n.catalogue(language).items()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the C libraries of other systems use other words")
-def test_a_reason_of_the_operating_system_keeps_its_words_in_english_and_is_translated() -> None:
-    """An error number without a sentence, as of a name that is not found, keeps the words of the system."""
-    for key in read_catalogue("system", "en"):
-        number = getattr(errno, key.removeprefix("system.error_").upper())
-        reason = errors.SystemReason(OSError(number, os.strerror(number)))
-        assert str(reason) == os.strerror(number)
-        assert has_chinese(reason.text("zh"))
-    assert errors.SystemReason(OSError(-2, "Name or service not known")).text("zh") == "Name or service not known"
-    assert errors.SystemReason(TimeoutError()).text("zh") == "TimeoutError"
 
 
 def test_a_list_in_a_sentence_has_the_mark_of_the_language_between_its_items() -> None:

@@ -59,11 +59,15 @@ class ErrorScope(StrEnum):
     CONFIGURATION = "configuration"
 
 
+_NUMBERLESS_ERRORS = {TimeoutError: "timeout", ConnectionResetError: "closed"}
+"""Classes that Python's own libraries raise without an error number, to the end of the key of their sentence."""
+
+
 class SystemReason:
     """Why the operating system failed, as the parameter of a sentence: translated where its error number is known."""
 
     def __init__(self, error: Exception) -> None:
-        self._key = f"system.error_{errno.errorcode.get(getattr(error, 'errno', None) or 0, '').lower()}"
+        self._key = f"system.error_{_error_name(error)}"
         self._words = str(getattr(error, "strerror", None) or "") or str(error) or type(error).__name__
 
     def text(self, language: str = "en") -> str:
@@ -72,6 +76,18 @@ class SystemReason:
 
     def __str__(self) -> str:
         return self.text("en")
+
+
+def _error_name(error: Exception) -> str:
+    """Return the name of an error number in lower case, or of the class of an error without a number; else nothing."""
+    number = getattr(error, "errno", None)
+    if number is None:
+        return next((name for kind, name in _NUMBERLESS_ERRORS.items() if isinstance(error, kind)), "")
+    if type(error).__module__ == "socket":  # a gaierror: the resolver has numbers of its own
+        import socket
+
+        return next((n.lower() for n in dir(socket) if n.startswith("EAI_") and getattr(socket, n) == number), "")
+    return "" if type(error).__module__ == "ssl" else errno.errorcode.get(number, "").lower()  # those are OpenSSL's
 
 
 class DrivebusError(Exception):

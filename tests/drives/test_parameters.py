@@ -742,6 +742,7 @@ def test_a_store_of_another_format_is_refused_and_never_overwritten(tmp_path: Pa
         with pytest.raises(ConfigurationError) as caught:
             access()
         assert caught.value.key == "drives.store_unreadable"
+        assert "values" not in text or caught.value.params["problem"].key == "drives.store_format"
     assert path.read_text() == text
 
 

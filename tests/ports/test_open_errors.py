@@ -59,7 +59,7 @@ def test_a_name_without_hardware_is_distinguished_from_a_missing_one(pty: Pty) -
     """The kernel names /dev/ttyS0 to S3 whether they exist or not; to open them gives EIO."""
     assert open_errors.open_error(pty.path, OSError(errno.EIO, "x")).key == "ports.no-hardware"
     other = open_errors.open_error(pty.path, OSError(errno.EMFILE, "too many open files"))
-    assert (other.key, other.params["reason"]) == ("ports.failed", "too many open files")
+    assert (other.key, str(other.params["reason"])) == ("ports.failed", "Too many open files")
 
 
 def denied(path: Path) -> PortUnavailable:

@@ -80,7 +80,7 @@ async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) 
     assert (transport.sent, bytes(sink.data)) == (b"ask", b"reply")
     port.connection_lost(OSError("removed"))
     port.connection_lost(None)
-    assert [error.params["reason"] for error in sink.lost] == ["removed"]
+    assert [str(error.params["reason"]) for error in sink.lost] == ["removed"]
 
 
 async def test_a_com_port_that_sends_nothing_is_lost_after_the_timeout(transport: Transport) -> None:
@@ -90,6 +90,8 @@ async def test_a_com_port_that_sends_nothing_is_lost_after_the_timeout(transport
     with pytest.raises(PortLost):
         port.write(b"x")
     assert (transport.sent, transport.ended) == (b"", "aborted")
+    port.connection_lost(None)
+    assert [error.params["reason"].key for error in sink.lost] == ["ports.closed"]
 
 
 async def test_a_closed_com_port_delivers_nothing(transport: Transport) -> None:

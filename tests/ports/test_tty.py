@@ -157,7 +157,8 @@ async def test_an_adapter_unplugged_while_a_frame_is_half_sent_is_reported_once(
     with monkeypatch.context() as patch:
         failing(patch, "write")
         port._writable()
-    assert [error.params["reason"] for error in sink.lost] == ["Input/output error"]
+    assert [str(error.params["reason"]) for error in sink.lost] == ["Input/output error"]
+    assert "输入输出错误" in sink.lost[0].text("zh")
     with pytest.raises(PortLost):
         port.write(b"x")
     await port.close()
@@ -170,7 +171,7 @@ async def test_an_empty_read_is_a_hang_up(pty: Pty, monkeypatch: pytest.MonkeyPa
     with monkeypatch.context() as patch:
         patch.setattr("drivebus.ports.serial_posix.os.read", lambda *_: b"")
         port._readable()
-    assert [error.params["reason"] for error in sink.lost] == ["hang-up"]
+    assert [error.params["reason"].key for error in sink.lost] == ["ports.hang-up"]
     await port.close()
 
 

@@ -38,7 +38,7 @@ def test_a_rejection_is_reported_in_both_languages_without_an_empty_place(path: 
         english, chinese = diagnostic.text("en"), diagnostic.text("zh")
         assert Path(diagnostic.file).name in english and Path(diagnostic.file).name in chinese
         assert "profiles." not in english and "profiles." not in chinese
-        assert not ({"{", "}"} & set((english + chinese).replace(diagnostic.found, "")))
+        assert not ({"{", "}"} & set((english + chinese).replace(diagnostic.found.en, "")))
         assert any("一" <= character <= "鿿" for character in chinese)
 
 
@@ -49,7 +49,7 @@ def test_two_faults_of_one_file_are_both_named() -> None:
 
 def test_the_first_fault_is_in_the_params_of_the_error() -> None:
     params = refusal(REJECTED / "max-read-zero.toml").params
-    assert (params["line"], params["key"], params["found"], params["expected"].en) == (
+    assert (params["line"], params["key"], params["found"].en, params["expected"].en) == (
         5,
         "modbus.max_read",
         "0",
@@ -75,7 +75,7 @@ def test_a_toggle_of_direction_can_not_be_offered_under_any_name() -> None:
 
 def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() -> None:
     """Otherwise a parameter write would bypass the start permissives."""
-    assert refusal(REJECTED / "command-as-parameter.toml").params["found"] == '"2000H"'
+    assert refusal(REJECTED / "command-as-parameter.toml").params["found"].en == '"2000H"'
     assert refusal(REJECTED / "eeprom-twin-on-the-command-word.toml").params["diagnostics"][0].kind == "duplicate"
     assert refusal(REJECTED / "eeprom-form-as-parameter.toml").params["diagnostics"][0].kind == "eeprom_bit"
 

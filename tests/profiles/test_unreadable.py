@@ -56,5 +56,7 @@ def test_a_users_own_folder_that_can_not_be_read_does_not_hide_the_built_in_mode
     own.mkdir(parents=True)
     refuse(monkeypatch, own, PermissionError(13, "Permission denied"))
     assert profiles.load("c320").model == "c320" and "c320" in profiles.models()
-    with pytest.raises(ProfileError, match="Permission denied"):
+    with pytest.raises(ProfileError) as caught:
         profiles.load("mine")
+    assert 'a file that can\'t be read: "Permission denied" found' in caught.value.text("en")
+    assert '文件无法读取：实际为 "权限不足"' in caught.value.text("zh")

@@ -19,7 +19,7 @@ from drivebus.bus.prepared_request import Poll
 from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
-from drivebus.errors import DrivebusError, PortLost, PortUnavailable
+from drivebus.errors import DrivebusError, PortLost, PortUnavailable, SystemReason
 from drivebus.ports.base import PausableReader, Port
 from drivebus.serial_settings import SerialSettings
 
@@ -97,8 +97,7 @@ class Bus:
             timers.release(loop)
             if isinstance(error, DrivebusError) or not isinstance(error, Exception):
                 raise
-            reason = getattr(error, "strerror", None) or str(error)
-            raise PortUnavailable("ports.failed", port=self.port.url, reason=reason) from error
+            raise PortUnavailable("ports.failed", port=self.port.url, reason=SystemReason(error)) from error
         self._loop = loop
         self._clock = self._clock or queue.now
         character_s = self.core.character_s
@@ -404,7 +403,7 @@ class Bus:
                     self.port_lost(error)
                 except Exception as error:  # a bus that waited for ever would send no stop either
                     self._report(f"writing to bus {self.name} failed", error)
-                    self.port_lost(PortLost("ports.lost", port=self.name, reason=str(error)))
+                    self.port_lost(PortLost("ports.lost", port=self.name, reason=SystemReason(error)))
 
     def _deliver(self, command: DeliverResult) -> None:
         if type(command.token) is PollSubscription:

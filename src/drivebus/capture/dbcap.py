@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import Json
 
@@ -91,7 +91,7 @@ class CaptureWriter:
         except FileExistsError as error:
             raise CaptureError("capture.exists", file=str(path)) from error
         except OSError as error:
-            raise CaptureError("capture.create", file=str(path), reason=error.strerror or str(error)) from error
+            raise CaptureError("capture.create", file=str(path), reason=SystemReason(error)) from error
         self._write_line(_header_line(header))
 
     def write_bytes(self, now: float, direction: ByteDirection, data: bytes, line_errors: int = 0) -> None:
@@ -132,7 +132,7 @@ def read_capture(path: str | Path) -> Capture:
     try:
         text = Path(path).read_bytes()
     except OSError as error:
-        raise CaptureError("capture.open", file=name, reason=error.strerror or str(error)) from error
+        raise CaptureError("capture.open", file=name, reason=SystemReason(error)) from error
     lines = text.split(b"\n")
     truncated = lines.pop() != b""
     if not lines:

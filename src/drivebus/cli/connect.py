@@ -183,6 +183,8 @@ def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
             port.end_capture()
     error = recording[0].error if recording else None
     if error is not None:
-        output.print_note("record.cut", file=file, reason=error.strerror or str(error))
+        from drivebus.errors import SystemReason
+
+        output.print_note("record.cut", file=file, reason=SystemReason(error))
     elif recording:
         output.print_note("record.done", file=file)

@@ -18,6 +18,7 @@ from drivebus.errors import (
     OutcomeUnknown,
     ProtocolError,
     StopUnconfirmed,
+    SystemReason,
 )
 
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
@@ -55,7 +56,7 @@ def report_error(error: DrivebusError) -> ExitCode:
 
 def from_os_error(error: OSError) -> ConfigurationError:
     """Convert an error of the operating system about a file or folder of the command line."""
-    return ConfigurationError("cli.system", file=error.filename or "-", reason=error.strerror or str(error))
+    return ConfigurationError("cli.system", file=error.filename or "-", reason=SystemReason(error))
 
 
 def print_error(error: DrivebusError) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from drivebus import i18n
+from drivebus.errors import SystemReason
 from drivebus.terminal import discard_output
 
 _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
@@ -101,7 +102,7 @@ def echo(ready: str, *, err: bool = False) -> None:
             raise
         discard_output(sys.stderr if err else sys.stdout)
         if not err:
-            print_note("cli.output_lost", reason=error.strerror or error)
+            print_note("cli.output_lost", reason=SystemReason(error))
 
 
 def print_message(key: str, /, **params: Any) -> None:

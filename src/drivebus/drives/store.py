@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from drivebus import atomic_write
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 
 STORE_FORMAT = 1
 
@@ -72,7 +72,7 @@ class FileStore:
                 values[key] = change(values.get(key))
                 _replace(self.path, _encode(values))
         except OSError as error:
-            problem = error.strerror or str(error)
+            problem = SystemReason(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
 
     def put_aside(self, values: Mapping[str, str], suffix: str) -> Path:
@@ -86,7 +86,7 @@ class FileStore:
                 atomic_write.link_or_copy(self.path, aside)
                 _replace(self.path, _encode(values))
         except OSError as error:
-            problem = error.strerror or str(error)
+            problem = SystemReason(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
         return aside
 
@@ -96,12 +96,13 @@ class FileStore:
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, RecursionError) as error:  # not UTF-8 is a ValueError too
-            raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=str(error)) from error
+            raise ConfigurationError(
+                "drives.store_unreadable", file=str(self.path), problem=SystemReason(error)
+            ) from error
         values = found.get("values") if isinstance(found, dict) and found.get("format") == STORE_FORMAT else None
         if not isinstance(values, dict) or not all(isinstance(v, str) for v in values.values()):
-            raise ConfigurationError(
-                "drives.store_unreadable", file=str(self.path), problem=f"format {STORE_FORMAT} expected"
-            )
+            problem = ConfigurationError("drives.store_format", format=STORE_FORMAT)
+            raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=problem)
         return values
 
 

@@ -100,7 +100,7 @@ class MemoryPort:
         receiver, self._receiver = self._receiver, None
         self._open_count += 1
         if receiver is not None:
-            receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
+            receiver.port_lost(PortLost("ports.lost", port=self.url, reason=PortLost("ports.pulled")))
 
     def _deliver(self, data: bytes, open_count: int) -> None:
         if self._receiver is not None and open_count == self._open_count:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from drivebus.errors import PortUnavailable
+from drivebus.errors import PortUnavailable, SystemReason
 from drivebus.ports.discovery import (
     DeviceUser,
     device_users,
@@ -36,7 +36,7 @@ def open_error(path: str, error: OSError, owner_pid: int | None = None) -> PortU
         return PortUnavailable("ports.not-serial", port=path)
     if error.errno == errno.EIO:
         return PortUnavailable("ports.no-hardware", port=path)
-    return PortUnavailable("ports.failed", port=path, reason=error.strerror or str(error))
+    return PortUnavailable("ports.failed", port=path, reason=SystemReason(error))
 
 
 def in_use_error(path: str, user: DeviceUser) -> PortUnavailable:

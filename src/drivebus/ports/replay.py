@@ -110,7 +110,7 @@ class ReplayPort:
         while self._receiver is not None:
             if self._position == len(self._records):
                 end = self._started_at + self._last_s + REPLAY_END_DELAY_S
-                self._set_handle(self._loop.call_at(end, self._lose, "end of the capture"))
+                self._set_handle(self._loop.call_at(end, self._lose, PortLost("ports.capture-end")))
                 return
             record = self._records[self._position]
             if isinstance(record, BytesRecord) and record.direction == "tx":
@@ -156,7 +156,7 @@ class ReplayPort:
             )
         )
 
-    def _lose(self, reason: str) -> None:
+    def _lose(self, reason: str | PortLost) -> None:
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
             receiver.port_lost(PortLost("ports.lost", port=self.url, reason=reason))

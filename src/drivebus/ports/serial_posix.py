@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 
 assert sys.platform != "win32"
 
-from drivebus.errors import PortLost, PortUnavailable
+from drivebus.errors import PortLost, PortUnavailable, SystemReason
 from drivebus.ports.base import PortNote
 from drivebus.ports.parmrk import ParityMarkDecoder
 from drivebus.ports.tty import SerialDescriptor, open_by_identity
@@ -89,11 +89,11 @@ class SerialPort:
         except BlockingIOError:
             sent = 0
         except OSError as error:
-            raise self._fail(error.strerror or str(error), notify_later=True) from error
+            raise self._fail(SystemReason(error), notify_later=True) from error
         if sent != len(data):
             self._unsent += data[sent:]
             self._loop.add_writer(self._fd, self._writable)
-            self._stall = self._loop.call_later(WRITE_STALL_TIMEOUT_S, self._fail, "stalled")
+            self._stall = self._loop.call_later(WRITE_STALL_TIMEOUT_S, self._fail, PortLost("ports.stalled"))
 
     def pause_reading(self) -> None:
         """Leave bytes in the kernel, as ``PausableReader`` says."""
@@ -144,10 +144,10 @@ class SerialPort:
         except BlockingIOError:
             return
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self._fail(SystemReason(error))
             return
         if not chunk:
-            self._fail("hang-up")
+            self._fail(PortLost("ports.hang-up"))
         elif self._mark_decoder is None:
             self._deliver(chunk)
         else:
@@ -164,13 +164,13 @@ class SerialPort:
         except BlockingIOError:
             return
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self._fail(SystemReason(error))
             return
         if not self._unsent:
             self._loop.remove_writer(self._fd)
             self._cancel_stall()
 
-    def _fail(self, reason: str, *, notify_later: bool = False) -> PortLost:
+    def _fail(self, reason: SystemReason | PortLost, *, notify_later: bool = False) -> PortLost:
         """Release the device and notify the receiver, once; ``notify_later`` from within ``write``."""
         error = PortLost("ports.lost", port=self._path, reason=reason)
         receiver = self._receiver

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 
-from drivebus.errors import PortLost, PortUnavailable
+from drivebus.errors import PortLost, PortUnavailable, SystemReason
 from drivebus.ports import open_errors, serialx_adapter
 from drivebus.ports.url import PortUrl
 from drivebus.types import Capabilities, EchoSetting, Receiver
@@ -51,7 +51,7 @@ class WindowsPort(asyncio.Protocol):
             raise PortLost("ports.not-open", port=self._path)
         if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             self._transport.abort()
-            raise PortLost("ports.lost", port=self._path, reason="stalled")
+            raise PortLost("ports.lost", port=self._path, reason=PortLost("ports.stalled"))
         self._transport.write(data)
 
     async def close(self) -> None:
@@ -68,4 +68,5 @@ class WindowsPort(asyncio.Protocol):
         receiver, self._receiver = self._receiver, None
         self._transport = None
         if receiver is not None:
-            receiver.port_lost(PortLost("ports.lost", port=self._path, reason=str(exc or "closed")))
+            reason = PortLost("ports.closed") if exc is None else SystemReason(exc)
+            receiver.port_lost(PortLost("ports.lost", port=self._path, reason=reason))

@@ -14,7 +14,7 @@ import socket
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivebus.errors import PortLost, PortUnavailable
+from drivebus.errors import PortLost, PortUnavailable, SystemReason
 from drivebus.ports.url import PortUrl
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
@@ -51,7 +51,7 @@ class TcpConnection(asyncio.Protocol):
         except ConnectionRefusedError as error:
             raise PortUnavailable("ports.net-refused", port=self._name, number=port) from error
         except OSError as error:
-            raise PortUnavailable("ports.net", port=self._name, reason=error.strerror or str(error)) from error
+            raise PortUnavailable("ports.net", port=self._name, reason=SystemReason(error)) from error
         self._transport = transport
 
     def write(self, data: bytes) -> None:
@@ -61,7 +61,7 @@ class TcpConnection(asyncio.Protocol):
             raise PortLost("ports.not-open", port=self._name)
         if transport.get_write_buffer_size():
             transport.abort()
-            raise PortLost("ports.lost", port=self._name, reason="stalled")
+            raise PortLost("ports.lost", port=self._name, reason=PortLost("ports.stalled"))
         transport.write(data)
 
     def close(self) -> None:
@@ -78,10 +78,8 @@ class TcpConnection(asyncio.Protocol):
             lost(PortLost("ports.lost", port=self._name, reason=_reason(exc)))
 
 
-def _reason(exc: Exception | None) -> str:
-    if exc is None:
-        return "the server closed the connection"
-    return getattr(exc, "strerror", None) or str(exc)
+def _reason(exc: Exception | None) -> SystemReason | PortLost:
+    return PortLost("ports.server-closed") if exc is None else SystemReason(exc)
 
 
 async def _connect(host: str, port: int) -> socket.socket:

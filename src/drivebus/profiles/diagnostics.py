@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
-from drivebus.errors import ProfileError
+from drivebus.errors import ProfileError, SystemReason
 from drivebus.values import Text
 
 KeyPath = tuple[str | int, ...]
@@ -41,7 +41,7 @@ class Diagnostic:
     """Last part of the i18n key of its text, ``<catalogue>.kind.<kind>``."""
     key: str
     """Dotted, as in TOML: ``signals.output_frequency.unit``; empty for the whole file."""
-    found: str
+    found: Text
     expected: Text
     remedy: Text
     file: str = ""
@@ -114,12 +114,17 @@ def issue(
     return Issue(kind, tuple(path), found, params, tuple(related))
 
 
+def unreadable_issue(error: OSError) -> Issue:
+    """Return the issue of a file or folder that the operating system does not let us read."""
+    return issue("unreadable", (), Text.per_language(SystemReason(error).text))
+
+
 def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DEFAULT_CATALOGUE) -> Diagnostic:
     """Return the diagnostic of an issue, with its texts in both languages."""
     return Diagnostic(
         kind=found.kind,
         key=dotted_key(found.path),
-        found=format_value(found.found),
+        found=Text.per_language(lambda language: format_value(found.found, language)),
         expected=bilingual_text(_text_key(catalogue, "expected", found.kind), **found.params),
         remedy=bilingual_text(_text_key(catalogue, "remedy", found.kind), **found.params),
         file=file,
@@ -175,12 +180,14 @@ def _quote(part: str) -> str:
     return part if bare else f'"{part}"'
 
 
-def format_value(value: Any) -> str:
+def format_value(value: Any, language: str) -> str:
     """Return a value as TOML writes it, shortened."""
     if value is None:
         text = "-"
     elif isinstance(value, bool):
         text = str(value).lower()
+    elif isinstance(value, Text):
+        text = f'"{value.in_language(language)}"'
     elif isinstance(value, str):
         text = f'"{value}"'
     else:

@@ -30,6 +30,7 @@ from drivebus.profiles.diagnostics import (
     nearest_names,
     profile_error,
     to_diagnostic,
+    unreadable_issue,
 )
 from drivebus.profiles.model import DriveProfile
 from drivebus.profiles.schema import NEWEST_FORMAT, ProfileIn
@@ -136,7 +137,7 @@ def _list_directory(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise _single_error(folder, issue("unreadable", (), error.strerror or str(error))) from None
+        raise _single_error(folder, unreadable_issue(error)) from None
 
 
 def _find_file(model: str | Path, beside: Path | None = None) -> Path:
@@ -219,7 +220,7 @@ def _read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(MAX_TOML_BYTES) if size else b""
     except OSError as error:
-        raise _single_error(path, issue("unreadable", (), error.strerror or str(error))) from None
+        raise _single_error(path, unreadable_issue(error)) from None
 
 
 def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from drivebus import i18n
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.protocols.codec import Codec
 
 BUILT_IN: Final = (
@@ -180,9 +180,11 @@ def _load(point: EntryPoint) -> ProtocolFamily:
     try:
         family = point.load()
     except Exception as error:
-        raise ConfigurationError("families.broken", found=point.name, module=point.value, reason=str(error)) from error
+        raise ConfigurationError(
+            "families.broken", found=point.name, module=point.value, reason=SystemReason(error)
+        ) from error
     if not isinstance(family, ProtocolFamily) or family.name != point.name:
-        reason = f"not a ProtocolFamily named {point.name}"
+        reason = ConfigurationError("families.no_family", name=point.name)
         raise ConfigurationError("families.broken", found=point.name, module=point.value, reason=reason)
     register(family)
     return family

@@ -172,7 +172,7 @@ class ScriptedPort:
         self.plugged = False
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
-            receiver.port_lost(PortLost("ports.lost", port=self.url, reason="unplugged"))
+            receiver.port_lost(PortLost("ports.lost", port=self.url, reason=PortLost("ports.pulled")))
 
     def _deliver(self, data: bytes, opening: int) -> None:
         if self._receiver is not None and opening == self.openings:

@@ -14,7 +14,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.loopback import is_loopback
 from drivebus.web.gateway import WebConfig
@@ -222,7 +222,7 @@ def _tls_context(web: WebConfig) -> ssl.SSLContext:
         assert web.certificate is not None
         context.load_cert_chain(web.certificate, web.key)
     except (OSError, ssl.SSLError) as error:
-        raise ConfigurationError("auth.certificate", file=str(web.certificate), problem=str(error)) from error
+        raise ConfigurationError("auth.certificate", file=str(web.certificate), problem=SystemReason(error)) from error
     return context
 
 
@@ -236,7 +236,7 @@ def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> 
         listener.bind(address)
         listener.listen()
     except OSError as error:
-        raise ConfigurationError("auth.can_not_listen", host=host, port=port, problem=str(error)) from error
+        raise ConfigurationError("auth.can_not_listen", host=host, port=port, problem=SystemReason(error)) from error
     return listener
 
 

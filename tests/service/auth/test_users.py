@@ -295,7 +295,7 @@ def test_a_full_disk_leaves_the_old_file(error: OSError, tmp_path: Path, monkeyp
         context.setattr("os.fsync", full)
         with pytest.raises(ConfigurationError) as raised:
             file.change(lambda database: database.with_token(TOKEN))
-    assert raised.value.params["problem"] == "No space left on device"
+    assert str(raised.value.params["problem"]) == "No space left on device"
     assert UserFile(file.path).read() == UserDatabase((ADMIN,))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["users.json", "users.lock"]
 

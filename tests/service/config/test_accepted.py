@@ -290,7 +290,7 @@ def test_an_interval_in_milliseconds_is_a_warning_with_its_line_and_the_value_in
 ) -> None:
     """Regression: 500, meant as milliseconds, was accepted silently, and a lost drive looked current for 25 minutes."""
     found = plant(fan=keys).warnings
-    assert [(one.key, one.found) for one in found] == [(key, value) for key, value, *_ in expected]
+    assert [(one.key, one.found.en) for one in found] == [(key, value) for key, value, *_ in expected]
     for one, (key, value, seconds, valid) in zip(found, expected, strict=True):
         text = one.text("en")
         assert one.line == HEAD.split("[drive.fan]")[0].count("\n") + 2 and f"plant.toml:{one.line}" in text

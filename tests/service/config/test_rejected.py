@@ -40,7 +40,7 @@ def test_a_rejection_is_complete_in_both_languages(path: Path) -> None:
         english, chinese = diagnostic.text("en"), diagnostic.text("zh")
         assert Path(diagnostic.file).name in english and Path(diagnostic.file).name in chinese
         assert not re.search(r"(plant_config|profiles|expression)\.[a-z]", english + chinese)
-        shown = (english + chinese).replace(diagnostic.found, "").replace(diagnostic.expected.en, "")
+        shown = (english + chinese).replace(diagnostic.found.en, "").replace(diagnostic.expected.en, "")
         assert not ({"{", "}"} & set(shown.replace(diagnostic.expected.zh, "")))
         assert any("一" <= character <= "鿿" for character in chinese)
 
@@ -129,10 +129,9 @@ def test_every_kind_of_fault_has_three_texts_and_a_rejected_file() -> None:
     for kind in kinds:
         for part in ("kind", "expected", "remedy"):
             assert f"plant_config.{part}.{kind}" in known or f"profiles.{part}.{kind}" in known
-    # A file alone does not show the first three: its size, its mode, and a check over the API. The last is a warning.
+    # A file alone does not show the first two: its size, and a check over the API. The last is a warning.
     assert kinds - all_expected_kinds(FILES) == {
         "too_large",
-        "unreadable",
         "model_outside",
         "long_interval",
         "unverified_database",

@@ -42,7 +42,7 @@ async def test_without_a_place_for_its_sockets_the_service_says_so(
 ) -> None:
     monkeypatch.setattr(protocol, "RUNTIME_FOLDERS", ())
     async with running_service() as kit:
-        with pytest.raises(ConfigurationError, match="no runtime folder"):
+        with pytest.raises(ConfigurationError, match="No such file or directory"):
             async with main._service_sockets(kit.service, tmp_path / "missing"):
                 pass
 

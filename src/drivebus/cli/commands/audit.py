@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup, Option
 from drivebus.cli.errors import ExitCode
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 
 if TYPE_CHECKING:
     from drivebus.service.audit.chain import AuditPaths
@@ -125,8 +125,7 @@ def _readable_trail(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise ConfigurationError("audit.command.unreadable", folder=str(folder), reason=reason) from error
+        raise ConfigurationError("audit.command.unreadable", folder=str(folder), reason=SystemReason(error)) from error
 
 
 def _argument() -> Argument:

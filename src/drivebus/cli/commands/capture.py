@@ -54,6 +54,7 @@ def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
 def _write(out: Path, data: bytes, force: bool) -> None:
     """Write a complete new file or none; ``force`` replaces an old one. Raises CaptureError."""
     from drivebus.capture.dbcap import CaptureError
+    from drivebus.errors import SystemReason
 
     part = out.with_name(f"{out.name}.part") if force else out
     try:
@@ -64,7 +65,7 @@ def _write(out: Path, data: bytes, force: bool) -> None:
     except FileExistsError as error:
         raise CaptureError("capture.export.exists", file=str(part)) from error
     except OSError as error:
-        raise CaptureError("capture.export.write", file=str(out), reason=error.strerror or str(error)) from error
+        raise CaptureError("capture.export.write", file=str(out), reason=SystemReason(error)) from error
 
 
 def _write_or_delete(file: Any, path: Path, data: bytes) -> None:

@@ -81,7 +81,7 @@ def _require_new_file(file: str, force: bool) -> None:
 
 def _write(file: str, text: str, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    from drivebus.errors import ConfigurationError
+    from drivebus.errors import ConfigurationError, SystemReason
 
     if file == "-":
         output.print_text(text.rstrip("\n"))
@@ -92,7 +92,7 @@ def _write(file: str, text: str, force: bool) -> None:
     except FileExistsError:
         raise ConfigurationError("plant_init.exists", file=file) from None
     except OSError as error:
-        raise ConfigurationError("plant_init.unwritten", file=file, reason=error.strerror or str(error)) from error
+        raise ConfigurationError("plant_init.unwritten", file=file, reason=SystemReason(error)) from error
 
 
 # --- a scan -------------------------------------------------------------------------------------------------------

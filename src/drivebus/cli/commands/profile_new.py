@@ -140,7 +140,7 @@ def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
 
 def _write(file: str, text: str, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    from drivebus.errors import ConfigurationError
+    from drivebus.errors import ConfigurationError, SystemReason
 
     try:
         with Path(file).open("w" if force else "x", encoding="utf-8") as stream:
@@ -148,7 +148,7 @@ def _write(file: str, text: str, force: bool) -> None:
     except FileExistsError:
         raise ConfigurationError("profile_new.exists", file=file) from None
     except OSError as error:
-        raise ConfigurationError("profile_new.unwritten", file=file, reason=error.strerror or str(error)) from error
+        raise ConfigurationError("profile_new.unwritten", file=file, reason=SystemReason(error)) from error
 
 
 def _print_trial(steps: list[TrialStep]) -> None:

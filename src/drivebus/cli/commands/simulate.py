@@ -96,7 +96,7 @@ async def _serve(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | No
 
 async def _open(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | None) -> Any:
     """Open a server on a pty or a TCP port. Raises PortUnavailable."""
-    from drivebus.errors import ConfigurationError, PortUnavailable
+    from drivebus.errors import ConfigurationError, PortUnavailable, SystemReason
 
     try:
         if bind is not None:
@@ -110,7 +110,7 @@ async def _open(bus: SimulatedBus, bind: tuple[str, int] | None, link: str | Non
         raise ConfigurationError("simulate.no_pty") from error
     except OSError as error:
         where = link or "pty" if bind is None else f"tcp://{bind[0]}:{bind[1]}"
-        raise PortUnavailable("simulate.cannot_listen", where=where, reason=error.strerror or str(error)) from error
+        raise PortUnavailable("simulate.cannot_listen", where=where, reason=SystemReason(error)) from error
 
 
 command = CliCommand(

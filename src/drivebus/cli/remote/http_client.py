@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
-from drivebus.errors import ConfigurationError, ServiceUnavailable
+from drivebus.errors import ConfigurationError, ServiceUnavailable, SystemReason
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
 from drivebus.service.config.loopback import is_loopback
 from drivebus.types import Json
@@ -71,7 +71,7 @@ class HttpClient:
             response = connection.getresponse()
             status, text = response.status, response.read(MAX_RESPONSE_BYTES)
         except (OSError, http.client.HTTPException) as error:
-            raise ServiceUnavailable("service.silent", address=self._address, reason=str(error)) from error
+            raise ServiceUnavailable("service.silent", address=self._address, reason=SystemReason(error)) from error
         finally:
             connection.close()
         return _parse_response(status, text, self._address)
@@ -84,7 +84,7 @@ class HttpClient:
         try:
             connection.connect()
         except OSError as error:
-            raise ServiceUnavailable("service.not_there", address=self._address, reason=str(error)) from error
+            raise ServiceUnavailable("service.not_there", address=self._address, reason=SystemReason(error)) from error
         connection.sock.settimeout(RESPONSE_TIMEOUT_S)
         return connection
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import get_args
 
 from drivebus.commissioning.new_profile.questions import parse_register
-from drivebus.errors import ProfileError
+from drivebus.errors import ProfileError, SystemReason
 from drivebus.profiles.diagnostics import Diagnostic, issue, profile_error, to_diagnostic
 from drivebus.profiles.schema import Unit
 from drivebus.profiles.toml_file import toml_string
@@ -98,7 +98,7 @@ def _read_text(path: Path) -> str:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise ProfileError("register_table.unreadable", file=str(path), reason=error.strerror or str(error)) from error
+        raise ProfileError("register_table.unreadable", file=str(path), reason=SystemReason(error)) from error
     if len(raw) > MAX_TABLE_BYTES:
         raise profile_error([to_diagnostic(issue("too_large", (), len(raw)), str(path), 1, CATALOGUE)])
     try:

@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
@@ -200,9 +200,9 @@ class UserFile:
         except FileNotFoundError as error:
             if self._file_state is None:
                 return UserDatabase()
-            raise self._unusable_error(str(error)) from error
+            raise self._unusable_error(error) from error
         except OSError as error:
-            raise self._unusable_error(str(error)) from error
+            raise self._unusable_error(error) from error
         fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)
         if fingerprint != self._file_state:
             loaded = self._load()
@@ -223,17 +223,17 @@ class UserFile:
                 atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
                 self._database = after
         except OSError as error:
-            raise self._unusable_error(error.strerror or str(error)) from error
+            raise self._unusable_error(error) from error
         return after
 
     def _load(self) -> UserDatabase:
         try:
             return _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
         except (OSError, ValidationError) as error:
-            raise self._unusable_error(str(error)) from error
+            raise self._unusable_error(error) from error
 
-    def _unusable_error(self, problem: str) -> ConfigurationError:
-        return ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem)
+    def _unusable_error(self, error: Exception) -> ConfigurationError:
+        return ConfigurationError("auth.store_unusable", file=str(self.path), problem=SystemReason(error))
 
 
 def _log_changes(path: Path, before: UserDatabase, after: UserDatabase) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 from pydantic import create_model
 
 from drivebus import i18n
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.profiles.diagnostics import Issue
 from drivebus.service.config.model import CertificateFiles
 from drivebus.service.config.schema import GatewayTable, GatewayTables, PlantFile
@@ -88,7 +88,7 @@ def _load_all() -> tuple[dict[str, Gateway], type[PlantFile]]:
     for point in entry_points(group=ENTRY_POINT_GROUP):
         other = points.setdefault(point.name, point)
         if point.value != other.value:
-            raise _error(point, f"{other.value} has the same name")
+            raise _error(point, ConfigurationError("gateways.same_name", other=other.value))
     found = {name: _load(points[name]) for name in sorted(points)}
     fields: dict[str, Any] = {
         name: (gateway.table, gateway.table()) if gateway.runs_without_table else (gateway.table | None, None)
@@ -102,14 +102,14 @@ def _load(point: EntryPoint) -> Gateway:
     try:
         gateway = point.load()
     except Exception as error:
-        raise _error(point, str(error)) from error
+        raise _error(point, SystemReason(error)) from error
     if not isinstance(gateway, Gateway) or gateway.name != point.name or not GATEWAY_NAME.fullmatch(point.name):
-        raise _error(point, f"not a Gateway named {point.name}")
+        raise _error(point, ConfigurationError("gateways.no_gateway", name=point.name))
     if gateway.catalogues is not None:
         i18n.add_folder(gateway.catalogues)
     return gateway
 
 
-def _error(point: EntryPoint, reason: str) -> ConfigurationError:
+def _error(point: EntryPoint, reason: SystemReason | ConfigurationError) -> ConfigurationError:
     package = point.dist.name if point.dist is not None else "-"
     return ConfigurationError("gateways.broken", found=point.name, module=point.value, package=package, reason=reason)

@@ -22,6 +22,7 @@ from drivebus.profiles.diagnostics import (
     issue,
     issues_from_pydantic,
     to_diagnostic,
+    unreadable_issue,
 )
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
 from drivebus.service.config import build, check, check_buses
@@ -71,7 +72,7 @@ def loads(
 def unreadable_file_diagnostic(path: str, error: OSError) -> Diagnostic:
     """Return the diagnostic of a file that cannot be read."""
     missing = isinstance(error, FileNotFoundError)
-    found = issue("no_file", (), path) if missing else issue("unreadable", (), error.strerror or str(error))
+    found = issue("no_file", (), path) if missing else unreadable_issue(error)
     return to_diagnostic(found, path, None, CATALOGUE)
 
 

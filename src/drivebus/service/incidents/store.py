@@ -158,7 +158,7 @@ def _write_capture(path: Path, header: CaptureHeader, frames: WireFrames) -> Non
     try:
         writer = CaptureWriter(path, header, now=ordered[0][0] if ordered else 0.0)
     except CaptureError as error:
-        raise OSError(str(error)) from error
+        raise error.__cause__ or error from None
     for at, sent, data in ordered:
         if data:
             writer.write_bytes(at, "tx" if sent else "rx", data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 import re
@@ -39,7 +40,7 @@ def socket_path(directory: Path, name: str) -> Path:
 
 def create_runtime_folder(directory: Path) -> Path:
     """Create a folder of this user for the sockets of a state directory that cannot be written. Raises OSError."""
-    uid, failure = os.geteuid(), OSError("no runtime folder")
+    uid, failure = os.geteuid(), OSError(errno.ENOENT, os.strerror(errno.ENOENT))
     for folder in _runtime_folders(directory, uid):
         try:
             folder.mkdir(mode=PRIVATE_FOLDER_MODE, exist_ok=True)
@@ -48,6 +49,7 @@ def create_runtime_folder(directory: Path) -> Path:
         else:
             if _is_private(folder, uid):
                 return folder
+            failure = OSError(errno.EACCES, os.strerror(errno.EACCES))
     raise failure
 
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.service.process.permissions import check_trusted
 
 LOG = logging.getLogger("drivebus.service")
@@ -34,8 +34,7 @@ def single_instance(directory: Path) -> Iterator[None]:
             stack.callback(os.close, itself)
             file = _open_lock_file(directory / "service.lock")
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from error
+            raise ConfigurationError("plant.directory", directory=str(directory), reason=SystemReason(error)) from error
         if file is not None:
             stack.callback(os.close, file)
         if not all(_lock(fd) for fd in (file, itself) if fd is not None):
@@ -54,7 +53,7 @@ def _open_lock_file(path: Path) -> int | None:
     except OSError as error:
         if error.errno not in _UNWRITABLE:
             raise
-        LOG.error("%s can't be written: %s; nothing is recorded until it can be", path.parent, error.strerror)
+        LOG.error("%s can't be written: %s; nothing is recorded until it can be", path.parent, SystemReason(error))
         return None
 
 

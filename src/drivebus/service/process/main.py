@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, supp
 from pathlib import Path
 from typing import Any
 
-from drivebus.errors import ConfigurationError, DrivebusError
+from drivebus.errors import ConfigurationError, DrivebusError, SystemReason
 from drivebus.service.api.operations.plant import CONFIGURATION_RELOAD
 from drivebus.service.app import SERVICE_ACTOR, Service, build_service
 from drivebus.service.config.model import PlantConfig
@@ -103,9 +103,9 @@ async def _service_sockets(service: Service, directory: Path) -> AsyncIterator[N
                 stack.callback(remove_runtime_folders, directory)
                 servers = await _listen(service, folder, stack)
             except OSError as failure:
-                reason = failure.strerror or str(failure)
+                reason = SystemReason(failure)
                 raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from failure
-            LOG.error("no socket in %s: %s; the sockets are in %s", directory, error.strerror or error, folder)
+            LOG.error("no socket in %s: %s; the sockets are in %s", directory, SystemReason(error), folder)
         restoring = asyncio.create_task(_restore_sockets(servers))
         stack.callback(restoring.cancel)
         yield
@@ -133,7 +133,7 @@ async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
                 await server.open()
             except OSError as error:
                 if server.path not in missing:
-                    reason = error.strerror or error
+                    reason = SystemReason(error)
                     LOG.error("the socket %s is missing: %s", server.path, reason, extra=AT_LONG_INTERVALS)
                 missing.add(server.path)
             else:

@@ -122,7 +122,7 @@ def _unique(found: Iterable[str]) -> list[str]:
 
 def _diagnostics_json(error: ConfigurationError) -> list[Json]:
     found: Iterable[Diagnostic] = error.params.get("diagnostics", ())
-    return [{"line": one.line, "key": one.key, "found": one.found, "text": to_plain(one)} for one in found] or [
+    return [{"line": one.line, "key": one.key, "found": one.found.en, "text": to_plain(one)} for one in found] or [
         {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
     ]
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivebus.errors import ConfigurationError, ServiceError
+from drivebus.errors import ConfigurationError, ServiceError, SystemReason
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
 from drivebus.service.api.handlers import handles
@@ -56,7 +56,7 @@ class ConfigReload:
         try:
             text = await self._in_thread(lambda: Path(source).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
-            raise ConfigurationError("plant.no_source", source=source, reason=str(error)) from error
+            raise ConfigurationError("plant.no_source", source=source, reason=SystemReason(error)) from error
         return {"text": redact_text(text, source), "source": source}
 
     @handles(CONFIGURATION_CHECK)
