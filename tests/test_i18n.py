@@ -111,13 +111,14 @@ def test_a_list_in_a_sentence_has_the_mark_of_the_language_between_its_items() -
 
 
 def joined_parameters() -> Iterator[str]:
-    """Yield each keyword argument that is a joined list, of a raised error, an issue or a note of a sentence."""
+    """Yield each argument that is a joined list, of a raised error, an issue or a note of a sentence."""
     for file, node in constants():
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             is_sentence = isinstance(node.args[0].value, str) and not any(one.arg is None for one in node.keywords)
-            for keyword in node.keywords if is_sentence else ():
-                if re.match(r"', '\.join\(", ast.unparse(keyword.value)):
-                    yield f"{file}:{node.lineno} {keyword.arg}"
+            arguments = [*node.args[1:], *(keyword.value for keyword in node.keywords)]
+            for text in map(ast.unparse, arguments if is_sentence else ()):
+                if re.match(r"', '\.join\(", text):
+                    yield f"{file}:{node.lineno} {text}"
 
 
 def test_no_list_of_a_sentence_is_joined_before_its_language_is_known() -> None:

@@ -127,6 +127,23 @@ def test_a_wrong_capture_is_rejected_with_file_and_line(tmp_path: Path, text: st
         assert not {"{file}", "{line}", "{found}"} & set(caught.value.text(language).split())
 
 
+@pytest.mark.parametrize(
+    ("text", "english", "chinese"),
+    [
+        ('{"dbcap": 1, "baud": "1", "format": 2}\n', "baud, format is 1, 2;", "baud、format 为 1、2；"),
+        (HEAD + '{"t":0,"rx":"01","tx":"02"}\n', "rx, tx, event is rx, tx;", "rx、tx、event 为 rx、tx；"),
+    ],
+)
+def test_keys_and_values_are_listed_with_the_mark_of_the_language(
+    tmp_path: Path, text: str, english: str, chinese: str
+) -> None:
+    path = tmp_path / "wrong.dbcap"
+    path.write_text(text)
+    with pytest.raises(CaptureError) as caught:
+        read_capture(path)
+    assert english in caught.value.text("en") and chinese in caught.value.text("zh")
+
+
 def test_a_capture_never_overwrites_another(tmp_path: Path) -> None:
     written(tmp_path / "a.dbcap").close()
     with pytest.raises(CaptureError) as caught:

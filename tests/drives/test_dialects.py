@@ -177,6 +177,12 @@ def test_vc660_names_every_fault_bit_and_says_so_where_it_names_none() -> None:
     assert reported_fault(profiles.load("vc660"), DerivedState(DriveState.STOPPED)) is None
 
 
+def test_the_labels_of_several_faults_at_once_read_alike_in_every_language() -> None:
+    state = DerivedState(DriveState.FAULT, None, 7, further_fault_codes=(8,))
+    fault = reported_fault(profiles.load("c320"), state)
+    assert fault is not None and fault.label == "Fu.7 + Fu.8"
+
+
 def test_dzb100_is_stopped_only_when_q01_reads_zero_twice() -> None:
     assert judged_dzb((0, 0)) == DerivedState(DriveState.STOPPED)
     assert judged_dzb((5, 0)) is None

@@ -42,6 +42,12 @@ def test_a_rejection_is_reported_in_both_languages_without_an_empty_place(path: 
         assert any("一" <= character <= "鿿" for character in chinese)
 
 
+def test_a_list_that_was_found_has_the_mark_of_the_language() -> None:
+    found = refusal(REJECTED / "words-of-bits-and-values.toml").params["diagnostics"][0]
+    assert '"bits, values" found' in found.text("en")
+    assert '实际为 "bits、values"' in found.text("zh")
+
+
 def test_two_faults_of_one_file_are_both_named() -> None:
     found = refusal(REJECTED / "two-faults.toml").params["diagnostics"]
     assert [(c.kind, c.line) for c in found] == [("unknown_key", 5), ("type", 8)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,8 @@ from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import Json
 
+RECORD_KINDS = ("rx", "tx", "event")
+"""Keys of which each record has one."""
 VERSION = 1  # raised only when an older reader would misunderstand the file; new keys and events do not raise it
 
 ByteDirection = Literal["rx", "tx"]
@@ -182,16 +184,16 @@ def _parse_settings(file: str, value: Mapping[str, Any]) -> SerialSettings:
             raise ValueError
         return SerialSettings.parse(baud, format)
     except ValueError:
-        raise _invalid_value(file, 1, "baud, format", f"{baud}, {format}", "9600, 8E1") from None
+        raise _invalid_value(file, 1, ("baud", "format"), (baud, format), ("9600", "8E1")) from None
 
 
 def _parse_record(file: str, number: int, value: Json) -> Record:
     time_s = value.pop("t", None)
     if type(time_s) not in (int, float) or not 0 <= time_s < float("inf"):
         raise _invalid_value(file, number, "t", time_s, ">= 0")
-    kinds = [kind for kind in ("rx", "tx", "event") if kind in value]
+    kinds = [kind for kind in RECORD_KINDS if kind in value]
     if len(kinds) != 1:
-        raise _invalid_value(file, number, "rx, tx, event", ", ".join(kinds) or "-", "1")
+        raise _invalid_value(file, number, RECORD_KINDS, kinds or "-", "1")
     content = value.pop(kinds[0])
     if kinds[0] == "event":
         return EventRecord(time_s, str(content), value, number)
@@ -213,7 +215,9 @@ def _parse_hex(file: str, number: int, kind: str, content: Any) -> bytes:
     return data
 
 
-def _invalid_value(file: str, line: int, key: str, found: Any, expected: str) -> CaptureError:
+def _invalid_value(
+    file: str, line: int, key: str | Sequence[str], found: Any, expected: str | Sequence[str]
+) -> CaptureError:
     return CaptureError("capture.value", file=file, line=line, name=key, found=found, expected=expected)
 
 

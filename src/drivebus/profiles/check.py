@@ -28,6 +28,7 @@ from drivebus.profiles.schema import (
 from drivebus.profiles.spaces import BIT_SPACES
 from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import SerialSettings
+from drivebus.values import Text
 
 _SAME_IN_BOTH = {"stop": ("stop",), "coast": ("coast",), "quick_stop": ("quick_stop",), "reset_fault": ("reset",)}
 REQUIRED_BITS = _SAME_IN_BOTH | {
@@ -190,7 +191,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the model has a function to write one register, and one to read."""
     functions = profile.modbus.functions if profile.modbus else []
     if profile.modbus is not None and not {6, 16} & set(functions):
-        yield issue("missing_key", ("modbus", "functions"), ", ".join(map(str, functions)), name="6 / 16")
+        yield issue("missing_key", ("modbus", "functions"), Text.join_names(map(str, functions)), name="6 / 16")
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")

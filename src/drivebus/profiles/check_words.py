@@ -9,6 +9,7 @@ from typing import Any
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.profiles.schema import BitIn, CommandsIn, ProfileIn
+from drivebus.values import Text
 
 BitPaths = dict[str, tuple[KeyPath, BitIn]]
 """Command name to the key path of its bits, and the bits."""
@@ -24,7 +25,7 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
         table = getattr(profile, section)
         if table is not None and bool(table.bits) is bool(table.values):
             present = [kind for kind in ("bits", "values") if getattr(table, kind)]
-            yield issue("bits_or_values", (section,), ", ".join(present) or "-")
+            yield issue("bits_or_values", (section,), Text.join_names(present or ["-"]))
     yield from _check_masks(profile)
     yield from _check_whole_words(profile)
     yield from _check_command_values(profile)

@@ -11,6 +11,7 @@ from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import toml_file
 from drivebus.service import config
+from drivebus.values import Text
 from drivebus.web import gateway
 from fixtures.rejected_files import all_expected_kinds, check_diagnostics, check_pairs
 
@@ -50,6 +51,14 @@ def test_every_fault_of_a_file_is_reported_at_once() -> None:
     found = refusal(REJECTED / "many-faults.toml").params
     assert found["count"] == 8
     assert [one.line for one in found["diagnostics"]] == [6, 9, 12, 14, 16, 17, 19, 19]
+
+
+def test_ratios_without_a_leader_are_listed_with_the_mark_of_the_language() -> None:
+    text = (REJECTED / "group-without-leader.toml").read_text(encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace("{ fan = 0.5 }", "{ fan = 0.5, pump = 0.5 }", 1))
+    first = caught.value.params["diagnostics"][0]
+    assert (first.kind, first.found) == ("no_leader", Text('"fan, pump"', '"fan、pump"'))
 
 
 def test_two_protocol_families_on_one_bus_are_rejected() -> None:

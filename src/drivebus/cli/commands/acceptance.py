@@ -125,7 +125,7 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
 
 
 def _finding_text(finding: StepFinding) -> str:
-    figures = ", ".join(f"{name}={value}" for name, value in _figures(finding).items())
+    figures = output.join((f"{name}={value}" for name, value in _figures(finding).items()), "items")
     reason = output.text(finding.reason) if finding.reason else ""
     step = output.text(f"acceptance.step.{finding.step}")
     parts = [f"[{output.text(f'acceptance.{finding.verdict}')}] {step}", figures, reason]

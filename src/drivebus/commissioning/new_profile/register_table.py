@@ -29,7 +29,7 @@ COLUMNS = {
 REQUIRED = ("name", "address")
 ACCESS = {"": False, "r": False, "ro": False, "只读": False, "rw": True, "r/w": True, "w": True, "读写": True}
 """Text of the access column to whether the register can be written."""
-UNITS = ", ".join(unit for unit in get_args(Unit) if unit)
+UNITS = tuple(unit for unit in get_args(Unit) if unit)
 MAX_TABLE_BYTES = 1_000_000
 
 

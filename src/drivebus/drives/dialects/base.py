@@ -384,7 +384,7 @@ def reported_fault(profile: DriveProfile, derived: DerivedState) -> Fault | None
     faults = [_fault_from_code(profile, code) for code in (derived.fault_code, *derived.further_fault_codes)]
     return Fault(
         code=faults[0].code,
-        label=", ".join(fault.label for fault in faults if fault.label),
+        label=" + ".join(fault.label for fault in faults if fault.label),  # reads alike in every language
         text=_join_texts([fault.text for fault in faults]) or Text("", ""),
         cause=_join_texts([fault.cause for fault in faults if fault.cause]),
         remedy=_join_texts([fault.remedy for fault in faults if fault.remedy]),

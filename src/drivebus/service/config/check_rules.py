@@ -26,6 +26,7 @@ from drivebus.service.interlocks.expression import (
     parse,
     references,
 )
+from drivebus.values import Text
 
 
 def rule_issues(parsed: ParsedPlant) -> Iterator[Issue]:
@@ -55,7 +56,7 @@ def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
     if group.leader is not None and group.leader not in group.drives:
         yield issue("not_in_group", (*path, "leader"), group.leader, drives=tuple(group.drives))
     if group.ratios and group.leader is None:
-        yield issue("no_leader", (*path, "ratios"), ", ".join(group.ratios))
+        yield issue("no_leader", (*path, "ratios"), Text.join_names(group.ratios))
     for drive in group.ratios:
         if drive not in group.drives:
             yield issue("not_in_group", (*path, "ratios", drive), drive, drives=tuple(group.drives))

@@ -45,7 +45,7 @@ function Difference({ difference }) {
   const lines = Object.entries(difference ?? {}).filter(([, names]) => names.length > 0);
   if (lines.length === 0) return html`<p>${t("page.no_difference")}</p>`;
   return html`<dl class="facts">${lines.map(([what, names]) => html`<dt
-    key=${what}>${t(`page.differs_${what}`)}</dt><dd>${names.join(", ")}</dd>`)}</dl>`;
+    key=${what}>${t(`page.differs_${what}`)}</dt><dd>${names.join(t("language.between_items"))}</dd>`)}</dl>`;
 }
 
 function Reload({ onDone }) {
@@ -64,5 +64,5 @@ function Reload({ onDone }) {
     ${result && html`<${Notice} kind="good" live title=${t("page.reloaded")}><${Difference}
       difference=${result.difference} />
       ${result.restart?.length > 0
-        && html`<p>${t("page.at_restart", { names: result.restart.join(", ") })}</p>`}<//>`}</section>`;
+        && html`<p>${t("page.at_restart", { names: result.restart.join(t("language.between_items")) })}</p>`}<//>`}</section>`;
 }
