@@ -43,7 +43,7 @@ class CommLossRecord:
     address: int
     parameters: Mapping[str, int]
     """Raw values of the communication-loss parameters by notation; empty where the manual publishes none."""
-    fault: str | None = None
+    fault: str | None
     """Label of the fault that was read, None: no fault."""
 
     @classmethod

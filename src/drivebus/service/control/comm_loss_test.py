@@ -35,7 +35,7 @@ from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.leases import arm_target_of_test
 from drivebus.service.control.start_blockers import check_test_start
 from drivebus.service.control.tickets import CommandTicket, check_not_superseded
-from drivebus.service.live.views import CommLossTestView
+from drivebus.service.live.views import CommLossTestObject
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -76,7 +76,7 @@ class CommLossTests:
         runtime = self.commands.require_control(params.drive, actor)
         if runtime.comm_loss_test is not None:
             raise ServiceError("plant.comm_loss_testing", drive=runtime.id)
-        runtime.comm_loss_test, runtime.comm_loss_no_result = CommLossTestView("starting", None), None
+        runtime.comm_loss_test, runtime.comm_loss_no_result = CommLossTestObject("starting", None), None
         try:
             await self._read_parameters(runtime)
             silence_s = params.silence_s or default_silence_s(runtime)
@@ -185,7 +185,7 @@ class CommLossTests:
         if silent_since is None:
             raise ServiceError("plant.comm_loss_not_turning", drive=runtime.id)
         was_whole = await self._keep_silent(test, silent_since)
-        runtime.comm_loss_test = CommLossTestView("reading", None)
+        runtime.comm_loss_test = CommLossTestObject("reading", None)
         first, status = await self._read(test)
         silence_s = (first.at or silent_since) - silent_since
         result = _result_of(first, status)
@@ -213,7 +213,7 @@ class CommLossTests:
     async def _wait_until_turning(self, test: ActiveTest) -> None:
         """Wait until the drive has reported a steady run for a while."""
         runtime, now = test.runtime, self.plant.now
-        runtime.comm_loss_test = CommLossTestView("turning", None)
+        runtime.comm_loss_test = CommLossTestObject("turning", None)
         steady_since, off_since, timeout = None, None, now() + ACCELERATION_TIMEOUT_S
         while steady_since is None or now() - steady_since < TURNING_TIME_S:
             await asyncio.sleep(CHECK_INTERVAL_S)
@@ -231,7 +231,7 @@ class CommLossTests:
         runtime, address = test.runtime, test.runtime.config.address
         ends_at = silent_since + test.silence_s
         until_ms = self.plant.wall_ms() + round((ends_at - self.plant.now()) * 1000)
-        runtime.comm_loss_test = CommLossTestView("silent", until_ms)
+        runtime.comm_loss_test = CommLossTestObject("silent", until_ms)
         sent = runtime.bus.statistics().stations[address].transactions
         while self.plant.now() < ends_at and not test.read_now.is_set():
             await asyncio.sleep(CHECK_INTERVAL_S)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from drivebus.errors import DrivebusError, NotFound, ServiceError
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
@@ -74,9 +76,9 @@ class ControlCommands:
         lease = self.plant.leases.get(runtime.id, self.plant.now())
         request = self.plant.control_requests.find_open(runtime.id)
         return {
-            "lease": None if lease is None else lease.view(self.plant.clock).as_json(),
+            "lease": None if lease is None else asdict(lease.view(self.plant.clock)),
             "ttl_s": LEASE_TTL_S,
-            "control_request": None if request is None else request.view(self.plant.clock).as_json(),
+            "control_request": None if request is None else asdict(request.view(self.plant.clock)),
         }
 
     # --- requests -----------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from math import ceil
 from drivebus.errors import NotFound, ServiceError
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.leases import ControlLeases
-from drivebus.service.live.views import ControlRequestState, ControlRequestView
+from drivebus.service.live.views import ControlRequestObject, ControlRequestState
 from drivebus.service.runtime.utc_clock import UtcClock
 
 CONTROL_REQUEST_TTL_S = 60.0  # a request without an answer expires after this time
@@ -40,8 +40,8 @@ class ControlRequest:
     def expires_at(self) -> float:
         return self.requested_at + CONTROL_REQUEST_TTL_S
 
-    def view(self, clock: UtcClock) -> ControlRequestView:
-        return ControlRequestView(
+    def view(self, clock: UtcClock) -> ControlRequestObject:
+        return ControlRequestObject(
             id=self.id,
             user=self.actor.name,
             session=self.actor.session,

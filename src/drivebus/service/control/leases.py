@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from drivebus.errors import ArmRequired, ControlNotHeld
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
-from drivebus.service.live.views import LeaseView
+from drivebus.service.live.views import LeaseObject
 from drivebus.service.runtime.utc_clock import UtcClock
 
 LEASE_TTL_S = 10.0  # a lease ends this long after its last renewal
@@ -31,8 +31,8 @@ class ControlLease:
     claimed: bool = True
     """False for one that was handed over and not used since: at its end it counts as released, not as lost."""
 
-    def view(self, clock: UtcClock) -> LeaseView:
-        return LeaseView(self.actor.name, self.actor.session, clock.utc_ms(self.expires_at))
+    def view(self, clock: UtcClock) -> LeaseObject:
+        return LeaseObject(self.actor.name, self.actor.session, clock.utc_ms(self.expires_at))
 
 
 class ControlLeases:

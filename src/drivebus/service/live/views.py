@@ -9,11 +9,16 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from pydantic import ConfigDict
+
 from drivebus.drives.state import Fault
 from drivebus.profiles.model import FaultEntry
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
+
+OPEN_OBJECT = ConfigDict(extra="allow")
+"""Configuration of a record that is an object of the API as it stands; the API promise allows more keys."""
 
 
 def text_json(text: Text | None) -> Json | None:
@@ -61,15 +66,13 @@ class SignalView:
 
 
 @dataclass(frozen=True, slots=True)
-class CommLossTestView:
-    """Communication-loss test that is under way. ``phase``: ``starting``, ``turning``, ``silent`` or ``reading``."""
+class CommLossTestObject:
+    """Communication-loss test that is under way; the silence ends at ``until_ms``, null in other phases."""
 
-    phase: str
+    __pydantic_config__ = OPEN_OBJECT
+
+    phase: Literal["starting", "turning", "silent", "reading"]
     until_ms: int | None
-    """UTC time at which the silence ends; None in other phases."""
-
-    def as_json(self) -> Json:
-        return {"phase": self.phase, "until_ms": self.until_ms}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +87,7 @@ class CommLossView:
 
     tested: Json | None = None
     """Record of the last test, and whether it ``holds``: whether the parameters still read as they did then."""
-    test: CommLossTestView | None = None
+    test: CommLossTestObject | None = None
     """Test that is under way."""
     no_result: Json | None = None
     """Why the last test ended without a result, in both languages; None after another one, and after a restart."""
@@ -96,7 +99,7 @@ class CommLossView:
             "text": text_json(self.text),
             "waiver": self.waiver,
             "tested": self.tested,
-            "test": None if self.test is None else self.test.as_json(),
+            "test": None if self.test is None else asdict(self.test),
             "no_result": self.no_result,
         }
 
@@ -106,38 +109,39 @@ StopKind = Literal["drive", "group", "all", "jog", "test", "service"]
 
 
 @dataclass(frozen=True, slots=True)
-class StopView:
-    """Last stop request of a drive, until it is started again."""
+class StopObject:
+    """Last stop request of a drive by drivebus, until it is started again; ``actor``: its user, or ``drivebus``."""
+
+    __pydantic_config__ = OPEN_OBJECT
 
     kind: StopKind
     actor: str
-    """User that made it, or the service itself."""
     time_ms: int
-
-    def as_json(self) -> Json:
-        return {"kind": self.kind, "actor": self.actor, "time_ms": self.time_ms}
 
 
 @dataclass(frozen=True, slots=True)
-class LeaseView:
-    """Session that may command the drive now."""
+class LeaseObject:
+    """The session that may command the drive."""
+
+    __pydantic_config__ = OPEN_OBJECT
 
     owner: str
     session: str
     expires_ms: int
     """UTC time at which it ends unless it is renewed."""
 
-    def as_json(self) -> Json:
-        return {"owner": self.owner, "session": self.session, "expires_ms": self.expires_ms}
-
 
 ControlRequestState = Literal["open", "granted", "declined", "expired", "withdrawn", "released"]
-"""State of a request for control; ``released``: no session has control any more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ControlRequestView:
-    """Newest request for control of a drive by a session that does not have it. Times are UTC milliseconds."""
+class ControlRequestObject:
+    """Newest request for control of the drive, until 60 s after its end. ``answered_by``: who granted or declined it.
+
+    ``released``: no session has control any more; ``withdrawn``: by the session that asked, or because it took control.
+    """
+
+    __pydantic_config__ = OPEN_OBJECT
 
     id: str
     user: str
@@ -147,10 +151,6 @@ class ControlRequestView:
     requested_ms: int
     expires_ms: int
     answered_by: str | None
-    """User who granted or declined it."""
-
-    def as_json(self) -> Json:
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,11 +177,11 @@ class DriveView:
     minimum_hz: float
     maximum_hz: float
     comm_loss: CommLossView
-    lease: LeaseView | None = None
-    control_request: ControlRequestView | None = None
+    lease: LeaseObject | None = None
+    control_request: ControlRequestObject | None = None
     start_inhibited: bool = False
     """Whether a bus stop inhibits every start until it is released."""
-    last_stop: StopView | None = None
+    last_stop: StopObject | None = None
     """Its last stop request by drivebus, None: none since its last start."""
     stop_pending: bool = False
     """Whether a stop is not confirmed yet and is being repeated."""
@@ -235,9 +235,9 @@ class DriveView:
             "directions": list(self.directions),
             "groups": list(self.groups),
             "comm_loss": self.comm_loss.as_json(),
-            "last_stop": None if self.last_stop is None else self.last_stop.as_json(),
-            "lease": None if self.lease is None else self.lease.as_json(),
-            "control_request": None if self.control_request is None else self.control_request.as_json(),
+            "last_stop": None if self.last_stop is None else asdict(self.last_stop),
+            "lease": None if self.lease is None else asdict(self.lease),
+            "control_request": None if self.control_request is None else asdict(self.control_request),
             "start_blockers": list(self.start_blockers),
             "alarms": dict(self.alarms),
             "signals": {name: signal.as_json() for name, signal in self.signals.items()},

@@ -19,7 +19,7 @@ from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
 from drivebus.service.control.waivers import CommLossWaiver
-from drivebus.service.live.views import CommLossTestView, CommLossView, Sample, StopView
+from drivebus.service.live.views import CommLossTestObject, CommLossView, Sample, StopObject
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
 
@@ -65,7 +65,7 @@ class DriveRuntime:
         """Raw values of the communication-loss parameters by notation, of the last read."""
         self.comm_loss_record: CommLossRecord | None = None
         """Result of its last communication-loss test."""
-        self.comm_loss_test: CommLossTestView | None = None
+        self.comm_loss_test: CommLossTestObject | None = None
         """Communication-loss test that is under way."""
         self.comm_loss_no_result: Json | None = None
         """Why its last communication-loss test ended without a result."""
@@ -74,7 +74,7 @@ class DriveRuntime:
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
         self.waiver_of_another: CommLossWaiver | None = None
         """Waiver that was recorded under this name for another drive: it allows nothing."""
-        self.last_stop: StopView | None = None
+        self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
         self.started_by_service = False

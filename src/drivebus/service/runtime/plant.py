@@ -26,7 +26,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
 from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
-from drivebus.service.live.views import DriveView, Sample, StopKind, StopView
+from drivebus.service.live.views import DriveView, Sample, StopKind, StopObject
 from drivebus.service.process.logging_setup import log_event
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
@@ -310,7 +310,7 @@ class Plant:
         for runtime in runtimes:
             groups = (f"group:{group.id}" for group in self.groups_of(runtime.id))
             self.arm_tokens.revoke(runtime.id, arm_target_of_test(runtime.id), *groups)
-            runtime.last_stop = StopView(kind, by, self.wall_ms())
+            runtime.last_stop = StopObject(kind, by, self.wall_ms())
             self.stop_counts[runtime.id] += 1
             self.stop_counters.requested += 1
 

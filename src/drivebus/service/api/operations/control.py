@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.drive_view import ControlRequestObject, LeaseObject
 from drivebus.service.api.operations.drives import DriveParams
 from drivebus.service.api.operations.operation import ApiObject, Audit, EmptyResponse, Name, Operation, Reason
 from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.auth.rights import Right
+from drivebus.service.live.views import ControlRequestObject, LeaseObject
 from drivebus.values import Text
 
 

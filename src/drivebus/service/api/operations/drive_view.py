@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from drivebus.protocols.family import JogFrequency
 from drivebus.service.api.operations.operation import ApiObject, LocalizedText
 from drivebus.service.api.operations.outcomes import ErrorObject
-from drivebus.service.control.comm_loss_record import CommLossResult
-from drivebus.service.live.views import ControlRequestState, StopKind
+from drivebus.service.control.comm_loss_record import CommLossRecord
+from drivebus.service.live.views import (
+    OPEN_OBJECT,
+    CommLossTestObject,
+    ControlRequestObject,
+    LeaseObject,
+    StopObject,
+)
 
 Direction = Literal["forward", "reverse"]
 PresenceName = Literal["online", "offline", "never_seen"]
@@ -24,29 +31,16 @@ class SignalObject(ApiObject):
     source_time_ms: int | None
 
 
-class CommLossTestedObject(ApiObject):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommLossTestedObject(CommLossRecord):
     """Record of the last communication-loss test; it counts now where it ``holds``.
 
     ``parameters``: raw values by notation at that time; ``fault``: label on the keypad.
     """
 
-    result: CommLossResult
-    silence_s: float
-    time_ms: int
-    user: str
-    model: str
-    link: str
-    address: int
-    parameters: dict[str, int]
-    fault: str | None
+    __pydantic_config__ = OPEN_OBJECT
+
     holds: bool
-
-
-class CommLossTestObject(ApiObject):
-    """Communication-loss test that is under way; the silence ends at ``until_ms``, null in other phases."""
-
-    phase: Literal["starting", "turning", "silent", "reading"]
-    until_ms: int | None
 
 
 class CommLossObject(ApiObject):
@@ -77,38 +71,6 @@ class StartBlockerObject(ApiObject):
     key: str
     params: dict[str, Any]
     text: LocalizedText
-
-
-class StopObject(ApiObject):
-    """Last stop request of a drive by drivebus, until it is started again; ``actor``: its user, or ``drivebus``."""
-
-    kind: StopKind
-    actor: str
-    time_ms: int
-
-
-class LeaseObject(ApiObject):
-    """The session that may command the drive."""
-
-    owner: str
-    session: str
-    expires_ms: int
-
-
-class ControlRequestObject(ApiObject):
-    """Newest request for control of the drive, until 60 s after its end. ``answered_by``: who granted or declined it.
-
-    ``released``: no session has control any more; ``withdrawn``: by the session that asked, or because it took control.
-    """
-
-    id: str
-    user: str
-    session: str
-    reason: str | None
-    state: ControlRequestState
-    requested_ms: int
-    expires_ms: int
-    answered_by: str | None
 
 
 class DriveObject(ApiObject):
