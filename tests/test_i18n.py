@@ -90,6 +90,40 @@ def test_every_text_longer_than_a_name_is_translated(catalogue: str) -> None:
     assert not same
 
 
+def half_width_marks(text: str) -> list[str]:
+    """Return each half-width mark or bracket that follows a Chinese word, with its surroundings; code is left out."""
+    prose = re.sub(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", "·", text, flags=re.DOTALL)
+    found = re.finditer(r"[一-鿿）”](?:[,;:!?.](?=\s|$)| ?\((?!\d+\)))", prose)
+    return [prose[max(0, one.start() - 10) : one.end() + 10] for one in found]
+
+
+@pytest.mark.parametrize("text", ["停机, 确认", "错误: 三处", "当前 ({n})", "当前(三条)", "已停。完了.", "未知;\n"])
+def test_a_half_width_mark_after_a_chinese_word_is_found(text: str) -> None:
+    assert len(half_width_marks(text)) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["停机，确认", "[列表](x.md)", "`[最低, 最高]`", "tcp://主机:端口", "手册 §2.2 与 §3 (5)", "a, b"]
+)
+def test_marks_of_code_links_and_paragraph_numbers_are_none(text: str) -> None:
+    assert half_width_marks(text) == []
+
+
+@pytest.mark.parametrize("catalogue", NAMES)
+def test_a_chinese_text_has_full_width_marks(catalogue: str) -> None:
+    texts = read_catalogue(catalogue, "zh")
+    assert {key: marks for key, text in texts.items() if (marks := half_width_marks(text))} == {}
+
+
+def test_a_chinese_page_has_full_width_marks() -> None:
+    """Regression: generated pages had "; " between the values of a parameter, and ", " in the name of a source."""
+    root = SOURCE.parents[1]
+    pages = [*root.glob("*.zh.md"), *root.glob("docs/**/*.zh.md")]
+    assert len(pages) > 100
+    found = {str(page.relative_to(root)): half_width_marks(page.read_text(encoding="utf-8")) for page in pages}
+    assert {page: marks for page, marks in found.items() if marks} == {}
+
+
 def test_no_two_catalogues_have_the_same_key() -> None:
     for one, other in combinations(NAMES, 2):
         assert not read_catalogue(one, "en").keys() & read_catalogue(other, "en").keys(), (one, other)

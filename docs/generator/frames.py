@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+from drivebus import i18n
 from generator.frame_layouts import layout
 from generator.terms import colon, evidence_kind, localized, phrase, table, term
 
@@ -90,6 +92,9 @@ def _source(source: str, language: str) -> str:
     if language == "zh":
         for english, chinese in SOURCE_WORDS:
             source = source.replace(english, chinese)
+        source = re.sub(r" ?\(([^()]*\D[^()]*)\)", r"（\1）", source)  # not the number of a paragraph, as §2.2 (5)
+        for half, full in ((", ", "，"), ("; ", "；"), (": ", "：")):
+            source = source.replace(half, full)
     return source
 
 
@@ -110,5 +115,5 @@ def errata_table(vectors: list[Vector], language: str) -> str:
 
 
 def _wrong(vector: Vector, language: str) -> str:
-    stop = "; " if language == "en" else "；"
-    return stop.join(phrase(vector[mark], language) for mark in ("hazard", "erratum") if mark in vector)
+    phrases = (phrase(vector[mark], language) for mark in ("hazard", "erratum") if mark in vector)
+    return i18n.join(phrases, "clauses", language)

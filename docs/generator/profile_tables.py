@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from drivebus import i18n
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal, WordMatch
 from drivebus.profiles.spaces import BIT_SPACES
@@ -42,21 +43,21 @@ def _serial_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, s
     broadcast = str(profile.broadcast) if profile.broadcast is not None else term("none", language)
     gap = f"{timing.gap_characters:g} {term('characters', language)}"
     if timing.gap_floor_s:
-        gap += f", {term('never_less', language)} {timing.gap_floor_s * 1000:g} ms"
+        floor = f"{term('never_less', language)} {timing.gap_floor_s * 1000:g} ms"
+        gap = i18n.join((gap, floor), "phrases", language)
     reply = f"{timing.reply_delay_s * 1000:g} ms" if timing.reply_delay_s else ""
     if timing.reply_delay_characters:
         reply += f"{' + ' if reply else ''}{timing.reply_delay_characters:g} {term('characters', language)}"
     limits = f"{profile.limits.minimum_hz:g}–{profile.limits.maximum_hz:g} Hz"
     writes = term("ram_and_eeprom" if profile.write_support.ram else "eeprom_only", language)
     loss = profile.comm_loss
-    lost = ", ".join(
-        f"{term(word, language)} {notation}"
-        for word, notation in (("time", loss.time_notation), ("action", loss.action_notation))
-        if notation
+    notations = (("time", loss.time_notation), ("action", loss.action_notation))
+    lost = i18n.join(
+        (f"{term(word, language)} {notation}" for word, notation in notations if notation), "phrases", language
     )
     first = profile.encodings[0] + term("default_encoding", language)
     return [
-        (term("encodings", language), ", ".join([first, *profile.encodings[1:]]), ""),
+        (term("encodings", language), i18n.join([first, *profile.encodings[1:]], "items", language), ""),
         (term("addresses", language), f"{low}–{high}", ""),
         (term("broadcast", language), broadcast, ""),
         (term("baud_rates", language), _marked(serial.bauds, serial.baud), where["serial"]),
@@ -142,7 +143,8 @@ def _parameter_rows(shown: Iterable[Parameter], language: str) -> list[tuple[obj
 def _values(parameter: Parameter, language: str) -> str:
     if parameter.choices:
         shown = [f"{raw} = {localized(text, language)}" for raw, text in parameter.choices.items()]
-        return "; ".join([*shown, *([] if parameter.choices_complete else [term("others", language)])])
+        others = [] if parameter.choices_complete else [term("others", language)]
+        return i18n.join([*shown, *others], "clauses", language)
     if parameter.minimum is None or parameter.maximum is None:
         return "–"
     return f"{parameter.minimum:g}–{parameter.maximum:g}"
@@ -262,7 +264,7 @@ def _value_meaning(name: str, language: str) -> str:
     for end in ("_forward", "_reverse"):
         if name.endswith(end) and name not in BITS:
             parts = (BITS[name.removesuffix(end)], BITS[end.removeprefix("_")])
-            return ("，" if language == "zh" else ", ").join(localized(part, language) for part in parts)
+            return i18n.join((localized(part, language) for part in parts), "phrases", language)
     return localized(BITS[name], language)
 
 

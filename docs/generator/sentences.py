@@ -15,7 +15,7 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.values import Text
-from generator.terms import localized, table
+from generator.terms import colon, localized, table
 
 CONDITIONS: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parent / "sentences.json").read_text(encoding="utf-8")
@@ -82,15 +82,18 @@ def parts(root: Path, language: str) -> dict[str, str]:
         )
         for key in sentence_keys()
     ]
-    groups = [f"- {localized(why, language)}: {_group_keys(name)}" for name, why in OTHER_TEXTS.items()]
+    groups = [
+        f"- {localized(why, language)}{colon(language)}{_group_keys(name, language)}"
+        for name, why in OTHER_TEXTS.items()
+    ]
     return {
         "sentences": table([localized(head, language) for head in HEADS.values()], rows),
         "others": "\n".join(groups) + "\n",
     }
 
 
-def _group_keys(name: str) -> str:
-    return ", ".join(f"`{pattern}`" for pattern, group in GROUPS.items() if group == name)
+def _group_keys(name: str, language: str) -> str:
+    return i18n.join((f"`{pattern}`" for pattern, group in GROUPS.items() if group == name), "items", language)
 
 
 def _governing(key: str, patterns: Mapping[str, object]) -> str | None:
