@@ -347,6 +347,15 @@ def test_the_page_and_the_command_line_close_the_same_gaps() -> None:
     assert all(letters.fullmatch(letter) for letter in "风，（") and not any(map(letters.match, "a8 "))
 
 
+@pytest.mark.parametrize(
+    ("action", "subject", "expected"),
+    [("停止", "循环泵", "停止循环泵"), ("停止", "pump 1", "停止 pump 1"), ("jog", "循环泵", "jog 循环泵")],
+)
+def test_two_chinese_values_side_by_side_have_no_space_between_them(action: str, subject: str, expected: str) -> None:
+    """Regression: "循环泵 正在运行"."""
+    assert i18n.text("audit.sentence", "zh", action=action, subject=subject) == expected
+
+
 SENTENCES = {"text", "print_message", "print_note", "bilingual_text", "localized", "publish_event", "raise_alarm"}
 """Functions whose keywords are the parameters of a sentence."""
 

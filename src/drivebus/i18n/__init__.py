@@ -86,6 +86,8 @@ def _close_gaps(sentence: str, values: dict[str, Any], unspaced: re.Pattern[str]
         before, place, name, after = found.groups()
         value = str(values.get(name, ""))
         left, right = sentence[: found.start()][-1:], sentence[found.end() :][:1]
+        if right == "{" and (following := _PLACEHOLDER.match(sentence, found.end())):
+            right = str(values.get(following[3], ""))[:1]
         before = "" if unspaced.match(left) and unspaced.match(value[:1]) else before
         after = "" if unspaced.match(value[-1:]) and unspaced.match(right) else after
         return f"{before}{place}{after}"

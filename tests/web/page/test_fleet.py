@@ -237,6 +237,17 @@ def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) 
     assert covered == 0
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_at_twice_its_size_a_small_screen_begins_with_the_drives(visit: Any, language: str) -> None:
+    """Regression: five filters filled the screen of 1440 x 900 at 200 %."""
+    page = visit("#/fleet", language=language, size=(720, 450))
+    page.locator(".tile").nth(4).wait_for()
+    value, bar = (page.locator(one).first.bounding_box() for one in (".tile .value", ".stopbar"))
+    assert value["y"] + value["height"] <= bar["y"]
+    page.click(".morepicks")
+    page.locator(".fleetpicks input[type=search]").wait_for()
+
+
 # --- sentences of many drives -------------------------------------------------------------------------------------
 
 

@@ -227,6 +227,17 @@ def test_a_chinese_name_in_a_chinese_sentence_has_no_spaces_and_a_latin_one_has(
     assert scripts.evaluate(script) == titles
 
 
+def test_two_chinese_values_side_by_side_have_no_space_between_them_on_the_page(scripts: Any) -> None:
+    evaluate(scripts, "i18n", "m.loadLanguage('zh')")
+    values = [("九十", "转"), (90, "转"), ("九十", "Hz")]
+    texts = [
+        evaluate(scripts, "i18n", f"m.t('page.spark', {{high: {json.dumps(one)}, unit: '{two}'}})")
+        for one, two in values
+    ]
+    evaluate(scripts, "i18n", "m.loadLanguage('en')")
+    assert [one.rpartition("至")[2].strip() for one in texts] == ["九十转", "90 转", "九十 Hz"]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visit: Any, language: str) -> None:
     page = visit("#/drive/fan-1", role="operator", language=language)

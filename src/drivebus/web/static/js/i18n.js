@@ -42,7 +42,10 @@ export function t(key, params = {}) {
   return sentence.replace(/( ?)\{(\w+)(?::[^}]*)?\}( ?)/g, (place, before, name, after, at) => {
     if (!(name in params)) return place;
     const value = paramText(params[name]);
-    return gap(before, sentence[at - 1], value[0]) + value + gap(after, value.at(-1), sentence[at + place.length]);
+    const rest = sentence.slice(at + place.length);
+    const following = params[/^\{(\w+)/.exec(rest)?.[1]];
+    const next = following === undefined ? rest[0] : paramText(following)[0];
+    return gap(before, sentence[at - 1], value[0]) + value + gap(after, value.at(-1), next);
   });
 }
 

@@ -39,7 +39,7 @@ function GroupPick({ chosen }) {
     </select><//>`;
 }
 
-/** On a phone the drives come first: the filters open by a press. */
+/** On a small screen the drives come first: the filters open by a press. */
 const showsMore = signal(false);
 
 /** "/" focuses the search, except while the user types. */
@@ -112,7 +112,7 @@ function filters(inGroup) {
   ].filter(Boolean);
 }
 
-/** Note about drives hidden by filters, which a phone collapses. */
+/** Note about drives hidden by filters, which a small screen collapses. */
 function Filtered({ chosen, shown }) {
   const by = filters(chosen);
   if (by.length === 0) return null;
