@@ -146,8 +146,12 @@ async def test_check_and_service_name_a_folder_in_which_others_can_replace_the_k
         assert len(await events()) == 1, "once, not at each check"
 
 
-async def test_a_certificate_that_ends_is_an_alarm_until_it_is_renewed(tmp_path: Path) -> None:
-    files = certificate(tmp_path, wall_clock() + EXPIRY_WARNING - timedelta(hours=1))
+@pytest.mark.parametrize("left", [EXPIRY_WARNING - timedelta(hours=1), timedelta(days=-30)])
+async def test_a_certificate_that_ends_or_has_ended_is_an_alarm_until_it_is_renewed(
+    tmp_path: Path, left: timedelta
+) -> None:
+    ends = wall_clock() + left
+    files = certificate(tmp_path, ends)
     gateway = GatewayConfig(id="web", module="x", settings=None, certificates=(files,))
     async with running_service(plant_config(gateways=(gateway,))) as kit:
 
@@ -157,7 +161,8 @@ async def test_a_certificate_that_ends_is_an_alarm_until_it_is_renewed(tmp_path:
 
         supervision = kit.service.supervision
         await supervision._check_disk()
-        assert len(alarms()) == 1 and "cert.pem is valid until" in alarms()[0]
+        (text,) = alarms()
+        assert f"cert.pem: {ends:%Y-%m-%d}" in text and "is valid" not in text, "true also after the end"
         certificate(tmp_path, wall_clock() + EXPIRY_WARNING + timedelta(hours=1))
         await supervision._check_disk()
         assert alarms() == []
