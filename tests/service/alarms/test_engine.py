@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +12,7 @@ from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service import config
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY, signal_name
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
@@ -26,6 +29,7 @@ HIGH = AlarmConfig(
     delay_s=3.0,
     priority=AlarmPriority.LOW,
 )
+ALARMS_PAGE = Path(__file__).parents[3] / "docs" / "explanation" / "alarms.md"
 STALE = AlarmConfig(id="old", kind=AlarmKind.STALE, drives=(), delay_s=1.0)
 
 
@@ -374,6 +378,20 @@ def test_alarms_are_sorted_by_priority_and_age() -> None:
 def test_each_kind_of_alarm_has_a_title_a_text_and_a_remedy(kind: str, language: str) -> None:
     """An alarm needs a response (ISA-18.2), so each kind states what to do."""
     assert all(f"alarms.{part}.{kind}" in i18n.catalogue(language) for part in ("title", "text", "remedy"))
+
+
+@pytest.mark.parametrize("language", i18n.LANGUAGES)
+def test_every_list_of_alarm_kinds_that_a_user_reads_is_complete(language: str) -> None:
+    """Regression: the Chinese sample of the plant file offered a kind by its former name, which is rejected."""
+    sample = (Path(config.__file__).parent / f"sample.{language}.toml").read_text(encoding="utf-8")
+    texts = i18n.catalogue(language)
+    comments = re.findall(r'^kind = "above" +# (.+)', sample + texts["plant_init.file_alarm"], re.MULTILINE)
+    assert [sorted(re.findall("[a-z_]+", comment)) for comment in comments] == [sorted(AlarmKind)] * 2
+    page = ALARMS_PAGE.with_suffix(".md" if language == "en" else f".{language}.md").read_text(encoding="utf-8")
+    kinds_of_page = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.+?`) \|", page, re.MULTILINE)))
+    assert sorted(kinds_of_page) == sorted(AlarmKind)
+    assert [kind for kind in AlarmKind if kind not in texts["plant_config.key.alarm.kind"]] == []
+    assert [kind for kind in SystemAlarm if f"`{kind}`" not in page] == []
 
 
 def test_a_raised_alarm_states_what_to_do_also_after_a_restart() -> None:
