@@ -385,3 +385,12 @@ def test_only_a_language_with_unspaced_letters_is_searched_for_gaps(monkeypatch:
     assert (english, searched) == ("风机 reports a fault: 过压", [])
     i18n.text("alarms.text.fault", "zh", drive="风机", fault="过压")
     assert searched == [i18n.catalogue("zh")["alarms.text.fault"]]
+
+
+def test_every_audited_action_has_a_text_in_both_languages() -> None:
+    """An identifier such as ``audit.opened`` means nothing to an auditor."""
+    source = "".join(path.read_text("utf-8") for path in (SOURCE / "service").rglob("*.py"))
+    own = set(re.findall(r'(?:Entry\(|what=|RECORDS_MISSING: Final = )"(audit\.[a-z]+)"', source))
+    recorded = own | {name for name, operation in (OPERATIONS | WEB_OPERATIONS).items() if operation.mutates}
+    words = {"audit.did_" + re.sub("[.-]", "_", name) for name in recorded}
+    assert len(own) == 5 and words - set(i18n.catalogue("en")) == set()
