@@ -47,7 +47,7 @@ Why no late reply can be credited to another request:
    suspect in the last 5 s has answered a sync probe since, and no two drives share its address. Then it has come.
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
    reply lateness of its model (``[timing]`` of the profile).
-10. The reply to its sync probe must not match any unanswered request of the last ``MAX_REPLY_LATENESS_S``
+10. The reply to its sync probe must not match any unanswered request of the last ``ANY_REPLY_LATENESS_S``
     (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
 
@@ -88,7 +88,7 @@ from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
-MAX_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this
+ANY_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this; each model has a limit of its own
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence on a bus that is never silent
 SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
@@ -532,7 +532,7 @@ class BusCore:
             too_few = station.sync_rejections < SYNC_REJECTIONS_REQUIRED - 1
             return UntrustedReply("bus.sync_rejected", station=station.address) if too_few else None
         if _matches_older_request(transaction):
-            return UntrustedReply("bus.sync_ambiguous", station=station.address, seconds=MAX_REPLY_LATENESS_S)
+            return UntrustedReply("bus.sync_ambiguous", station=station.address, seconds=ANY_REPLY_LATENESS_S)
         return None
 
     def _accept_reply(self, transaction: Transaction, now: float) -> None:
@@ -601,7 +601,7 @@ class BusCore:
         if error.key == "bus.sync_rejected":
             station.sync_rejections += 1
         elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
-            station.quarantined_until = now + MAX_REPLY_LATENESS_S
+            station.quarantined_until = now + ANY_REPLY_LATENESS_S
             self._fail_waiting(station, error, quarantined=True)
         elif prepared.is_sync_probe:
             self._mark_online(station, now, verified=False)
@@ -648,13 +648,13 @@ class BusCore:
 
     def _no_late_reply_due(self, now: float) -> bool:
         """Return whether each suspicion of the last 5 s, of any station, was refuted by a sync probe."""
-        return all(now - station.suspect_since > MAX_REPLY_LATENESS_S for station in self.stations.values())
+        return all(now - station.suspect_since > ANY_REPLY_LATENESS_S for station in self.stations.values())
 
     def _remember_unanswered(self, transaction: Transaction, now: float) -> None:
         """Record that the reply may still come, also where another frame was received and rejected in its place."""
         station = transaction.prepared.station
         pending = [entry for entry in station.unanswered_requests if entry.until > now]
-        unanswered = UnansweredRequest(now + MAX_REPLY_LATENESS_S, transaction.prepared.request, transaction.tx_end_at)
+        unanswered = UnansweredRequest(now + ANY_REPLY_LATENESS_S, transaction.prepared.request, transaction.tx_end_at)
         station.unanswered_requests = [*pending, unanswered]
 
     def _mark_suspect(self, station: Station, now: float) -> None:
