@@ -88,7 +88,7 @@ def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_a_second_te
     service, owner = (plant.url, "engineer/test") if transport == "http" else (str(plant.socket), local_user())
     with running_command("run", "--service", service, *FAN, "--frequency", "20", "--json") as holder:
         lines_until(holder, lambda line: '"event": "status"' in line)
-        stops = plant.kit.service.plant.stop_counters.requested
+        stops = plant.kit.service.plant.stop_statistics.requested
         with asking(plant.url, "--reason", "belt is slipping") as asker:
             wait_for(lambda: asked(plant))
             assert holder.stderr is not None
@@ -100,7 +100,7 @@ def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_a_second_te
         assert holder.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
     found = view(plant)
     assert found["lease"]["owner"] == "operator/test" and found["state"] in ("running", "accelerating")
-    assert plant.kit.service.plant.stop_counters.requested == stops, "the end of the run stopped the motor"
+    assert plant.kit.service.plant.stop_statistics.requested == stops, "the end of the run stopped the motor"
 
 
 def test_a_declined_request_is_exit_code_1_and_without_a_request_there_is_nothing_to_answer(

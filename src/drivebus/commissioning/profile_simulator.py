@@ -74,7 +74,7 @@ SIGNAL_SOURCES: dict[str, Callable[[Motor], float]] = {
     "temperature": lambda motor: motor.temperature_c,
     "output_speed": lambda motor: abs(motor.speed_rpm),
 }
-"""Canonical signal to its value; any other signal reads 0."""
+"""Signal → its value; any other signal reads 0."""
 
 
 def simulated_model(model: str) -> SimulatedModel | None:

@@ -58,7 +58,9 @@ class StopSupervisor:
         first_result = self._runner.submit_first(operation)
         task = self.start_stop(operation, mode, first_result)
         outcome = await self._result_by_deadline(task, op, progress, mode)
-        return outcome if outcome.key == "drives.stop_answered" else raise_for_status(outcome, stop=True)
+        if outcome.key == "drives.stop_answered":  # all that a caller who does not ``wait`` asks for
+            return outcome
+        return raise_for_status(outcome, stop=True)
 
     def start_stop(
         self, operation: DriveOperation[Outcome], mode: StopMode, first_result: asyncio.Future[BusResult] | None = None

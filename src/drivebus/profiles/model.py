@@ -38,8 +38,8 @@ class Signal:
     """Value that is polled."""
 
     name: str
-    """Canonical: state, set_frequency, output_frequency, output_current, output_voltage, output_power,
-    dc_bus_voltage, temperature, fault, …; anything else is the profile's own."""
+    """State, set_frequency, output_frequency, output_current, output_voltage, output_power, output_speed,
+    dc_bus_voltage, temperature and fault mean the same in every profile; any other name is the profile's own."""
     notation: str
     """The manual's own: d.0, 3002H, Q01."""
     locator: Locator

@@ -1,6 +1,6 @@
 """Model of a motor and its power stage: ramps, slip, load, current, DC bus, heat, overload.
 
-It has no clock: ``dt`` is an argument. Torque, current and speed are per unit of the nameplate inside, SI outside.
+It has no clock: ``dt`` is an argument. ``torque``, ``load`` and ``mains`` are per unit, other values SI.
 The output follows its ramp exactly; the rotor follows the output less its slip (quasi-static, so that any ``dt`` is
 stable); a free rotor coasts in closed form. Load torque is evaluated at synchronous speed, which errs by at most twice
 the slip.

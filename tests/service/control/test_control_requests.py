@@ -151,9 +151,9 @@ def played(scenario: Callable[[ServiceKit], Awaitable[None]], policy: OnClientLo
             await asyncio.sleep(5)
             await kit.call("lease.renew", ANN, **FAN)
             motor = kit.station("fan-1").motor
-            starts, stops = motor.starts, kit.service.plant.stop_counters.requested
+            starts, stops = motor.starts, kit.service.plant.stop_statistics.requested
             await scenario(kit)
-            assert (motor.starts, kit.service.plant.stop_counters.requested) == (starts, stops), "a motor was moved"
+            assert (motor.starts, kit.service.plant.stop_statistics.requested) == (starts, stops), "a motor was moved"
 
     run(play())
 

@@ -78,7 +78,7 @@ def _value_text(reading: Reading | None) -> str:
     return f"{reading.value:g} {reading.unit}".strip()
 
 
-CANONICAL_SIGNALS = {
+STATUS_SIGNALS = {
     "set_frequency": "Hz",
     "output_frequency": "Hz",
     "output_current": "A",
@@ -115,10 +115,10 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
 
 
 def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None = None) -> DriveStatus:
-    """Return the status with all signals of the profile and all canonical ones, missing ones with their reason."""
+    """Return the status with the signals of the profile and ``STATUS_SIGNALS``, missing ones with their reason."""
     profile = dialect.profile
     readings: dict[str, Reading] = {}
-    for name, unit in CANONICAL_SIGNALS.items():
+    for name, unit in STATUS_SIGNALS.items():
         if name not in profile.signals:
             readings[name] = missing_reading("drives.not_reported", unit)
     for name, signal in profile.signals.items():
@@ -132,7 +132,7 @@ def _missing_reason(name: str, wanted: tuple[str, ...] | None) -> str:
 
 def _ordered(profile: DriveProfile, readings: dict[str, Reading]) -> dict[str, Reading]:
     names = [
-        *(n for n in CANONICAL_SIGNALS if n in readings),
-        *(n for n in profile.signals if n not in CANONICAL_SIGNALS),
+        *(n for n in STATUS_SIGNALS if n in readings),
+        *(n for n in profile.signals if n not in STATUS_SIGNALS),
     ]
     return {name: readings[name] for name in names}

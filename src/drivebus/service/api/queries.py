@@ -45,7 +45,7 @@ from drivebus.types import Json
 
 
 class Queries:
-    """Answers from the service's state, history and audit trail; only parameters are read from the bus."""
+    """Answers from the service's state, history and audit trail; only parameters and identity are read from the bus."""
 
     def __init__(self, plant: Plant, groups: GroupCommands) -> None:
         self.plant, self.groups = plant, groups
@@ -60,7 +60,7 @@ class Queries:
         """Return counters, which only grow while the service runs."""
         plant = self.plant
         return {
-            "stops": plant.stop_counters.as_json(),
+            "stops": plant.stop_statistics.as_json(),
             "history": plant.historian.status(),
             "drives": {drive: plant.run_statistics.statistics_json(drive) for drive in plant.drives},
         }

@@ -15,7 +15,9 @@ class Right(StrEnum):
     STOP = "stop"
     """Stop a drive, a group or everything, without control lease and arm token."""
     OPERATE = "operate"
-    """Run, jog, change the setpoint, reset, take a control lease, acknowledge and shelve alarms."""
+    """Run, jog, change the setpoint, reset, take a control lease, read parameters and identity over the bus,
+    acknowledge and shelve alarms.
+    """
     WRITE_PARAMETERS = "write_parameters"
     """Write parameters to the drive's RAM."""
     SAVE = "save"

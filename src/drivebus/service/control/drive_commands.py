@@ -190,7 +190,7 @@ class DriveCommands:
             raise
         runtime.end_motion()
         runtime.commanded_hz = None
-        self.plant.stop_counters.count_outcome(outcome)
+        self.plant.stop_statistics.count_outcome(outcome)
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
         return outcome
 

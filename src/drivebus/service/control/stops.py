@@ -69,7 +69,7 @@ class StopCommands:
         for address, outcome in report.outcomes:
             runtime = by_address[address]
             outcomes[runtime.id] = outcome_json(repeated_stop(runtime, outcome), self.plant.command_id("stop"))
-            self.plant.stop_counters.count_outcome(outcome)
+            self.plant.stop_statistics.count_outcome(outcome)
             if outcome.succeeded:
                 runtime.end_motion()
                 runtime.commanded_hz = None

@@ -41,7 +41,7 @@ SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.
 
 
 @dataclass(slots=True)
-class StopCounters:
+class StopStatistics:
     """Stops of single drives since the service started; a stop of the plant counts once for each drive."""
 
     requested: int = 0
@@ -118,7 +118,7 @@ class Plant:
     control_requests: ControlRequests = field(default_factory=ControlRequests)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
-    """Drive → number of stop requests: a start with an older count is superseded. A reload keeps it."""
+    """Drive → number of its stop requests: a command with an older count is superseded. A reload keeps it."""
     state: str = "running"
     started_ms: int = 0
     last_stop_all: Json | None = None
@@ -131,7 +131,7 @@ class Plant:
     command_count: int = 0
     """Number of the last command, for its id."""
     event_count: int = 0
-    stop_counters: StopCounters = field(default_factory=StopCounters)
+    stop_statistics: StopStatistics = field(default_factory=StopStatistics)
     _listeners: list[PlantListener] = field(default_factory=list)
     _last_command_at: float = float("-inf")
     """Of the commands that may have changed any drive."""
@@ -312,7 +312,7 @@ class Plant:
             self.arm_tokens.revoke(runtime.id, arm_target_of_test(runtime.id), *groups)
             runtime.last_stop = StopObject(kind, by, self.wall_ms())
             self.stop_counts[runtime.id] += 1
-            self.stop_counters.requested += 1
+            self.stop_statistics.requested += 1
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
