@@ -171,7 +171,7 @@ class Drive:
             asyncio.get_running_loop().call_soon(listener, result)
 
     async def identify(self) -> Identity:
-        """Read the drive's identity (C320 class 0); of other models only that it answers."""
+        """Read the identity that the drive reports; of a model that reports none only that it answers."""
         return await self._runner.run(status.identify(self._read_context()))
 
     async def loopback_test(self, count: int = 10) -> LoopbackReport:

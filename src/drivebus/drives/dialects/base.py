@@ -238,7 +238,7 @@ class Dialect(ABC):
         raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
 
     def identity_reads(self) -> tuple[Any, ...]:
-        """Return the reads of model, series, version and control source; empty where the drive reports none."""
+        """Return the reads of the identity (C320: class 0, Modbus: the model code); empty where there is none."""
         return ()
 
     def decode_identity(self, replies: tuple[Any, ...]) -> Identity:
