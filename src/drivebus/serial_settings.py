@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
+ANY_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this; each model has a limit of its own
+
 Parity = Literal["N", "E", "O"]
 
 
@@ -74,7 +76,7 @@ class StationTiming:
     turnaround_s: float = 0.1
     """Silence after a broadcast, which no station answers."""
     max_reply_lateness_s: float = 0.5
-    """Quarantine after a timeout: the latest reply of this model."""
+    """Quarantine after a timeout: the latest reply of this model, at most ``ANY_REPLY_LATENESS_S``."""
     tolerate_leading_noise: bool = False
     """Accept one stray byte before a reply (a driver-enable glitch), in Modbus ASCII a few."""
 

@@ -18,6 +18,7 @@ from fixtures.bus import (
     SETTINGS,
     START,
     STOP,
+    TIMING,
     FakeStation,
     make_core,
     make_script,
@@ -237,6 +238,13 @@ def test_a_poll_only_reads() -> None:
 
     with pytest.raises(ValueError, match="only reads"):
         make_core(1).start_polling(1, [Poll(modbus.WriteRegister(1, COMMAND, START), 1.0)], "w", 0.0)
+
+
+def test_no_station_may_reply_later_than_its_unanswered_requests_are_remembered() -> None:
+    """Else a sync probe could be confirmed by the late reply to an older request."""
+    make_core(1, timing=replace(TIMING, max_reply_lateness_s=5.0))
+    with pytest.raises(ValueError, match=r"no reply may be later than 5\.0 s"):
+        make_core(1, timing=replace(TIMING, max_reply_lateness_s=5.1))
 
 
 def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None:

@@ -75,6 +75,13 @@ def test_an_extension_changes_what_it_names_and_nothing_else(tmp_path: Path) -> 
     assert own_profile.source.endswith("own.toml")
 
 
+def test_no_profile_promises_replies_later_than_a_bus_takes_into_account(tmp_path: Path) -> None:
+    own = "reply_delay_s = 0.03\nmax_reply_lateness_s = "
+    assert profiles.load(write(tmp_path, VC660_SIZES.replace("reply_delay_s = 0.03", own + "5"))).timing
+    with pytest.raises(ProfileError, match="max_reply_lateness_s"):
+        profiles.load(write(tmp_path, VC660_SIZES.replace("reply_delay_s = 0.03", own + "5.1")))
+
+
 def test_df800_status_monitors_can_be_added_as_signals(tmp_path: Path) -> None:
     profile = profiles.load(
         write(

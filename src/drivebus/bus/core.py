@@ -85,10 +85,9 @@ from drivebus.errors import (
     TrailingError,
 )
 from drivebus.protocols.codec import Effect
-from drivebus.serial_settings import SerialSettings
+from drivebus.serial_settings import ANY_REPLY_LATENESS_S, SerialSettings
 
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
-ANY_REPLY_LATENESS_S = 5.0  # no reply of any drive is later than this; each model has a limit of its own
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence on a bus that is never silent
 SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
@@ -172,7 +171,7 @@ class BusCore:
     def add_station(self, config: StationConfig) -> None:
         """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix.
 
-        Raises ValueError for a sync request that does more than read.
+        Raises ValueError for a sync request that does more than read, or a lateness above ``ANY_REPLY_LATENESS_S``.
         """
         if config.address in self.stations:
             raise ConfigurationError("bus.address_taken", address=config.address)
@@ -182,6 +181,8 @@ class BusCore:
         effect = config.effect_of(config.codec.encode_request(config.sync_request(0)))
         if effect is not Effect.NONE:
             raise ValueError(f"station {config.address}: a sync request only reads, this one is {effect.value}")
+        if config.timing.max_reply_lateness_s > ANY_REPLY_LATENESS_S:
+            raise ValueError(f"station {config.address}: no reply may be later than {ANY_REPLY_LATENESS_S} s")
         station = self.stations[config.address] = Station(config, self.settings)
         station.start_inhibited = self.all_starts_inhibited
         if config.address in self.removed_stations:

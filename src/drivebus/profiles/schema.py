@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticKnownError
 
 from drivebus.protocols.family import ProtocolFamily, protocol_families
+from drivebus.serial_settings import ANY_REPLY_LATENESS_S
 
 NEWEST_FORMAT = 1
 """Newest file format that this version reads."""
@@ -405,7 +406,7 @@ class TimingIn(StrictTable):
     reply_delay_characters: Annotated[float, Field(ge=0, le=100)] = 0.0
     adapter_latency_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.02
     turnaround_s: Annotated[float, Field(ge=0, le=MAX_WAIT_S)] = 0.1
-    max_reply_lateness_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    max_reply_lateness_s: Annotated[float, Field(ge=0, le=ANY_REPLY_LATENESS_S)] = 0.5
     tolerate_leading_noise: bool = False
     evidence: EvidenceLines
 

@@ -389,3 +389,21 @@ def test_a_query_about_an_unknown_drive_is_not_found(name: str) -> None:
                 await kit.service.call(name, {"drive": "nobody"}, LOCAL)
 
     run(scenario())
+
+
+def test_the_record_of_a_command_to_several_drives_has_the_status_of_each() -> None:
+    """Regression: "not done (plant.not_owner)" did not say which drive."""
+    refused = {"code": "plant.not_owner"}
+    outcomes = {"fan-1": {"status": "unchanged"}, "fan-2": refused, "fan-3": {"outcome": None}}
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        await dispatcher.call("waivers.grant", {"drives": ["fan-1"], "reason": "hard-wired stop"}, LOCAL)
+        assert kit.trail.entries[-1].params["outcomes"] == {
+            "fan-1": "unchanged",
+            "fan-2": "plant.not_owner",
+            "fan-3": "done",
+        }
+        await dispatcher.call("drive.reset", FAN, LOCAL)
+        assert "outcomes" not in kit.trail.entries[-1].params
+
+    with_dispatcher(scenario, waivers_grant={"outcomes": outcomes}, drive_reset={})

@@ -90,8 +90,8 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
         (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
         (
             record("audit.refused", "fan-3", drive="fan-3", what="drive.run"),
-            None,
-            "拒绝：审计记录无法写入 引风机：运行",
+            "Refused, because the audit trail can't be written: Flue gas fan: Run",
+            "因审计记录无法写入而拒绝：引风机：运行",
         ),
         (record("lease.take", "fan-3", drive="fan-3"), "Take control of Flue gas fan", "取得引风机的控制权"),
         (record("lease.take", "fan-9", drive="fan-9"), "Take control of fan-9", "取得 fan-9 的控制权"),

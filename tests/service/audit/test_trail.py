@@ -123,6 +123,24 @@ def test_a_long_text_is_replaced_by_its_hash(tmp_path: Path) -> None:
     assert third["params"]["octets"] == "01 FF"
 
 
+def test_a_result_of_many_drives_keeps_the_status_of_each_without_their_frames(tmp_path: Path) -> None:
+    """Regression: the record of the start of thirty drives kept neither values nor outcomes."""
+    params = {"group": "air", "frequency_hz": 20.5, "outcomes": {f"fan-{n}": "confirmed" for n in range(300)}}
+
+    async def go() -> Any:
+        trail = new_trail(tmp_path)
+        await trail.open()
+        frames = [{"bytes": "01 06 20 00 00 01 43 CA ", "explanation": "x" * 200}] * 300
+        await trail.record(AuditEntry.by(LI, "group.start", params=params, outcome="confirmed", frames=frames))
+        await trail.close()
+        assert verify_report(trail).ok
+        return lines(trail.paths.current)[1]
+
+    found = asyncio.run(go())
+    assert (found["frames"], found["params"].pop("left_out")["octets"] > MAX_RECORD_LINE_BYTES) == ([], True)
+    assert found["params"] == params
+
+
 def _nested(depth: int) -> Any:
     return {"more": _nested(depth - 1)} if depth else "end"
 

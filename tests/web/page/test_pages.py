@@ -11,7 +11,6 @@ import pytest
 
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.audit.description import described
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip, unplugged
 from fixtures.web_app import PASSWORD
@@ -353,23 +352,6 @@ def test_a_command_is_one_row_with_its_value_and_shows_both_records_when_opened(
         expect(shown.nth(of)).to_contain_text(word("entry_n", n=record["n"]))
         expect(shown.nth(of)).to_contain_text(time.replace("+00:00", "Z"))
     assert (request["outcome"], result["of"]) == ("requested", request["n"])
-
-
-def test_a_result_too_long_for_the_trail_is_a_row_with_the_values_of_its_request(
-    stage: Stage, visit: Any, expect: Any
-) -> None:
-    """Regression: the row of the start of a large group had no frequency."""
-    who = {"name": "ann", "session": "s", "address": "::1"}
-    common = {"time_ms": 0, "who": who, "what": "group.start", "target": "air", "frames": [], "hash": "x"}
-    request = {**common, "n": 1, "outcome": "requested", "of": None, "params": {"group": "air", "frequency_hz": 20.5}}
-    result = {**common, "n": 2, "outcome": "confirmed", "of": 1, "params": {"left_out": {"octets": 80_000}}}
-    items = [described(one) for one in (result, request)]
-    page = visit("#/fleet")
-    page.route("**/api/v1/audit?*", lambda route: route.fulfill(json={"items": items, "next": None}))
-    page.evaluate("location.hash = '#/audit'")
-    expect(page.locator(".entry .what")).to_have_text("Start group air: 20.5 Hz")
-    page.fill(".filters input[type=search]", "20.5 Hz Confirmed")
-    expect(page.locator(".entry")).to_have_count(1)
 
 
 def test_records_of_one_action_are_joined_by_the_number_of_the_request(visit: Any) -> None:

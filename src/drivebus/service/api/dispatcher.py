@@ -270,10 +270,18 @@ def _failed_entry(entry: AuditEntry, error: BaseException) -> AuditEntry:
 
 
 def _completed_entry(entry: AuditEntry, found: Json) -> AuditEntry:
-    """Return the entry with the statuses and frames of its outcomes."""
+    """Return the entry with the statuses and frames of its outcomes, and with the status of each of several drives."""
     by_drive = {**found.get("outcomes", {}), **found.get("followers", {})}
     outcome = found.get("outcome")
     outcomes = [*([outcome] if outcome else ()), *by_drive.values()]
-    statuses = dict.fromkeys(str(item.get("status") or item.get("code") or "done") for item in outcomes)
-    frames = [frame for item in outcomes for frame in item.get("frames", ())]
-    return replace(entry, outcome=", ".join(statuses) or "done", frames=frames)
+    statuses = {drive: _status_of(item) for drive, item in by_drive.items()}
+    return replace(
+        entry,
+        outcome=", ".join(dict.fromkeys(map(_status_of, outcomes))) or "done",
+        params={**entry.params, "outcomes": statuses} if statuses else entry.params,
+        frames=[frame for item in outcomes for frame in item.get("frames", ())],
+    )
+
+
+def _status_of(item: Json) -> str:
+    return str(item.get("status") or item.get("code") or "done")

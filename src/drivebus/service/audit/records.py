@@ -128,7 +128,7 @@ ERROR_TEXT: Final = "error_text"
 GENESIS_HASH: Final = "0" * 64
 """``prev`` of the first record."""
 MAX_RECORD_LINE_BYTES: Final = 64 * 1024
-"""Parameters and frames of a longer record are replaced by the SHA-256 of its line."""
+"""A longer record has the SHA-256 of its line in place of its frames and, where it is still too long, parameters."""
 _DIGEST_HEX_LENGTH = 64
 
 
@@ -161,12 +161,14 @@ class AuditCheckpoint:
 
 
 def encode_record(n: int, prev: str, checkpoints: int, body: Json) -> tuple[bytes, str]:
-    """Return a record's line, with its line end, and its hash."""
+    """Return a record's line, with its line end, and its hash. One too long loses its frames, then its parameters."""
     line, hash = _append_digest({"n": n, **body, "checkpoints": checkpoints, "prev": prev}, "hash", _sha)
     if len(line) <= MAX_RECORD_LINE_BYTES:
         return line, hash
-    left_out = {"octets": len(line), "sha256": sha256(line).hexdigest()}
-    return encode_record(n, prev, checkpoints, body | {"params": {"left_out": left_out}, "frames": []})
+    params = body["params"]
+    left_out = {"left_out": params.get("left_out", {"octets": len(line), "sha256": sha256(line).hexdigest()})}
+    shorter = body | {"params": {**params, **left_out} if body["frames"] else left_out, "frames": []}
+    return encode_record(n, prev, checkpoints, shorter)
 
 
 def decode_record(line: bytes) -> AuditRecord | None:

@@ -48,7 +48,7 @@ function Trail() {
 
 /** Row text in the reader's language and the records of an action, for the search. */
 const matches = ({ entry, request }, text) => !text || [
-  [moment(entry.time_ms), userOf(entry), localized(describing(entry, request).text), localized(entry.outcome_text)].join(" "),
+  [moment(entry.time_ms), userOf(entry), localized(entry.text), localized(entry.outcome_text)].join(" "),
   JSON.stringify([entry, request]),
 ].some((words) => words.toLowerCase().includes(text));
 
@@ -77,12 +77,9 @@ export function joinRecords(entries) {
 
 const requestKey = (entry) => JSON.stringify([entry.what, entry.target, userOf(entry), entry.who?.session]);
 
-/** The record whose text says what was done, with which values: a result too long for the trail has lost them. */
-const describing = (entry, request) => (entry.params?.left_out && request ? request : entry);
-
 function ActionRow({ action: { entry, request } }) {
   return html`<li class="entry"><time>${moment(entry.time_ms)}</time><span class="user">${userOf(entry)}</span>
-    <span class="what">${localized(describing(entry, request).text)}</span>
+    <span class="what">${localized(entry.text)}</span>
     <span class=${`ended ${isSuccess(entry) ? "" : "bad"}`}>${localized(entry.outcome_text)}</span>
     <details class="whole"><summary>${request ? t("page.entries_n", { from: request.n, to: entry.n })
       : t("page.entry_n", { n: entry.n })}</summary>
