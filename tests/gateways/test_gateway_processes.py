@@ -312,7 +312,7 @@ def other_package(folder: Path, name: str, target: str) -> Path:
     [
         ("lost = no_such_module:GATEWAY", "No module named 'no_such_module'"),
         ("lost = drivebus.web.gateway:NONE", "has no attribute 'NONE'"),
-        ("lost = drivebus.web.gateway:GATEWAY", "not a Gateway named lost"),
+        ("lost = drivebus.web.gateway:GATEWAY", "it is no Gateway with the name lost"),
         ("web = drivebus.web.gateway:WebTable", "has the same name"),
     ],
 )
