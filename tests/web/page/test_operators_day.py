@@ -143,14 +143,20 @@ def test_a_group_is_stopped_from_its_filter(stage: Stage, visit: Any) -> None:
     page.locator(".stop-status.good").wait_for()
 
 
-def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage: Stage, visit: Any) -> None:
-    for drive in ("fan-1", "fan-2", "fan-3"):
+def arm_group(stage: Stage, visit: Any, group: str, *drives: str) -> Any:
+    """Return the page after the first step of a start of all drives of a group, at 20 Hz."""
+    for drive in drives:
         stage.call("waiver.grant", drive=drive, reason="watched bench")
-    page = visit("#/fleet?group=air")
+    page = visit(f"#/fleet?group={group}")
     page.click(".grouppanel summary")
-    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=3)}')")
+    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=len(drives))}')")
     page.fill(".grouppanel input[inputmode=decimal]", "20")
     page.click("[data-step=first]:enabled")
+    return page
+
+
+def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage: Stage, visit: Any) -> None:
+    page = arm_group(stage, visit, "air", "fan-1", "fan-2", "fan-3")
     page.locator("[data-step=second]").wait_for()
     assert page.locator(".confirm strong").inner_text() == i18n.text("page.step_two_group", "en")
     assert "Air" in page.locator(".confirm").inner_text()
@@ -163,13 +169,7 @@ def test_an_armed_start_names_its_group_and_does_not_move_to_another_group(stage
 
 def test_the_outcome_of_a_group_start_ends_with_the_stop_of_the_group(stage: Stage, visit: Any) -> None:
     """Regression: "Confirmed: the drive reports running" stood beside drives that had been stopped."""
-    for drive in ("pump-1", "pump-2"):
-        stage.call("waiver.grant", drive=drive, reason="watched bench")
-    page = visit("#/fleet?group=water")
-    page.click(".grouppanel summary")
-    page.click(f".grouppanel .button:has-text('{i18n.text('page.lease_take_all', 'en', n=2)}')")
-    page.fill(".grouppanel input[inputmode=decimal]", "20")
-    page.click("[data-step=first]:enabled")
+    page = arm_group(stage, visit, "water", "pump-1", "pump-2")
     page.click("[data-step=second]")
     outcome = page.locator(".grouppanel .notice", has_text=i18n.text("page.outcome_confirmed", "en"))
     outcome.wait_for()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from drivebus.errors import DrivebusError, NotFound, ServiceError
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
@@ -27,6 +25,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.control.control_requests import ControlRequest
 from drivebus.service.control.leases import LEASE_TTL_S
 from drivebus.service.control.selections import DONE, UNCHANGED
+from drivebus.service.live.views import record_json
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -76,9 +75,9 @@ class ControlCommands:
         lease = self.plant.leases.get(runtime.id, self.plant.now())
         request = self.plant.control_requests.find_open(runtime.id)
         return {
-            "lease": None if lease is None else asdict(lease.view(self.plant.clock)),
+            "lease": None if lease is None else record_json(lease.view(self.plant.clock)),
             "ttl_s": LEASE_TTL_S,
-            "control_request": None if request is None else asdict(request.view(self.plant.clock)),
+            "control_request": None if request is None else record_json(request.view(self.plant.clock)),
         }
 
     # --- requests -----------------------------------------------------------------------------------------------
