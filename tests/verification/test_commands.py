@@ -95,7 +95,7 @@ def test_an_accepted_echo_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """An unconfirmed stop is given up."""
-    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
     assert found(campaign(240), "was given up")
 
 

@@ -225,7 +225,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
         "starts are resent",
         replace_attribute(prepared_request.PreparedRequest, "_max_write_attempts", lambda self: 3),
     ),
-    ("no_answer_stop/vc660", "a stop is given up", replace_attribute(StopSupervisor, "start_retry", nothing)),
+    ("no_answer_stop/vc660", "a stop is given up", replace_attribute(StopSupervisor, "start_repetition", nothing)),
     (
         "late_same_item/df800-ascii",
         "late answers uncounted",

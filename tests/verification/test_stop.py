@@ -70,7 +70,7 @@ def test_an_alarm_that_comes_late_is_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
     assert any("it is not repeated" in one for one in violations(300))
 
 
@@ -90,5 +90,5 @@ def test_a_withdrawn_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
         self.scheduler.remove_if(lambda job: job.token is token)
 
     monkeypatch.setattr(BusCore, "_withdraw", drop)
-    monkeypatch.setattr(StopSupervisor, "start_retry", lambda self, how: None)
+    monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
     assert violations(300)

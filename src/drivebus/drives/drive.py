@@ -95,7 +95,7 @@ class Drive:
 
     def close(self) -> None:
         """Remove the drive from its bus; nothing is sent."""
-        self._stops.cancel_retry()
+        self._stops.cancel_repetition()
         self.bus.remove_station(self.address)
 
     def _eeprom_budget(self, limits: DriveLimits) -> EepromBudget:

@@ -18,7 +18,7 @@ from drivebus.drives.runner import OperationRunner
 
 T = TypeVar("T")
 
-STOP_RETRY_S = 1.0  # an unconfirmed stop is repeated at this interval until it is confirmed or a motion command comes
+STOP_REPEAT_INTERVAL_S = 1.0  # an unconfirmed stop is repeated until it is confirmed or a motion command comes
 MIN_WAIT_S = 1e-6  # a shorter wait may not show on the clock of an event loop
 
 
@@ -32,13 +32,13 @@ class StopSupervisor:
     def __init__(self, runner: OperationRunner) -> None:
         self._runner = runner
         self._running: set[asyncio.Task[Outcome]] = set()
-        self._retry: asyncio.Task[None] | None = None
-        self._retried_mode = StopMode.STOP
+        self._repetition: asyncio.Task[None] | None = None
+        self._repeated_mode = StopMode.STOP
 
     @property
     def pending(self) -> bool:
         """Whether an unconfirmed stop is being repeated."""
-        return self._retry is not None and not self._retry.done()
+        return self._repetition is not None and not self._repetition.done()
 
     @property
     def stopping(self) -> bool:
@@ -51,7 +51,7 @@ class StopSupervisor:
         ``drive_count``: number of drives on the bus that are stopped at the same time and read in turns.
         """
         self._runner.drive.require_capability(mode.value)
-        self.cancel_retry()
+        self.cancel_repetition()
         op = OperationContext(self._runner.drive)
         progress = StopProgress(op, self._runner.bus.now(), drive_count)
         operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
@@ -76,9 +76,9 @@ class StopSupervisor:
     ) -> Outcome:
         outcome = await self._runner.run(operation, first_result)
         if outcome.succeeded:
-            self.cancel_retry()
+            self.cancel_repetition()
         else:
-            self.start_retry(mode)
+            self.start_repetition(mode)
         return outcome
 
     async def _result_by_deadline(
@@ -89,7 +89,7 @@ class StopSupervisor:
             left_s = progress.deadline - self._runner.bus.now()
             if left_s <= MIN_WAIT_S:
                 task.cancel()
-                self.start_retry(mode)
+                self.start_repetition(mode)
                 return stop_operation.unconfirmed_outcome(op)
             await asyncio.wait({task}, timeout=left_s)
         return task.result()
@@ -100,23 +100,23 @@ class StopSupervisor:
         if not task.cancelled():
             task.exception()
 
-    def start_retry(self, mode: StopMode) -> None:
+    def start_repetition(self, mode: StopMode) -> None:
         """Repeat a stop until the drive confirms it."""
-        self.cancel_retry()
-        self._retried_mode = mode
-        self._retry = asyncio.ensure_future(self._repeat(mode))
+        self.cancel_repetition()
+        self._repeated_mode = mode
+        self._repetition = asyncio.ensure_future(self._repeat(mode))
 
     async def _repeat(self, mode: StopMode) -> None:
         while not self._runner.bus.is_closed:
             outcome = await self._runner.run(stop_operation.stop(OperationContext(self._runner.drive), mode))
             if outcome.succeeded:
                 return
-            await asyncio.sleep(STOP_RETRY_S)
+            await asyncio.sleep(STOP_REPEAT_INTERVAL_S)
 
-    def cancel_retry(self) -> StopMode | None:
+    def cancel_repetition(self) -> StopMode | None:
         """Cancel the repetition of a stop and return its mode; None where no stop was being repeated."""
-        mode = self._retried_mode if self.pending else None
-        task, self._retry = self._retry, None
+        mode = self._repeated_mode if self.pending else None
+        task, self._repetition = self._repetition, None
         if task is not None:
             task.cancel()
         return mode
@@ -126,15 +126,15 @@ class StopSupervisor:
 
         Raises as ``raise_for_status`` where its result is an outcome.
         """
-        mode = self.cancel_retry()
+        mode = self.cancel_repetition()
         try:
             result = await self._runner.run_command(operation)
             if isinstance(result, Outcome):
                 raise_for_status(result)
             return result
         except BaseException:
-            if mode is not None and self._retry is None:
-                self.start_retry(mode)
+            if mode is not None and self._repetition is None:
+                self.start_repetition(mode)
             raise
 
     @contextlib.contextmanager
@@ -143,6 +143,6 @@ class StopSupervisor:
         try:
             yield
         except BaseException:
-            if op.may_be_running and self._retry is None:
-                self.start_retry(StopMode.STOP)
+            if op.may_be_running and self._repetition is None:
+                self.start_repetition(StopMode.STOP)
             raise

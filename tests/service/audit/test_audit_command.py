@@ -27,7 +27,7 @@ def edit_record(trail: AuditTrail) -> None:
 def test_an_unchanged_trail_is_verified(tmp_path: Path) -> None:
     found = invoke_audit("verify", str(written_trail(tmp_path).paths.folder))
     assert found.exit_code == 0
-    assert "Complete and unchanged: 10 records" in found.output and "record 10" in found.output
+    assert "Complete and unchanged: records 10" in found.output and "record 10" in found.output
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from drivebus.errors import AuditUnavailable, InvalidParameters
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import failure_reason
 from drivebus.service.audit import AuditEntry, AuditTrail
+from drivebus.service.audit.chain import AuditPaths
 from drivebus.service.audit.records import MAX_RECORD_LINE_BYTES, MAX_TEXT_LENGTH
 from drivebus.service.audit.verify import verify
 from drivebus.service.config.model import PlantConfig
@@ -598,12 +600,28 @@ def test_files_and_key_are_private_and_the_key_is_outside_the_folder(tmp_path: P
     assert trail.paths.key.read_bytes().strip() not in b"".join(p.read_bytes() for p in trail.paths.folder.iterdir())
 
 
-def test_a_key_that_is_too_short_makes_the_trail_unavailable(tmp_path: Path) -> None:
+def _shorten_key(paths: AuditPaths) -> Path:
+    paths.key.write_text("short")
+    return paths.key
+
+
+def _put_folder_for_checkpoints(paths: AuditPaths) -> Path:
+    paths.checkpoints.mkdir(parents=True)
+    return paths.checkpoints
+
+
+@pytest.mark.parametrize("damage", [_shorten_key, _put_folder_for_checkpoints])
+def test_a_trail_that_can_t_be_opened_names_the_file_that_prevents_it(
+    damage: Callable[[AuditPaths], Path], tmp_path: Path
+) -> None:
     async def go() -> None:
         trail = new_trail(tmp_path)
-        trail.paths.key.write_text("short")
+        damaged = damage(trail.paths)
         await trail.open()
         assert not trail.ok
+        with pytest.raises(AuditUnavailable) as raised:
+            await trail.record(sample_entry(1))
+        assert raised.value.params["file"] == str(damaged)
         await trail.close()
 
     asyncio.run(go())

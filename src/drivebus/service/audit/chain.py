@@ -82,7 +82,7 @@ class AuditPaths:
         """Return the key. Raises OSError, also for a key that is too short."""
         key = self.key.read_bytes().strip()
         if len(key) < MIN_KEY_BYTES:
-            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(self.key))
         return key
 
 

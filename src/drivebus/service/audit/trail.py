@@ -186,10 +186,11 @@ class AuditTrail:
             found = [entry_json(entry, self._now_ms()) for entry in entries]
             return self._chain.append([*found, *bodies])[len(found) :]
         except OSError as error:
-            raise self._unavailable_error(SystemReason(error)) from error
+            raise self._unavailable_error(SystemReason(error), error.filename) from error
 
-    def _unavailable_error(self, reason: str | SystemReason) -> AuditUnavailable:
-        return AuditUnavailable("audit.unavailable", file=str(self.paths.current), reason=reason)
+    def _unavailable_error(self, reason: str | SystemReason, file: str | None = None) -> AuditUnavailable:
+        """Return the error; ``file`` is the file that failed, None for that of the records."""
+        return AuditUnavailable("audit.unavailable", file=str(file or self.paths.current), reason=reason)
 
     def _now_ms(self) -> int:
         return int(self._wall_clock().timestamp() * 1000)
