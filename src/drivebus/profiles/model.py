@@ -443,7 +443,7 @@ class IdentityCodes:
         return has_code and code in self.models and model not in self.models[code]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)  # by identity: it can be the key of a cache
 class DriveProfile:
     """Everything that drivebus knows of one drive model."""
 

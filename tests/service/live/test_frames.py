@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import typing
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from drivebus import i18n, profiles
-from drivebus.bus.trace import TraceKind
+from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.commissioning.decode import labels
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.state import Direction
@@ -17,7 +19,8 @@ from drivebus.profiles.schema import CommandName
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.dzb100.messages import COMMAND_BY_CODE
 from drivebus.protocols.sunfar.messages import SunfarOperation, SunfarResponse, SunfarState
-from drivebus.service.api.frames import _decode
+from drivebus.service.api.frames import _decode, frame_json
+from drivebus.service.runtime.bus import TracedFrame
 from fixtures.drives import dialect_for
 from fixtures.vectors import all_vectors
 
@@ -60,13 +63,13 @@ FRAMES += [(model, data[:-1] + b"?", True) for model, data in sent_frames()]  # 
 
 def test_a_frame_is_described_in_words_of_each_language() -> None:
     for model, data, is_request in FRAMES:
-        text = _decode(model, data, is_request)
+        text = _decode(profiles.load(model), data, is_request)
         assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", text["zh"])))) <= UNITS, text["zh"]
         assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", text["en"]), text["en"]
 
 
 def test_the_frames_contain_each_kind_of_command() -> None:
-    texts = " ".join(_decode(*frame)["zh"] for frame in FRAMES)
+    texts = " ".join(_decode(profiles.load(model), *frame)["zh"] for model, *frame in FRAMES)
     wanted = ("decode.field.saves", "decode.word.start", "decode.word.coast", "decode.word.emergency_stop")
     assert [key for key in wanted if i18n.text(key, "zh") not in texts] == []
 
@@ -96,3 +99,19 @@ def test_every_coding_has_its_word() -> None:
 def test_every_kind_of_traced_bytes_has_its_word() -> None:
     keys = {f"{prefix}_{kind.value}" for prefix in ("plant.frame", "page.frame_kind") for kind in TraceKind}
     assert keys - i18n.catalogue("zh").keys() == set()
+
+
+def test_a_frame_is_described_by_the_profile_in_force_and_no_file_is_read_for_it(tmp_path: Path) -> None:
+    """Trap: the frame log reads the file of a user's profile again, changed or deleted since, in the process of the
+    buses."""
+    file = tmp_path / "pump.toml"
+    file.write_text('format = 1\nextends = "vc660"\n')
+    drive = SimpleNamespace(profile=profiles.load(file), config=SimpleNamespace(address=1))
+    bus = typing.cast(typing.Any, SimpleNamespace(drives={"pump": drive}))
+    request = modbus.ModbusRtuCodec().encode_request(modbus.WriteRegister(1, 0x2000, 1))
+    frame = TracedFrame(1, 0, TraceEvent(time=0.0, kind=TraceKind.SENT, station=1, data=request))
+    text = frame_json(bus, frame)["text"]
+    file.unlink()
+    _decode.cache_clear()
+    assert frame_json(bus, frame)["text"] == text
+    assert i18n.text("decode.field.register", "en") in text["en"]

@@ -22,27 +22,27 @@ from drivebus.protocols.family import protocol_family, resolve
 
 
 def describe_frame(
-    model: str | Path,
+    profile: DriveProfile | str | Path,
     data: bytes,
     *,
     encoding: str | None = None,
     direction: str | None = None,
     request: bytes | None = None,
 ) -> FrameDescription:
-    """Describe one frame of a model, whatever its bytes are.
+    """Describe one frame by a profile, or by the name or file of one, whatever its bytes are.
 
     Without ``encoding`` the first byte decides; without ``direction`` a frame is a response where its ``request`` is
     given, else its shape decides. A response without its request has ``interpretations``.
     Raises ProfileError for an unknown model, ConfigurationError for an encoding or direction that it can't have.
     """
-    profile = profiles.load(model)
-    describe = resolve(protocol_family(profile.family).describe)
-    chosen = _choose_encoding(profile, data, encoding)
-    description: FrameDescription = describe(profile, data, chosen, _check_direction(direction), request)
-    hazard = _broadcast_hazard(profile, description)
+    loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
+    describe = resolve(protocol_family(loaded.family).describe)
+    chosen = _choose_encoding(loaded, data, encoding)
+    description: FrameDescription = describe(loaded, data, chosen, _check_direction(direction), request)
+    hazard = _broadcast_hazard(loaded, description)
     if hazard is None or not description.valid or description.direction != "request":
         return description
-    dialect = create_dialect(replace(profile, encodings=(chosen,)), profile.addresses[0])
+    dialect = create_dialect(replace(loaded, encodings=(chosen,)), loaded.addresses[0])
     return annotate(
         description, {}, hazards=(hazard,) if dialect.station_config.effect_of(data) is Effect.MOTION else ()
     )

@@ -10,6 +10,7 @@ from drivebus.bus.trace import TraceKind
 from drivebus.commissioning.decode import labels
 from drivebus.commissioning.decode.describe import describe_frame
 from drivebus.errors import DrivebusError
+from drivebus.profiles.model import DriveProfile
 from drivebus.protocols.describe import FrameDescription
 from drivebus.service.api.errors import localized
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
@@ -40,18 +41,19 @@ def _error(error: DrivebusError) -> Json:
 
 
 def _frame_text(bus: BusRuntime, frame: TracedFrame) -> Json:
-    """Return its fields; of a frame that belongs to no drive of this bus only its kind."""
+    """Return the fields of a frame by the profile of its drive; only the kind of one that has no drive on this bus."""
     event = frame.event
     profile = next((drive.profile for drive in bus.drives.values() if drive.config.address == event.station), None)
     if profile is None or not event.data or event.kind not in DECODED_KINDS:
         return localized(f"plant.frame_{event.kind.value}")
-    return dict(_decode(profile.source or profile.model, event.data, event.kind is TraceKind.SENT))
+    return dict(_decode(profile, event.data, event.kind is TraceKind.SENT))
 
 
 @lru_cache(maxsize=DECODE_CACHE_SIZE)
-def _decode(model: str, data: bytes, is_request: bool) -> Json:
+def _decode(profile: DriveProfile, data: bytes, is_request: bool) -> Json:
+    """Return the text of a frame. No file is read: a read delays the buses, and the file may have changed since."""
     try:
-        found = describe_frame(model, data, direction="request" if is_request else "response")
+        found = describe_frame(profile, data, direction="request" if is_request else "response")
     except DrivebusError as error:
         return localized(error.key, error.params)
     return {language: _describe(found, language) for language in i18n.LANGUAGES}
