@@ -85,10 +85,9 @@ def test_the_page_stores_preferences_in_the_browser_and_nothing_else() -> None:
 
 def test_passwords_can_be_pasted_and_filled_in_by_a_password_manager() -> None:
     scripts = page_scripts()
-    inputs = [
-        tag for text in scripts.values() for tag in re.findall(r"<input[^>]*?type=\"password\".*?/>", text, re.DOTALL)
-    ]
-    assert len(inputs) >= 4
+    inputs = [tag for text in scripts.values() for tag in re.findall(r"<\$\{PasswordField\}.*? />", text, re.DOTALL)]
+    assert len(inputs) >= 6
+    assert [name for name, text in scripts.items() if 'type="password"' in text] == []
     assert [tag for tag in inputs if not re.search(r"autocomplete=(\$\{|\"(current|new)-password)", tag)] == []
     assert [name for name, text in scripts.items() if re.search("onpaste|[\"']paste[\"']", text, re.IGNORECASE)] == []
 

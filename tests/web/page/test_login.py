@@ -108,7 +108,7 @@ def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stag
     page.click("[data-stop=drive]")
     page.locator(".stop-status.good").wait_for()
     page.fill("form[data-do=unlock] input[type=password]", PASSWORD)
-    page.click("form[data-do=unlock] button")
+    page.click("form[data-do=unlock] button[type=submit]")
     page.locator("[data-do=take]:enabled").wait_for()
 
 
@@ -118,3 +118,25 @@ def test_the_login_page_has_no_switch_of_the_alarm_sound(visit: Any) -> None:
     page.locator("input[name=password]").wait_for()
     assert page.locator(".prefs .button").count() == 2
     assert page.locator("[data-do=sound]").count() == 0
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_password_that_is_chosen_can_be_read_and_is_hidden_at_first(
+    new_plant: Stage, visit: Any, language: str, size: tuple[int, int]
+) -> None:
+    """The first administrator types it once: a mistyped one that nobody saw locks the plant."""
+    page = visit("#/fleet", role=None, language=language, size=size)
+    page.get_by_label(i18n.text("page.login_password", language), exact=True).fill("a quite long sentence")
+    field, eye = (
+        page.locator("input[name=password]"),
+        page.get_by_role("button", name=i18n.text("page.show_password", language)),
+    )
+    assert (field.get_attribute("type"), eye.get_attribute("aria-pressed")) == ("password", "false")
+    eye.click()
+    assert (field.get_attribute("type"), eye.get_attribute("aria-pressed")) == ("text", "true")
+    assert field.input_value() == "a quite long sentence"
+    box, beside = field.bounding_box(), eye.bounding_box()
+    assert beside["x"] >= box["x"] + box["width"] and beside["x"] + beside["width"] <= size[0] - 10
+    eye.click()
+    assert field.get_attribute("type") == "password"

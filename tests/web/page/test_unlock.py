@@ -32,7 +32,7 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     assert page.locator(".stopbar button:enabled").count() > 0
 
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
-    page.click("[data-do=unlock] button")
+    page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
     page.wait_for_selector(".lease.own")
 
@@ -45,7 +45,7 @@ def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log
     page.route("**/api/v1/history/tags*", lambda request: held.append(request))
     page.reload()
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
-    page.click("[data-do=unlock] button")
+    page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
     assert held
     for request in held:
@@ -68,7 +68,7 @@ def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_it
         page.click(".dialog button[type=submit]")
         page.fill("[data-do=unlock] input[type=password]", PASSWORD)
         assert page.locator(".stopbar .stop").first.is_enabled()
-        page.click("[data-do=unlock] button")
+        page.click("[data-do=unlock] button[type=submit]")
         page.wait_for_selector("[data-do=unlock]", state="detached")
         page.click(".dialog button[type=submit]")
         page.locator(".dialog").wait_for(state="detached")

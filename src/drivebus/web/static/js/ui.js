@@ -24,6 +24,19 @@ export function Field({ label, help, wrong, children, class: more = "" }) {
     ${wrong && html`<span class="wrong" role="alert">${wrong}</span>`}</label>`;
 }
 
+/** A password: hidden until its button is pressed, because a mistyped one cannot be used again. */
+export function PasswordField({ label, help, wrong, ...input }) {
+  const [shown, setShown] = useState(false);
+  const id = useId();
+  const note = help || wrong ? `${id}-note` : undefined;
+  return html`<div class="field"><label class="label" for=${id}>${label}</label><div class="password"><input ...${input} id=${id}
+    type=${shown ? "text" : "password"} spellcheck="false" autocapitalize="none" aria-describedby=${note} />
+    <${Button} icon=${shown ? "eye_off" : "eye"} title=${t("page.show_password")} aria-label=${t("page.show_password")}
+      aria-pressed=${shown ? "true" : "false"} aria-controls=${id} onClick=${() => setShown(!shown)} /></div>
+    ${help && !wrong && html`<span class="help" id=${note}>${help}</span>`}
+    ${wrong && html`<span class="wrong" id=${note} role="alert">${wrong}</span>`}</div>`;
+}
+
 /** Buttons of which one is chosen: `options` is [[value, text], …]. */
 export function Choice({ label, value, options, onChange, disabled = false }) {
   return html`<div class="choice" role="group" aria-label=${label}>${options.map(([name, text]) => html`

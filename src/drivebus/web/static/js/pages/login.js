@@ -1,22 +1,24 @@
 // Login page; at the first start the set-up, with the secret that the service printed on its own machine.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
+import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
 import { Preferences } from "../shell.js";
 import { MIN_PASSWORD_LENGTH, passwordHelp } from "../parts/password.js";
 
-function Form({ title, note, fields, submit, send }) {
+/** `fields`: [name, autocomplete] of those above the password. */
+function Form({ title, note, fields, isNew, submit, send }) {
   const [values, setValues] = useState({});
   const [run, busy, error] = useRequest();
   const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
   const go = (event) => { event.preventDefault(); run(() => send(values)); };
   return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
-    ${fields.map(([name, type, complete, help]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}
-      help=${help}>
-      <input name=${name} type=${type} autocomplete=${complete} required value=${values[name] ?? ""}
-        onInput=${put(name)}
-        minlength=${help ? MIN_PASSWORD_LENGTH : undefined} spellcheck="false" autocapitalize="none" /><//>`)}
+    ${fields.map(([name, complete]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}>
+      <input name=${name} type="text" autocomplete=${complete} required value=${values[name] ?? ""}
+        onInput=${put(name)} spellcheck="false" autocapitalize="none" /><//>`)}
+    <${PasswordField} name="password" label=${t("page.login_password")} required value=${values.password ?? ""}
+      autocomplete=${isNew ? "new-password" : "current-password"} help=${isNew && passwordHelp()}
+      minlength=${isNew ? MIN_PASSWORD_LENGTH : undefined} onInput=${put("password")} />
     <${ErrorNote} error=${error} /><button type="submit" class="button main" disabled=${busy}>${submit}</button>
       </form>`;
 }
@@ -28,13 +30,12 @@ function LoginNotice() {
 }
 
 const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")} note=${html`<${LoginNotice} />`}
-  fields=${[["name", "text", "username"], ["password", "password", "current-password"]]}
+  fields=${[["name", "username"]]}
   send=${({ name, password }) => login(name, password)} />`;
 
 const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page.set_up_do")}
   note=${html`<${Notice}>${t("page.set_up_how")}<//>`}
-  fields=${[["secret", "text", "off"], ["name", "text", "username"],
-    ["password", "password", "new-password", passwordHelp()]]}
+  fields=${[["secret", "off"], ["name", "username"]]} isNew
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
 /** The users' file of this plant is gone: nobody can log in, and nothing can be set up. */

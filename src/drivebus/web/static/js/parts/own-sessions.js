@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { loadSession } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, Table, useLoaded, useRequest } from "../ui.js";
+import { Button, Dialog, ErrorNote, Loading, PasswordField, Table, useLoaded, useRequest } from "../ui.js";
 
 export function OwnSessions() {
   const [found, error, reload] = useLoaded(() => api.get("/sessions"), []);
@@ -37,8 +37,8 @@ function EndSession({ ending, onClose }) {
   };
   return html`<${Dialog} title=${t("page.end_session_title")} onClose=${() => onClose(null)}><form class="stack"
     onSubmit=${send}>
-    <${Field} label=${t("page.own_password")} help=${t("page.end_session_help")}><input type="password" data-first
-      autocomplete="current-password" value=${password} onInput=${(event) => setPassword(event.target.value)} /><//>
+    <${PasswordField} label=${t("page.own_password")} help=${t("page.end_session_help")} data-first
+      autocomplete="current-password" value=${password} onInput=${(event) => setPassword(event.target.value)} />
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${() => onClose(null)}>${t("page.cancel")}<//>
       <button class="button main" type="submit" disabled=${busy || !password}>${t("page.end_session")}</button></div>

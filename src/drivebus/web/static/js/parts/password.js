@@ -3,7 +3,7 @@ import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { session } from "../session.js";
-import { ErrorNote, Field, Notice, useRequest } from "../ui.js";
+import { ErrorNote, Notice, PasswordField, useRequest } from "../ui.js";
 
 export const MIN_PASSWORD_LENGTH = 10;
 
@@ -25,9 +25,8 @@ export function Password() {
     session.value = found;
     setGiven(EMPTY);
   };
-  const input = (name, auto, label, more = {}) => html`<${Field} label=${t(label)} ...${more}><input type="password"
-    autocomplete=${auto}
-    value=${given[name]} onInput=${set(name)} /><//>`;
+  const input = (name, auto, label, more = {}) => html`<${PasswordField} label=${t(label)} ...${more} autocomplete=${auto}
+    value=${given[name]} onInput=${set(name)} />`;
   return html`<section class="panel"><h2>${t("page.password")}</h2><form class="stack narrow" onSubmit=${send}>
     ${input("old", "current-password", "page.password_old")}
     ${input("new", "new-password", "page.password_new", { help: passwordHelp() })}

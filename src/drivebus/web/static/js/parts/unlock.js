@@ -2,7 +2,7 @@
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { idle, session, unlock } from "../session.js";
-import { ErrorNote, Field, useRequest } from "../ui.js";
+import { ErrorNote, PasswordField, useRequest } from "../ui.js";
 
 function Form() {
   const [password, setPassword] = useState("");
@@ -12,8 +12,8 @@ function Form() {
     <span role="status">${t("page.idle")}</span>${session.value.login_notice
       && html`<span data-text="login-notice">${localized(session.value.login_notice)}</span>`}<input type="text" autocomplete="username" hidden readonly
       value=${session.value.user} />
-    <${Field} label=${t("page.login_password")}><input type="password" autocomplete="current-password" required
-      value=${password} onInput=${(event) => setPassword(event.currentTarget.value)} /><//>
+    <${PasswordField} label=${t("page.login_password")} autocomplete="current-password" required
+      value=${password} onInput=${(event) => setPassword(event.currentTarget.value)} />
     <${ErrorNote} error=${error} /><button class="button main" type="submit" disabled=${busy}>${t("page.unlock")}
       </button></form>`;
 }

@@ -5,7 +5,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, Table, useRequest, useLoaded } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, Loading, PasswordField, Table, useRequest, useLoaded } from "../ui.js";
 import { passwordHelp } from "./password.js";
 
 const ROLES = ["viewer", "operator", "engineer", "administrator"];
@@ -40,8 +40,8 @@ const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("
     ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select>
       <//>`;
 
-const OwnPassword = ({ value, onChange }) => html`<${Field} label=${t("page.own_password")}><input type="password"
-  autocomplete="current-password" value=${value} onInput=${(event) => onChange(event.target.value)} /><//>`;
+const OwnPassword = ({ value, onChange }) => html`<${PasswordField} label=${t("page.own_password")}
+  autocomplete="current-password" value=${value} onInput=${(event) => onChange(event.target.value)} />`;
 
 function NewUser({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
@@ -56,9 +56,9 @@ function NewUser({ onClose }) {
     <${Field} label=${t("page.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <${RoleChoice} value=${given.role} onChange=${(role) => setGiven({ ...given, role })} />
-    <${Field} label=${t("page.first_password")} help=${html`${passwordHelp()}${" "}
-      ${t("page.first_password_help")}`}><input type="password" autocomplete="new-password"
-      value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} /><//>
+    <${PasswordField} label=${t("page.first_password")} help=${html`${passwordHelp()}${" "}
+      ${t("page.first_password_help")}`} autocomplete="new-password"
+      value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} />
     ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}
     <${ErrorNote} error=${error} />
     <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
@@ -89,10 +89,8 @@ function ChangeUser({ user, onClose }) {
         ${t(user.disabled ? "page.enable_user" : "page.disable_user")}<//>`}
       <${Button} busy=${busy} disabled=${user.sessions === 0}
         onClick=${() => change({ end_sessions: true })}>${t("page.end_sessions")}<//></div>
-    ${!me && html`<${Field} label=${t("page.password_new")} help=${passwordHelp()}><input type="password"
-      autocomplete="new-password"
-      value=${password}
-        onInput=${(event) => setPassword(event.target.value)} /><//>
+    ${!me && html`<${PasswordField} label=${t("page.password_new")} help=${passwordHelp()}
+      autocomplete="new-password" value=${password} onInput=${(event) => setPassword(event.target.value)} />
       <div class="row"><${Button} busy=${busy} disabled=${!password}
         onClick=${() => change({ password })}>${t("page.set_password")}<//></div>
       <label class="check"><input type="checkbox" checked=${sure}
