@@ -29,7 +29,7 @@ def plant_text(directory: Path, port: int, links: Sequence[str], drives: int, ba
         f"[gateway.web]\nport = {port}",
     ]
     for line, link in enumerate(links):
-        parts.append(f'[bus.line-{line}]\nlink = {json.dumps(link)}\nbaud = {baud}\nformat = "8N1"')
+        parts.append(f'[bus.line-{line}]\nport = {json.dumps(link)}\nbaud = {baud}\nformat = "8N1"')
         parts += [
             f'[drive.{drive_id(line, address)}]\nbus = "line-{line}"\naddress = {address}\nmodel = "vc660"'
             for address in range(1, drives + 1)

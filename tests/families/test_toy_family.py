@@ -55,7 +55,7 @@ directory = "{directory}"
 [gateway.web]
 port = 0
 [bus.a]
-link = "sim://toy1@1?ramp=0.5"
+port = "sim://toy1@1?ramp=0.5"
 [drive.toy-1]
 bus = "a"
 address = 1

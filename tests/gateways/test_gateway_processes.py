@@ -42,7 +42,7 @@ format = 1
 id = "hall"
 directory = "state"
 [bus.a]
-link = "sim://c320@1,2?ramp=0.5"
+port = "sim://c320@1,2?ramp=0.5"
 [drive.fan-1]
 bus = "a"
 address = 1

@@ -90,9 +90,9 @@ def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> N
 @pytest.mark.parametrize(
     ("text", "key", "found"),
     [
-        ("ttyUSB0", "ports.link", "ttyUSB0"),
-        ("", "ports.link", ""),
-        ("serial://", "ports.link-empty", None),
+        ("ttyUSB0", "ports.url", "ttyUSB0"),
+        ("", "ports.url", ""),
+        ("serial://", "ports.url-empty", None),
         ("COM3?baud=fast", "ports.baud", "fast"),
         ("COM3?baud=１２００", "ports.baud", "１２００"),
         ("COM3?baud=-9600", "ports.baud", "-9600"),

@@ -49,7 +49,7 @@ directory = {directory}
 [gateway.web]
 enabled = false
 [bus.a]
-link = {link}
+port = {port}
 [drive.one]
 bus = "a"
 address = 1
@@ -82,7 +82,7 @@ class KilledService:
     def __init__(self, folder: Path, drives: RecordedPlant, seed: int) -> None:
         self.drives, self.state, self.file = drives, folder / "state", folder / "plant.toml"
         self.rng, self.found = random.Random(seed), KillResults()
-        self.file.write_text(PLANT_FILE.format(directory=json.dumps(str(self.state)), link=json.dumps(drives.url())))
+        self.file.write_text(PLANT_FILE.format(directory=json.dumps(str(self.state)), port=json.dumps(drives.url())))
         self.answers: list[str] = []
         self.log = folder / "log"
 

@@ -38,7 +38,7 @@ def open_port(
     found = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
     if not found:
         known = tuple(sorted({entry.name for entry in entry_points(group="drivebus.ports")}))
-        raise PortUrlError("ports.scheme", link=url, found=parsed.scheme, expected=known, examples=PORT_URL_EXAMPLES)
+        raise PortUrlError("ports.scheme", port=url, found=parsed.scheme, expected=known, examples=PORT_URL_EXAMPLES)
     port: Port = found[0].load()(parsed)
     return port
 

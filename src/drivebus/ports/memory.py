@@ -130,7 +130,7 @@ def open_port(url: PortUrl) -> MemoryPort:
         left, _ = create_pair(url.settings, has_line_timing=url.flag("line_timing"), name=url.path)
         wire = _named[url.path] = left._wire
     if wire.taken == 2:
-        raise PortUrlError("ports.memory-taken", link=url.text, name=url.path)
+        raise PortUrlError("ports.memory-taken", port=url.text, name=url.path)
     port = wire.ends[wire.taken]
     if "echo" in url.options:
         port.echo = url.echo()

@@ -65,7 +65,7 @@ class PortUrl:
             if name not in known:
                 expected = tuple(sorted({"baud", "format", *known}))
                 raise PortUrlError(
-                    "ports.option-unknown", link=self.text, scheme=self.scheme, found=name, expected=expected
+                    "ports.option-unknown", port=self.text, scheme=self.scheme, found=name, expected=expected
                 )
 
     def choice(self, name: str, allowed: Iterable[str], default: str) -> str:
@@ -73,7 +73,7 @@ class PortUrl:
         allowed = tuple(allowed)
         found = self.options.get(name, default).lower()
         if found not in allowed:
-            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected=tuple(allowed))
+            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=tuple(allowed))
         return found
 
     def echo(self) -> EchoSetting:
@@ -85,7 +85,7 @@ class PortUrl:
         """Return an option that is on or off, off where it is not given. Raises PortUrlError."""
         found = self.options.get(name, "off")
         if found.lower() not in _BOOLEAN_WORDS:
-            raise PortUrlError("ports.option", link=self.text, name=name, found=found, expected="on, off")
+            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected="on, off")
         return _BOOLEAN_WORDS[found.lower()]
 
     def number(self, name: str, default: float, lowest: float, highest: float) -> float:
@@ -96,7 +96,7 @@ class PortUrl:
         value = _float(found)
         if value is None or not lowest <= value <= highest:
             raise PortUrlError(
-                "ports.option", link=self.text, name=name, found=found, expected=f"{lowest:g} … {highest:g}"
+                "ports.option", port=self.text, name=name, found=found, expected=f"{lowest:g} … {highest:g}"
             )
         return value
 
@@ -135,7 +135,7 @@ def parse_port_url(
         )
     path = unquote(target)
     if not path and scheme != "sim":  # that port names the simulated drives
-        raise PortUrlError("ports.link-empty", link=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
+        raise PortUrlError("ports.url-empty", port=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
     return PortUrl(
         text=text,
         scheme=scheme,
@@ -153,7 +153,7 @@ def _split_scheme(text: str) -> tuple[str, str]:
     path = text.partition("?")[0]
     if _COM.fullmatch(path) or _is_path(path) or _is_device(path):
         return "serial", text
-    raise PortUrlError("ports.link", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
+    raise PortUrlError("ports.url", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
 
 
 def _is_path(path: str) -> bool:
@@ -188,19 +188,19 @@ def _query(text: str, query: str) -> dict[str, str]:
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True)
     except ValueError:
-        raise PortUrlError("ports.query", link=text, found=query) from None
+        raise PortUrlError("ports.query", port=text, found=query) from None
     if len(dict(pairs)) != len(pairs):
-        raise PortUrlError("ports.query-twice", link=text, found=query)
+        raise PortUrlError("ports.query-twice", port=text, found=query)
     return dict(pairs)
 
 
 def _settings(text: str, baud: str, format: str) -> SerialSettings:
     if not (baud.isascii() and baud.isdigit()) or not 50 <= int(baud) <= 4_000_000:
-        raise PortUrlError("ports.baud", link=text, found=baud, expected="50 … 4000000")
+        raise PortUrlError("ports.baud", port=text, found=baud, expected="50 … 4000000")
     try:
         return SerialSettings.parse(int(baud), format)
     except ValueError:
-        raise PortUrlError("ports.format", link=text, found=format, expected="8N1, 8E1, 8O1, 8N2, 7E1 …") from None
+        raise PortUrlError("ports.format", port=text, found=format, expected="8N1, 8E1, 8O1, 8N2, 7E1 …") from None
 
 
 def _address(text: str, scheme: str, target: str) -> tuple[str, int]:
@@ -210,7 +210,7 @@ def _address(text: str, scheme: str, target: str) -> tuple[str, int]:
     except ValueError:
         host, port = None, None
     if not host or not port or parts.path.strip("/") or "@" in target:
-        raise PortUrlError("ports.address", link=text, scheme=scheme, found=target)
+        raise PortUrlError("ports.address", port=text, scheme=scheme, found=target)
     return host, port
 
 

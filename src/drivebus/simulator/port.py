@@ -95,7 +95,7 @@ def open_port(url: Any) -> SimPort:
     purpose), and the options of the models (``direction_field``, …).
     """
     if not url.path:
-        raise PortUrlError("sim.empty", link=url.text, models=tuple(simulated_models()))
+        raise PortUrlError("sim.empty", port=url.text, models=tuple(simulated_models()))
     url.reject_unknown_options(
         "seed", "line_quality", "name", "echo", "load", "ramp", "drives", *station_option_names()
     )
@@ -144,4 +144,4 @@ def _station_settings(url: Any, default: SerialSettings) -> SerialSettings:
     try:
         return SerialSettings.parse(int(baud), format or default.format)
     except ValueError:
-        raise PortUrlError("sim.drives", link=url.text, found=text, expected="19200-8E1") from None
+        raise PortUrlError("sim.drives", port=url.text, found=text, expected="19200-8E1") from None

@@ -85,7 +85,7 @@ def test_the_plant_file_names_checkpoints_and_key(tmp_path: Path) -> None:
     head = f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n'
     audit = '[audit]\ncheckpoints = "marks"\nkey = "k"\n'
     file.write_text(
-        head + audit + '[bus.a]\nlink = "sim://c320@1"\n[drive.f]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+        head + audit + '[bus.a]\nport = "sim://c320@1"\n[drive.f]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
     )
     trail.paths.checkpoints.rename(tmp_path / "marks")
     trail.paths.key.rename(tmp_path / "k")
@@ -151,7 +151,7 @@ def test_the_list_of_a_plant_file_shows_the_titles_of_its_drives(tmp_path: Path)
     trail = written_trail(tmp_path)
     file = tmp_path / "plant.toml"
     file.write_text(
-        f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n[bus.a]\nlink = "sim://c320@1"\n'
+        f'format = 1\n[plant]\nid = "p"\ndirectory = "{trail.paths.folder}"\n[bus.a]\nport = "sim://c320@1"\n'
         '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\ntitle = { en = "Supply fan", zh = "送风机" }\n'
     )
     assert "运行送风机：4.0 Hz" in invoke_audit("list", str(file), language="zh").output

@@ -18,13 +18,13 @@ from fixtures.service import FAN_FILE
 HEAD = (
     FAN_FILE
     + """[bus.b]
-link = "tcp://127.0.0.1:2"
+port = "tcp://127.0.0.1:2"
 [drive.pump]
 bus = "b"
 address = 1
 model = "vc660"
 [bus.c]
-link = "tcp://127.0.0.1:3"
+port = "tcp://127.0.0.1:3"
 [drive.raw]
 bus = "c"
 address = 1
@@ -104,7 +104,7 @@ def test_a_user_profile_by_a_path_relative_to_the_file(tmp_path: Path) -> None:
 
 
 def test_a_private_simulated_bus_may_be_named_twice_but_not_a_shared_one() -> None:
-    two = 'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://c320@1{0}"\n[bus.b]\nlink = "sim://c320@1{0}"\n'
+    two = 'format = 1\n[plant]\nid = "p"\n[bus.a]\nport = "sim://c320@1{0}"\n[bus.b]\nport = "sim://c320@1{0}"\n'
     assert len(config.loads(two.format("")).buses) == 2
     assert kinds(two.format("?name=x")) == ["one_device"]
 
@@ -132,7 +132,7 @@ def test_serial_settings_are_the_files_then_the_port_urls_then_the_factory_setti
     assert [str(config.serial_settings_in(found, bus)) for bus in "abc"] == ["19200 8E1", "9600 8N1", "9600 8N1"]
     with pytest.raises(KeyError):
         config.serial_settings_in(found, "d")
-    empty = config.loads(HEAD + '[bus.d]\nlink = "tcp://127.0.0.1:4?baud=1200"\n')
+    empty = config.loads(HEAD + '[bus.d]\nport = "tcp://127.0.0.1:4?baud=1200"\n')
     assert str(config.serial_settings_in(empty, "d")) == "1200 8N1"
 
 
@@ -304,7 +304,7 @@ def test_a_signal_that_its_model_reads_seldom_may_be_read_as_seldom() -> None:
         name for name in profiles.models() if any(s.period_s > 60 for s in profiles.load(name).signals.values())
     )
     slow = next(one for one in profiles.load(model).signals.values() if one.period_s > 60)
-    text = HEAD + f'[bus.d]\nlink = "tcp://127.0.0.1:4"\n[drive.slow]\nbus = "d"\naddress = 1\nmodel = "{model}"\n'
+    text = HEAD + f'[bus.d]\nport = "tcp://127.0.0.1:4"\n[drive.slow]\nbus = "d"\naddress = 1\nmodel = "{model}"\n'
     least = f"signals.{slow.name} = {slow.period_s}\n"
     assert config.loads(text + least).warnings == ()
     assert len(config.loads(text + least.replace(str(slow.period_s), str(slow.period_s + 1))).warnings) == 1

@@ -24,7 +24,7 @@ PLANT = """format = 1
 [plant]
 id = "p"
 [bus.a]
-link = "sim://c320@1"
+port = "sim://c320@1"
 [drive.f]
 bus = "a"
 address = 1

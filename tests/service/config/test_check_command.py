@@ -21,7 +21,7 @@ PLANT = (
     FAN_FILE
     + """signals = { output_frequency = 0.5, output_voltage = 2.0 }
 [bus.b]
-link = "tcp://127.0.0.1:2"
+port = "tcp://127.0.0.1:2"
 [drive.conveyor]
 bus = "b"
 address = 1
@@ -156,7 +156,7 @@ def test_the_stop_bound_is_the_longest_request_its_timeout_the_gap_and_the_stop(
 def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
     """Every drive of the model's whole range of addresses, each with all its signals, on one line."""
     drives = "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "c320"\n' for n in range(31))
-    text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "tcp://127.0.0.1:1"\n{drives}'
+    text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nport = "tcp://127.0.0.1:1"\n{drives}'
     bus = bus_loads(config.loads(text))[0]
     assert 50 < bus.load_percent <= 100
     assert {one.min_poll_interval_s for one in bus.drives} == {10.0}

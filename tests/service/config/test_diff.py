@@ -122,7 +122,7 @@ def test_an_unchanged_drive_is_the_same_on_the_same_bus(old: PlantConfig, new: P
         assert old.drive(id) == new.drive(id)
         bus = next((one for one in new.buses if one.id == new.drive(id).bus), None)
         if bus is not None and bus.id in buses:
-            assert bus.link == buses[bus.id].link
+            assert bus.port == buses[bus.id].port
     assert set(change.actions) == {one.id for one in old.drives} & {one.id for one in new.drives}
 
 
@@ -131,7 +131,7 @@ format = 1
 [plant]
 id = "p"
 [bus.a]
-link = "tcp://127.0.0.1:1"
+port = "tcp://127.0.0.1:1"
 [drive.fan]
 bus = "a"
 address = 1
@@ -170,7 +170,7 @@ def test_another_link_recreates_all_drives_of_the_bus_and_another_title_none() -
     old = config.loads(TEXT)
     other = config_diff(old, config.loads(TEXT.replace(":1", ":2")))
     assert other.reopened == ("a",) and set(other.actions.values()) == {ReloadAction.RECREATE}
-    titled = config_diff(old, config.loads(TEXT.replace('link = "', 'title = "Line"\nlink = "')))
+    titled = config_diff(old, config.loads(TEXT.replace('port = "', 'title = "Line"\nport = "')))
     assert titled.buses.changed and not titled.reopened and unchanged(titled) == ("fan", "fan-2")
 
 

@@ -17,7 +17,7 @@ format = 1
 [plant]
 id = "small"
 [bus.a]
-link = "sim://c320@1"
+port = "sim://c320@1"
 [drive.fan]
 bus = "a"
 address = 1
@@ -67,7 +67,7 @@ def test_a_title_may_be_in_any_languages(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     path.write_text(
         "format = 1\n[plant]\nid = 'p'\ntitle = { en = 'Mill', zh = '磨坊', de = 'Mühle' }\n"
-        "[bus.a]\nlink = 'sim://c320@1-3'\ntitle = { de = 'Sammelschiene' }\n"
+        "[bus.a]\nport = 'sim://c320@1-3'\ntitle = { de = 'Sammelschiene' }\n"
         "[gateway.web]\nlogin_notice = { en = 'staff only', pt-BR = 'somente equipe' }\n",
         encoding="utf-8",
     )

@@ -23,7 +23,7 @@ def plant(model: str, count: int, more: str = "", line: str = "") -> PlantConfig
     drives = "".join(
         f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "{model}"\n{more}\n' for n in range(1, count + 1)
     )
-    text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://{model}@1-{count}{line}"\n{drives}'
+    text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nport = "sim://{model}@1-{count}{line}"\n{drives}'
     return config.loads(text)
 
 
@@ -61,7 +61,7 @@ def test_the_estimated_polls_are_those_that_are_sent(model: str, more: str) -> N
 
 async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]:
     """Return for each drive the longest time between two values of its most frequent signal."""
-    port = open_port(setting.buses[0].link)
+    port = open_port(setting.buses[0].port)
     gaps: dict[str, float] = {}
     async with Bus(port) as bus:
         monitors: list[Monitor] = []
@@ -108,7 +108,7 @@ def test_drives_with_periods_of_their_own_are_paced_too() -> None:
 def test_the_chosen_interval_never_lengthens_a_configured_period() -> None:
     """A drive with a period of 1 s keeps it; the other drives of the bus share the remaining time."""
     text = (
-        'format = 1\n[plant]\nid = "p"\n[bus.a]\nlink = "sim://vc660@1-30"\n'
+        'format = 1\n[plant]\nid = "p"\n[bus.a]\nport = "sim://vc660@1-30"\n'
         '[drive.fast]\nbus = "a"\naddress = 1\nmodel = "vc660"\nsignals = { output_current = 1.0 }\n'
     ) + "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "vc660"\n' for n in range(2, 31))
     fast, *others = config.loads(text).drives

@@ -40,7 +40,7 @@ def test_the_password_of_a_url_is_hidden_and_the_user_is_not(url: str, shown: st
     ],
 )
 def test_no_password_is_in_a_text_that_is_shown(line: str) -> None:
-    text = f'[bus.a]\nlink = "tcp://127.0.0.1:4001?baud=9600"\n[history]\n{line}\n# contact: li@example.org\n'
+    text = f'[bus.a]\nport = "tcp://127.0.0.1:4001?baud=9600"\n[history]\n{line}\n# contact: li@example.org\n'
     shown = redact_text(text, "plant.toml")
     assert "ter2" not in shown and "…" in shown
     assert "tcp://127.0.0.1:4001" in shown and "li@example.org" in shown

@@ -80,7 +80,7 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
     kinds = [one.kind for one in caught.value.params["diagnostics"]]
-    assert kinds == ["control_character", "link", "pattern", "control_character"]
+    assert kinds == ["control_character", "port_url", "pattern", "control_character"]
     for language in ("en", "zh"):
         reply_text = caught.value.text(language)
         assert reply_text.count("\n") == len(kinds), "a line each"

@@ -24,13 +24,13 @@ from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers,
 ANSWERS = """
 title = "Boiler house 锅炉房"
 [[bus]]
-link = "/dev/ttyUSB0"
+port = "/dev/ttyUSB0"
 model = "c320"
 addresses = "1-2,7"
 names = ["Supply fan", "Supply fan"]
 baud = 19200
 [[bus]]
-link = "tcp://127.0.0.1:4001"
+port = "tcp://127.0.0.1:4001"
 model = "vc660"
 addresses = "1"
 """
@@ -104,7 +104,7 @@ def test_it_can_go_to_standard_output(answers: Path) -> None:
         ('"1-2,7"', '"7-2"', "7-2"),
         ('"c320"', '"c999"', "c999"),
         ('addresses = "1"', 'addresses = "300"', "<= 255"),
-        ('link = "/dev/ttyUSB0"', "", "link"),
+        ('port = "/dev/ttyUSB0"', "", "port"),
         ("[[bus]]", "[[buses]]", "buses"),
         ('"1-2,7"', '"1-2,7', "TOML"),
     ],
@@ -130,7 +130,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
     result = init("-o", path, "--lang", "en", input=message)
     assert result.exit_code == 0, result.output
     plant = config.load(path)
-    assert (plant.id, plant.buses[0].link) == ("pump-station", "/dev/ttyUSB0")
+    assert (plant.id, plant.buses[0].port) == ("pump-station", "/dev/ttyUSB0")
     for wrong in (
         "ttyUSB0 is no port URL",
         "scheme tpc",

@@ -347,7 +347,7 @@ def test_a_record_survives_a_restart_and_is_ignored_for_another_drive_of_its_nam
             await asyncio.sleep(8)
             await start(kit)
         async with running_service(OTHER_MODEL, store=store) as kit:
-            assert any("made on another drive" in text and BUSES[0].link in text for text in events(kit))
+            assert any("made on another drive" in text and BUSES[0].port in text for text in events(kit))
             assert (await comm_loss(kit))["tested"] is None
         async with running_service(store=store) as kit:
             set_keypad(kit, TRIP, 5.0)
@@ -416,7 +416,7 @@ def test_a_test_needs_control_its_own_token_a_drive_at_rest_and_the_right_to_set
 )
 def test_a_damaged_record_is_none(changed: Json) -> None:
     whole: Json = {
-        "result": "trips", "silence_s": 5.0, "time_ms": 1, "user": "eve", "model": "c320", "link": BUSES[0].link,
+        "result": "trips", "silence_s": 5.0, "time_ms": 1, "user": "eve", "model": "c320", "port": BUSES[0].port,
         "address": 1, "parameters": {"F9.3": TRIP, "F9.4": 50}, "fault": None,
     }  # fmt: skip
     assert CommLossRecord.from_json(json.dumps(whole)) is not None

@@ -24,7 +24,7 @@ from drivebus.simulator.port import find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_service
 
-SHARED_BUSES = tuple(BusConfig(bus.id, f"{bus.link}&name=shared-{bus.id}") for bus in BUSES)
+SHARED_BUSES = tuple(BusConfig(bus.id, f"{bus.port}&name=shared-{bus.id}") for bus in BUSES)
 """Simulated buses that stay when a service ends and the next one starts."""
 
 

@@ -549,7 +549,7 @@ def test_a_group_is_stopped_together() -> None:
 @pytest.mark.parametrize("start_interval_s", [0.0, 1.0])
 def test_no_more_drives_of_a_group_accelerate_at_once_than_allowed(start_interval_s: float) -> None:
     async def scenario() -> None:
-        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=8"), replace(BUSES[1], link="sim://vc660@1,2?ramp=8"))
+        buses = (replace(BUSES[0], port="sim://c320@1,2?ramp=8"), replace(BUSES[1], port="sim://vc660@1,2?ramp=8"))
         group = GroupConfig(
             id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=start_interval_s, max_concurrent_starts=1
         )
@@ -700,7 +700,7 @@ def test_a_bus_that_cannot_be_opened_is_retried_and_affects_no_other() -> None:
 
     async def scenario() -> None:
         buses = (BusConfig("a", "sim://c320@1,2?name=later"), BUSES[1])
-        bench = simulated_bus_of(open_port(buses[0].link))
+        bench = simulated_bus_of(open_port(buses[0].port))
         bench.unplug()
         async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(20)
@@ -781,7 +781,7 @@ def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
     """It reports the stop as unknown within three seconds; the drive goes on slowing down."""
 
     async def scenario() -> None:
-        buses = (replace(BUSES[0], link="sim://c320@1,2?ramp=30"), BUSES[1])
+        buses = (replace(BUSES[0], port="sim://c320@1,2?ramp=30"), BUSES[1])
         async with running_service(plant_config(buses=buses)) as kit:
             await ready(kit, "fan-1")
             await asyncio.sleep(15)

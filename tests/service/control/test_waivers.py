@@ -19,7 +19,7 @@ from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_se
 OTHER_DRIVES: dict[str, PlantConfig] = {
     "model": plant_config(drives=(replace(DRIVES[0], model="c300"), *DRIVES[1:])),
     "address": plant_config(drives=(replace(DRIVES[0], address=2), replace(DRIVES[1], address=1), *DRIVES[2:])),
-    "link": plant_config(buses=(replace(BUSES[0], link=BUSES[0].link + "&name=other"), BUSES[1])),
+    "port": plant_config(buses=(replace(BUSES[0], port=BUSES[0].port + "&name=other"), BUSES[1])),
 }
 
 
@@ -52,8 +52,8 @@ def test_a_waiver_of_another_drive_with_this_id_is_ignored_and_reported(changed:
             await start(kit)
         assert error.value.params["model"] == "c320" and error.value.params["address"] == "1"
         (text,) = waiver_events(kit)
-        assert "does not apply" in text["en"] and BUSES[0].link in text["en"] and "不适用" in text["zh"]
-        recorded = {"model": "c320", "link": BUSES[0].link, "address": "1"}
+        assert "does not apply" in text["en"] and BUSES[0].port in text["en"] and "不适用" in text["zh"]
+        recorded = {"model": "c320", "port": BUSES[0].port, "address": "1"}
         assert kit.drives_of_events("plant.waiver_ignored", **recorded) == ["fan-1"]
         assert kit.station("fan-1").motor.starts == 0
 
@@ -134,4 +134,4 @@ def test_a_waiver_keeps_its_content_through_json() -> None:
     assert CommLossWaiver.from_json(waiver.to_json()) == waiver and waiver.applies_to(drive, BUSES[0])
     assert CommLossWaiver.from_json("") is None and CommLossWaiver.from_json(None) is None
     older = CommLossWaiver.from_json(json.dumps("tested (eve)"))
-    assert older is not None and older.recorded_for == {"model": "?", "link": "?", "address": "?"}
+    assert older is not None and older.recorded_for == {"model": "?", "port": "?", "address": "?"}

@@ -46,7 +46,7 @@ def test_a_drive_on_a_full_bus_states_the_interval_at_which_it_is_polled() -> No
 
     def shown(count: int) -> tuple[float, float]:
         drives = "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "vc660"\n' for n in range(1, count + 1))
-        bus = f'[bus.a]\nlink = "sim://vc660@1-{count}"\n'
+        bus = f'[bus.a]\nport = "sim://vc660@1-{count}"\n'
 
         async def scenario() -> tuple[float, float]:
             async with running_service(loads(f'format = 1\n[plant]\nid = "p"\n{bus}{drives}')) as kit:
@@ -59,24 +59,24 @@ def test_a_drive_on_a_full_bus_states_the_interval_at_which_it_is_polled() -> No
     assert shown(30) == (15.0, 0.5)
 
 
-@pytest.mark.parametrize("link", ["run/bus", "bus"])
+@pytest.mark.parametrize("port", ["run/bus", "bus"])
 def test_the_view_of_a_bus_on_a_relative_path_follows_its_adapter(
-    link: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Once the adapter was pulled, every step of the supervision failed, and the bus stayed open on every surface."""
     monkeypatch.chdir(tmp_path)
     Path("run").mkdir()
     master, slave = os.openpty()
     tty.setraw(slave)
-    Path(link).symlink_to(os.ttyname(slave))
-    buses = (BusConfig("a", link, 9600, "8N1"),)
+    Path(port).symlink_to(os.ttyname(slave))
+    buses = (BusConfig("a", port, 9600, "8N1"),)
     plant = plant_config(buses=buses, drives=(DriveConfig(id="pump", bus="a", address=1, model="vc660"),), groups=())
 
     async def scenario() -> None:
         async with running_service(plant) as kit:
             await asyncio.sleep(3 * BUS_VIEW_CYCLES * CYCLE_S)
             assert (await kit.call("buses.get", bus="a"))["is_open"]
-            os.unlink(link)  # noqa: PTH108
+            os.unlink(port)  # noqa: PTH108
             os.close(slave)
             os.close(master)
             await asyncio.sleep(3 * BUS_VIEW_CYCLES * CYCLE_S)
@@ -88,4 +88,4 @@ def test_the_view_of_a_bus_on_a_relative_path_follows_its_adapter(
 
 def test_a_plant_with_a_pulled_adapter_on_a_relative_path_passes_its_check() -> None:
     plant = loads(FAN_FILE.replace("tcp://127.0.0.1:1", "run/bus"))
-    assert plant.buses[0].link.startswith("run/bus?")
+    assert plant.buses[0].port.startswith("run/bus?")

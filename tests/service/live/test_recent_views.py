@@ -102,7 +102,7 @@ def test_the_time_of_a_command_goes_with_its_drive(tmp_path: Path) -> None:
     file = tmp_path / "plant.toml"
     pump = '[drive.pump]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
     fan = '[drive.fan]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
-    head = 'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\n[bus.a]\nlink = "sim://c320@1-2"\n'
+    head = 'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\n[bus.a]\nport = "sim://c320@1-2"\n'
     file.write_text(head + pump + fan)
 
     async def scenario() -> None:

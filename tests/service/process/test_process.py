@@ -36,7 +36,7 @@ directory = "{directory}"
 [gateway.web]
 port = 0
 [bus.a]
-link = "sim://c320@1,2?ramp=0.5"
+port = "sim://c320@1,2?ramp=0.5"
 [drive.fan-1]
 bus = "a"
 address = 1

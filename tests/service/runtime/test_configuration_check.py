@@ -22,7 +22,7 @@ from fixtures.service import LOCAL, SHOP_FILE, ServiceKit, running_service
 
 FAN_2 = SHOP_FILE.partition("[drive.fan-1]")[2].replace("address = 1", "address = 2")
 LONG_TEXT = SHOP_FILE + "".join(
-    f'[bus.b{n}]\nlink = "sim://c320@1-30"\n'
+    f'[bus.b{n}]\nport = "sim://c320@1-30"\n'
     + "".join(f'[drive.d{n}-{m}]\nbus = "b{n}"\naddress = {m}\nmodel = "c320"\n' for m in range(1, 31))
     for n in range(30)
 )
@@ -81,14 +81,14 @@ async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_chec
         ('id = "shop"', f'id = "shop"\ntitle = 5 # {SHOWN_URL}\nx = "{SHOWN_URL}"'),
         ('"state"', f'"state"\nusers = "{SHOWN_URL}"'),
         ("[plant]", f'["{SHOWN_URL}"]\n[plant]'),
-        ('link = "sim://c320@1"', f'link = "{SHOWN_URL}"'),
-        ('link = "sim://c320@1"', f'link = "sim://c320@1"\nformat = "{SHOWN_URL}"'),
+        ('port = "sim://c320@1"', f'port = "{SHOWN_URL}"'),
+        ('port = "sim://c320@1"', f'port = "sim://c320@1"\nformat = "{SHOWN_URL}"'),
         ('model = "c320"', f'model = "{SHOWN_URL}"'),
         ('model = "c320"', 'model = "plant.toml"'),
         ('model = "c320"', f'model = "c320"\nencoding = "{SHOWN_URL}"'),
         ('model = "c320"', f'model = "c320"\nsignals = {{ "{SHOWN_URL}" = 1 }}'),
         ('bus = "a"', f'bus = "{SHOWN_URL}"'),
-        ("[bus.a]", f'[bus."{SHOWN_URL}"]\nlink = "sim://c320@2"\n[bus.a]'),
+        ("[bus.a]", f'[bus."{SHOWN_URL}"]\nport = "sim://c320@2"\n[bus.a]'),
         ("[drive.fan-1]", f'[drive."{SHOWN_URL}"]'),
         ("[bus.a]", f'[group.g]\nmembers = ["{SHOWN_URL}"]\n[bus.a]'),
         ("[bus.a]", f'[interlock.i]\nrequire = "{SHOWN_URL}"\nblocks = ["{SHOWN_URL}"]\n[bus.a]'),

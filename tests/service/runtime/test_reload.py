@@ -28,9 +28,9 @@ format = 1
 id = "hall"
 title = "Hall"
 [bus.a]
-link = "sim://c320@1-3?ramp=2&name=a"
+port = "sim://c320@1-3?ramp=2&name=a"
 [bus.b]
-link = "sim://vc660@1-2?ramp=2&name=b"
+port = "sim://vc660@1-2?ramp=2&name=b"
 """
 FAN_1 = '[drive.fan-1]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
 FAN_2 = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'

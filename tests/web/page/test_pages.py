@@ -83,7 +83,7 @@ def test_a_bus_shows_a_missing_adapter_until_it_is_back(stage: Stage, visit: Any
     expect(card).to_contain_text(word("bus_open"))
     with unplugged(stage, "pumps"):
         expect(card).to_contain_text(word("bus_closed"))
-        expect(page.locator(".notice.bad").first).to_contain_text(word("bus_closed_why", link="sim://vc660@1,2?ramp=2"))
+        expect(page.locator(".notice.bad").first).to_contain_text(word("bus_closed_why", port="sim://vc660@1,2?ramp=2"))
         reply_text = i18n.text("alarms.text.port_lost", "en", bus="Pump line", reason="")
         expect(page.locator(".banner.alarm a", has_text=reply_text).first).to_be_visible()
         page.evaluate("location.hash = '#/alarms'")

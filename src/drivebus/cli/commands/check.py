@@ -93,7 +93,7 @@ def _print_loads(config: PlantConfig, buses: tuple[BusLoadEstimate, ...]) -> Non
         output.print_message(
             "plant_check.bus",
             bus=bus.bus,
-            link=bus.link,
+            port=bus.port,
             serial=bus.serial_settings,
             load=f"{bus.load_percent:.0f}",
             cycle=format_seconds(bus.cycle_s),
@@ -199,7 +199,7 @@ def _bus_document(bus: BusLoadEstimate) -> dict[str, Any]:
     ]
     return {
         "bus": bus.bus,
-        "link": bus.link,
+        "port": bus.port,
         "serial": str(bus.serial_settings),
         "load_percent": round(bus.load_percent, 3),
         "cycle_s": round(bus.cycle_s, 6),

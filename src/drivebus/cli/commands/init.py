@@ -58,7 +58,7 @@ def _init(
     config = loads(text, file, Path(file).resolve().parent)
     _write(file, text, force)
     undecided = [
-        {"port": bus.link, "address": drive.address, "models": list(drive.candidates)}
+        {"port": bus.port, "address": drive.address, "models": list(drive.candidates)}
         for bus in found.buses
         for drive in bus.drives
         if drive.candidates
@@ -104,7 +104,7 @@ async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> list[tupl
     from drivebus.errors import ConfigurationError
 
     if not requests:
-        raise ConfigurationError("plant_init.no_link")
+        raise ConfigurationError("plant_init.no_port")
     scanned: list[tuple[str, list[DetectedDrive]]] = []
     with shutdown_signals() as shutdown:
         for request in requests:
@@ -112,7 +112,7 @@ async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> list[tupl
             if shutdown.received:
                 return ExitCode.INTERRUPTED
             if not found:
-                output.print_note("plant_init.no_drive", link=request.port)
+                output.print_note("plant_init.no_drive", port=request.port)
                 return ExitCode.FAILED
             scanned.append((request.port, found))
     return scanned
@@ -124,7 +124,7 @@ def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...]) -
 
     def left_out(drive: DetectedDrive) -> None:
         models = "/".join(drive.models)
-        output.print_note("plant_init.left_out", link=port, address=drive.address, models=models)
+        output.print_note("plant_init.left_out", port=port, address=drive.address, models=models)
 
     drives = tuple(_drive_answer(port, drive, named) for drive in select_alike(found, left_out))
     return BusAnswer(port, drives, found[0].settings.baud, found[0].settings.format)
@@ -144,7 +144,7 @@ def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> Dr
     if chosen is not None:
         return DriveAnswer(drive.address, chosen, encoding=drive.encoding)
     note = "plant_init.undecided" if has_choice else "plant_init.unlike"
-    output.print_note(note, link=port, address=drive.address, models=output.join(drive.models, "items"))
+    output.print_note(note, port=port, address=drive.address, models=output.join(drive.models, "items"))
     return DriveAnswer(drive.address, "", encoding=drive.encoding, candidates=drive.models)
 
 
@@ -171,9 +171,9 @@ def _ask_answers(ports: tuple[str, ...]) -> PlantAnswers:
     if not _on_terminal():
         raise ConfigurationError("plant_init.no_terminal")
     title = _ask("title", output.text("plant_init.default_title"))
-    buses = [_ask_bus(port) for port in ports or (_ask("link", check=open_port),)]
+    buses = [_ask_bus(port) for port in ports or (_ask("port", check=open_port),)]
     while not ports and click.confirm(output.text("plant_init.ask_more"), default=False, err=True):
-        buses.append(_ask_bus(_ask("link", check=open_port)))
+        buses.append(_ask_bus(_ask("port", check=open_port)))
     return PlantAnswers(title, tuple(buses))
 
 
@@ -185,7 +185,7 @@ def _ask_bus(port: str) -> BusAnswer:
     from drivebus import profiles
     from drivebus.service.config.wizard import BusAnswer, DriveAnswer
 
-    output.print_note("plant_init.about", link=port)
+    output.print_note("plant_init.about", port=port)
     model = _ask("model", "c320", check=profiles.load)
     addresses = options.parse_addresses(_ask("addresses", "1", check=lambda text: _check_addresses(model, text)))
     names = [_ask("name", f"{model} {address}", address=address) for address in addresses]
@@ -224,7 +224,7 @@ command = CliCommand(
     "init",
     callback=_init,
     params=[
-        Argument(["ports"], metavar="[PORT]...", nargs=-1, key="help.argument.init_links"),
+        Argument(["ports"], metavar="[PORT]...", nargs=-1, key="help.argument.init_ports"),
         Option(["--scan"], is_flag=True, key="help.option.init_scan"),
         Option(["--answers"], metavar="FILE", key="help.option.answers", example="--answers answers.toml"),
         *search_options(),

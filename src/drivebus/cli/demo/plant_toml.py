@@ -43,7 +43,7 @@ def plant_toml(urls: Sequence[str], directory: Path, port: int, login_notice: Js
 
 
 def _bus(bus: DemoBus, url: str) -> str:
-    head = f"[bus.{bus.name.lower()}]\nlink = {json.dumps(url)}\ntitle = {_title('demo.bus', bus=bus.name)}"
+    head = f"[bus.{bus.name.lower()}]\nport = {json.dumps(url)}\ntitle = {_title('demo.bus', bus=bus.name)}"
     return f"{head}\nbaud = {bus.baud}\nformat = {json.dumps(bus.format)}"
 
 

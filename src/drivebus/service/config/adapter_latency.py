@@ -45,15 +45,15 @@ def adapter_latencies(plant: PlantConfig) -> Iterator[AdapterLatency]:
     for bus in plant.buses:
         dialects = [(drive, dialect_of(drive)) for drive in plant.drives if drive.bus == bus.id]
         polls = [(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in dialects]
-        found = adapter_latency(bus.id, serial_device(bus.link), polls, serial_settings_in(plant, bus.id))
+        found = adapter_latency(bus.id, serial_device(bus.port), polls, serial_settings_in(plant, bus.id))
         if found is not None:
             yield found
 
 
-def serial_device(link: str) -> str | None:
+def serial_device(port: str) -> str | None:
     """Return the path of the serial device that a port URL names, None for another port. Raises PortUrlError."""
-    port = parse_port_url(link)
-    return port.path if port.scheme == "serial" else None
+    url = parse_port_url(port)
+    return url.path if url.scheme == "serial" else None
 
 
 def adapter_latency(

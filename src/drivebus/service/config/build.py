@@ -56,7 +56,7 @@ class ParsedPlant:
     """Drive → profile, where it could be loaded."""
     profile_errors: dict[str, ProfileError] = field(default_factory=dict)
     """Drive → error of loading its profile."""
-    links: dict[str, PortUrl] = field(default_factory=dict)
+    port_urls: dict[str, PortUrl] = field(default_factory=dict)
     dialects: dict[str, Dialect] = field(default_factory=dict)
 
     def known_ids(self, table: str) -> list[str]:
@@ -131,7 +131,7 @@ def state_directory(id: str) -> Path:
 
 def bus_config(file: PlantFile, id: str) -> BusConfig:
     one = file.bus[id]
-    return BusConfig(id, one.link, one.baud, one.format, _text(one.title, id))
+    return BusConfig(id, one.port, one.baud, one.format, _text(one.title, id))
 
 
 def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:

@@ -63,11 +63,11 @@ def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSe
 
     Raises PortUrlError, ValueError.
     """
-    link = parse_port_url(bus.link, baud=bus.baud, format=bus.format)
+    url = parse_port_url(bus.port, baud=bus.baud, format=bus.format)
     if profile is None:
-        return link.settings
-    baud = link.settings.baud if "baud" in link.explicit else profile.serial.baud
-    return SerialSettings.parse(baud, link.settings.format if "format" in link.explicit else profile.serial.format)
+        return url.settings
+    baud = url.settings.baud if "baud" in url.explicit else profile.serial.baud
+    return SerialSettings.parse(baud, url.settings.format if "format" in url.explicit else profile.serial.format)
 
 
 def serial_settings_in(plant: PlantConfig, bus: str) -> SerialSettings:
@@ -144,7 +144,7 @@ class BusLoadEstimate:
     """Load of one bus."""
 
     bus: str
-    link: str
+    port: str
     serial_settings: SerialSettings
     load_percent: float
     """Load if every station takes its longest time to answer; the rest is left for commands."""
@@ -170,7 +170,7 @@ def _bus_load(plant: PlantConfig, bus: BusConfig) -> BusLoadEstimate:
     each = tuple(_drive_load(drive, dialect, settings, whole) for drive, dialect in drives)
     return BusLoadEstimate(
         bus=bus.id,
-        link=bus.link,
+        port=bus.port,
         serial_settings=settings,
         load_percent=whole.load_percent,
         cycle_s=whole.cycle_s,

@@ -43,21 +43,21 @@ _UNOPENED_SCHEMES = ("memory", "replay")
 def bus_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     taken: dict[tuple[str, ...], str] = {}
     for id, bus in parsed.file.bus.items():
-        path = ("bus", id, "link")
+        path = ("bus", id, "port")
         wrong = bus.format is not None and not is_format(bus.format)
         if wrong:
             yield issue("serial_format", ("bus", id, "format"), bus.format)
         try:
-            link = _parse_bus_link(bus.model_copy(update={"format": None}) if wrong else bus)
+            url = _parse_port_url(bus.model_copy(update={"format": None}) if wrong else bus)
         except ConfigurationError as error:
-            yield issue("link", path, bus.link, why=error_text(error))
+            yield issue("port_url", path, bus.port, why=error_text(error))
             continue
-        device = device_of(link)
+        device = device_of(url)
         if device in taken:
-            yield issue("one_device", path, bus.link, other=taken[device], device=device[-1])
+            yield issue("one_device", path, bus.port, other=taken[device], device=device[-1])
         taken.setdefault(device, id)
         if not wrong:
-            parsed.links[id] = link
+            parsed.port_urls[id] = url
 
 
 def is_format(text: str) -> bool:
@@ -69,12 +69,12 @@ def is_format(text: str) -> bool:
     return True
 
 
-def _parse_bus_link(bus: BusTable) -> PortUrl:
+def _parse_port_url(bus: BusTable) -> PortUrl:
     """Parse the port URL of a bus. Raises PortUrlError, ConfigurationError, also for an unknown option."""
-    link = parse_port_url(bus.link, baud=bus.baud, format=bus.format)
-    if link.scheme not in _UNOPENED_SCHEMES and not (link.path and "name" in link.options):
-        ports.open_port(bus.link, baud=bus.baud, format=bus.format)
-    return link
+    url = parse_port_url(bus.port, baud=bus.baud, format=bus.format)
+    if url.scheme not in _UNOPENED_SCHEMES and not (url.path and "name" in url.options):
+        ports.open_port(bus.port, baud=bus.baud, format=bus.format)
+    return url
 
 
 def error_text(error: DrivebusError) -> Text:
@@ -82,14 +82,14 @@ def error_text(error: DrivebusError) -> Text:
     return Text.per_language(error.text)
 
 
-def device_of(link: PortUrl) -> tuple[str, ...]:
+def device_of(url: PortUrl) -> tuple[str, ...]:
     """Return the identity of a port: equal ones are the same pair of wires."""
-    if link.scheme in NETWORK_SCHEMES:
-        return ("network", f"{link.host}:{link.port}")
-    if link.scheme == "serial":
-        return ("serial", os.path.realpath(link.path))
-    name = link.options.get("name", "") if link.scheme == "sim" else link.path
-    return (link.scheme, name) if name else (link.scheme, link.text, str(id(link)))
+    if url.scheme in NETWORK_SCHEMES:
+        return ("network", f"{url.host}:{url.port}")
+    if url.scheme == "serial":
+        return ("serial", os.path.realpath(url.path))
+    name = url.options.get("name", "") if url.scheme == "sim" else url.path
+    return (url.scheme, name) if name else (url.scheme, url.text, str(id(url)))
 
 
 def drive_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
@@ -220,7 +220,7 @@ def bus_load_issues(parsed: ParsedPlant) -> Iterator[Issue]:
         drives = [(id, one) for id, one in parsed.drive_tables_of(bus) if id in parsed.profiles]
         faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))
         yield from faults
-        clear = bus in parsed.links and not faults
+        clear = bus in parsed.port_urls and not faults
         if clear and drives and all(id in parsed.dialects for id, _ in drives):
             yield from _check_load(parsed, bus, drives)
 
@@ -237,13 +237,13 @@ def _check_families(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]]) -
 
 def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
     """Yield serial settings that are unknown or that a model on the bus does not have."""
-    link = parsed.links.get(bus)
-    if link is None:
+    url = parsed.port_urls.get(bus)
+    if url is None:
         return
     for name in ("baud", "format"):
         path = _setting_path(parsed, bus, name)
-        if name in link.explicit:
-            value = getattr(link.settings, name)
+        if name in url.explicit:
+            value = getattr(url.settings, name)
             yield from _check_offered(parsed, drives, name, value, path)
         else:
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
@@ -255,7 +255,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
 def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> KeyPath:
     """Return the key that holds the setting: its own, else the port URL."""
     own = getattr(parsed.file.bus[bus], name) is not None
-    return ("bus", bus, name) if own else ("bus", bus, "link")
+    return ("bus", bus, name) if own else ("bus", bus, "port")
 
 
 def _check_offered(

@@ -50,7 +50,7 @@ class BusConfig:
     """Bus of a plant: port URL and serial settings."""
 
     id: str
-    link: str
+    port: str
     baud: int | None = None
     format: str | None = None
     title: Text = Text("", "")

@@ -44,7 +44,7 @@ class PlantTable(StrictTable):
 
 
 class BusTable(StrictTable):
-    link: Annotated[str, Field(min_length=1, max_length=1000)]
+    port: Annotated[str, Field(min_length=1, max_length=1000)]
     baud: Annotated[int | None, Field(ge=50, le=4_000_000)] = None
     format: str | None = None
     title: Title | None = None

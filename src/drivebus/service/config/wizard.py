@@ -42,7 +42,7 @@ class DriveAnswer:
 class BusAnswer:
     """Bus and its drives. ``baud`` and ``format`` None: as the port URL says, else the factory settings."""
 
-    link: str
+    port: str
     drives: tuple[DriveAnswer, ...]
     baud: int | None = None
     format: str | None = None
@@ -57,7 +57,7 @@ class PlantAnswers:
 
 
 class _BusAnswerIn(StrictTable):
-    link: Annotated[str, Field(min_length=1, max_length=1000)]
+    port: Annotated[str, Field(min_length=1, max_length=1000)]
     model: ShortText
     addresses: Annotated[str, Field(pattern=r"^[0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?)*$")]
     names: list[ShortText] = []
@@ -74,7 +74,7 @@ class _PlantAnswersIn(StrictTable):
 def read_answers(path: str) -> PlantAnswers:
     """Read an answers file. Raises ConfigurationError.
 
-    It has ``title`` and tables ``[[bus]]`` with link, model, addresses (``1-3,7``) and names.
+    It has ``title`` and tables ``[[bus]]`` with port, model, addresses (``1-3,7``) and names.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -99,7 +99,7 @@ def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
     drives = (
         DriveAnswer(address, one.model, name, one.encoding) for address, name in zip(addresses, names, strict=False)
     )
-    return BusAnswer(one.link, tuple(drives), one.baud, one.format)
+    return BusAnswer(one.port, tuple(drives), one.baud, one.format)
 
 
 def parse_addresses(text: str) -> list[int]:
@@ -175,7 +175,7 @@ def _wanted_id(drive: DriveAnswer) -> str:
 
 def _bus_lines(index: int, bus: BusAnswer, language: str) -> Iterator[str]:
     yield from comment_lines("bus", language) if index == 0 else ()
-    yield from (f"[bus.{bus_id(index)}]", f"link = {toml_string(bus.link)}")
+    yield from (f"[bus.{bus_id(index)}]", f"port = {toml_string(bus.port)}")
     if bus.baud is not None:
         yield f"baud = {bus.baud}"
     if bus.format is not None:

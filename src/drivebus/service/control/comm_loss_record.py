@@ -1,6 +1,6 @@
 """Record of a communication-loss test: what one drive did when no request reached it any more.
 
-It holds for one drive only (model, link, address), and while the parameters that decide its behaviour read as they did
+It holds for one drive only (model, port, address), and while the parameters that decide its behaviour read as they did
 then. ``comm_loss_test`` makes it.
 """
 
@@ -39,7 +39,7 @@ class CommLossRecord:
     """UTC time of the first reply after the silence."""
     user: str
     model: str
-    link: str
+    port: str
     address: int
     parameters: Mapping[str, int]
     """Raw values of the communication-loss parameters by notation; empty where the manual publishes none."""
@@ -69,8 +69,8 @@ class CommLossRecord:
         return {**asdict(self), "parameters": dict(self.parameters)}
 
     def is_of(self, drive: DriveConfig, bus: BusConfig) -> bool:
-        """Return whether it was made on a drive of this model, on this link, at this address."""
-        return (self.model, self.link, self.address) == (drive.model, bus.link, drive.address)
+        """Return whether it was made on a drive of this model, on this port, at this address."""
+        return (self.model, self.port, self.address) == (drive.model, bus.port, drive.address)
 
     def holds_for(self, parameters: Mapping[str, int] | None) -> bool:
         """Return whether the communication-loss parameters read as they did at the test; None: not known now."""

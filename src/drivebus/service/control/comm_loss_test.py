@@ -197,7 +197,7 @@ class CommLossTests:
             time_ms=self.plant.wall_ms(),
             user=test.actor.name,
             model=runtime.config.model,
-            link=self.plant.bus_of(runtime).config.link,
+            port=self.plant.bus_of(runtime).config.port,
             address=runtime.config.address,
             parameters=parameters,
             fault=None if status.fault is None else status.fault.label,

@@ -1,6 +1,6 @@
 """Waiver of the communication-loss check: it allows starts of a drive that may run on when this host fails.
 
-It holds for one drive only: of this model, on this link, at this address.
+It holds for one drive only: of this model, on this port, at this address.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ class CommLossWaiver:
 
     text: str
     model: str = "?"
-    link: str = "?"
+    port: str = "?"
     address: int | None = None
 
     @classmethod
     def for_drive(cls, text: str, drive: DriveConfig, bus: BusConfig) -> CommLossWaiver:
-        return cls(text, drive.model, bus.link, drive.address)
+        return cls(text, drive.model, bus.port, drive.address)
 
     @classmethod
     def from_json(cls, found: str | None) -> CommLossWaiver | None:
@@ -40,5 +40,5 @@ class CommLossWaiver:
 
     @property
     def recorded_for(self) -> dict[str, str]:
-        """Model, link and address of the drive that it was recorded for, as message parameters."""
-        return {"model": self.model, "link": self.link, "address": "?" if self.address is None else str(self.address)}
+        """Model, port and address of the drive that it was recorded for, as message parameters."""
+        return {"model": self.model, "port": self.port, "address": "?" if self.address is None else str(self.address)}

@@ -111,7 +111,7 @@ class BusSnapshot:
     """State of a bus at the moment of a trip. ``frames``: its newest frames, as JSON and as traced."""
 
     bus: str
-    link: str
+    port: str
     settings: SerialSettings
     frames: Sequence[tuple[Json, TraceEvent]]
 
@@ -239,4 +239,4 @@ def _capture_header(bus: BusSnapshot | None, now: float, now_ms: int) -> Capture
     first = min((event.time for _, event in (bus.frames if bus else ())), default=now)
     started = datetime.fromtimestamp(now_ms / 1000 - (now - first), UTC).isoformat(timespec="milliseconds")
     settings = bus.settings if bus else SerialSettings()
-    return CaptureHeader(settings, bus.link if bus else "", started, f"drivebus {version('drivebus')}")
+    return CaptureHeader(settings, bus.port if bus else "", started, f"drivebus {version('drivebus')}")

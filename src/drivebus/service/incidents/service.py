@@ -82,7 +82,7 @@ class IncidentService(PlantListener):
         bus = self._plant.bus_of(runtime)
         newest = list(bus.frames)[-INCIDENT_FRAMES:]
         frames = [(frame_json(bus, frame), frame.event) async for frame in iter_cooperatively(newest, internal=True)]
-        return BusSnapshot(bus.config.id, bus.config.link, bus.bus.port.settings, frames)
+        return BusSnapshot(bus.config.id, bus.config.port, bus.bus.port.settings, frames)
 
     async def _read_parameters(self, drive: str) -> Mapping[str, Json]:
         """Read the parameters that help to explain a trip. Reads wait behind every command."""

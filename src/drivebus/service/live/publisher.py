@@ -117,7 +117,7 @@ def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
     return {
         "id": config.id,
         "title": text_json(config.title),
-        "link": config.link,
+        "port": config.port,
         "serial": str(bus.settings),
         "is_open": bus.is_open and not bus.is_closed,
         "problem": None

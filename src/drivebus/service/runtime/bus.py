@@ -53,8 +53,8 @@ class BusRuntime:
     ) -> None:
         self.config, self._wall_ms, self._on_problem, self._on_frame = config, wall_ms, on_problem, on_frame
         settings = serial_settings_of(config, profile)
-        self.bus: Bus = open_bus(config.link, baud=settings.baud, format=settings.format)
-        self._serial_device = serial_device(config.link)
+        self.bus: Bus = open_bus(config.port, baud=settings.baud, format=settings.format)
+        self._serial_device = serial_device(config.port)
         """Read from the port URL once: a file name is no port URL while the adapter is pulled."""
         self.drives: dict[str, DriveRuntime] = {}
         self.problem: DrivebusError | None = None

@@ -351,7 +351,7 @@ class Plant:
                 runtime.id,
                 "plant.comm_loss_record_ignored",
                 model=record.model,
-                link=record.link,
+                port=record.port,
                 address=record.address,
             )
 

@@ -71,7 +71,7 @@ def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
     except (ConfigurationError, ValueError, TypeError, RecursionError):
         return None
     return (
-        found if found is not None and all(type(one) is str for one in (found.text, found.model, found.link)) else None
+        found if found is not None and all(type(one) is str for one in (found.text, found.model, found.port)) else None
     )
 
 

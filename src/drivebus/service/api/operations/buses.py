@@ -54,7 +54,7 @@ class BusObject(ApiObject):
 
     id: str
     title: LocalizedText
-    link: str
+    port: str
     serial: str
     is_open: bool
     problem: LocalizedText | None

@@ -60,7 +60,7 @@ function BusDetails({ id }) {
     ${view.foreign_master && html`<${Notice} kind="bad"
       title=${t("page.foreign_master")}>${t("page.foreign_master_why")}<//>`}
     ${!view.is_open && html`<${Notice} kind="bad"
-      title=${t("page.bus_closed_why", { link: view.link })}>${localized(view.problem)}<//>`}
+      title=${t("page.bus_closed_why", { port: view.port })}>${localized(view.problem)}<//>`}
     ${view.slow_adapter && html`<${Notice} kind="warning">${localized(view.slow_adapter)}<//>`}
     <${SlowPolling} view=${view} />
     <section class="panel stack"><h2>${titleOf(view)}</h2><${Facts} view=${view} /></section>
@@ -84,7 +84,7 @@ function SlowPolling({ view }) {
 
 function Facts({ view }) {
   const facts = [
-    ["link", html`<code>${view.link}</code> ${view.serial ?? ""}`],
+    ["port", html`<code>${view.port}</code> ${view.serial ?? ""}`],
     ["load", t("page.load_is", { load: percentOf(view.load_percent),
       occupied: percentOf(view.occupied_percent) })],
     ["transactions", view.transactions_per_s === null ? NO_VALUE : t("page.per_second",
