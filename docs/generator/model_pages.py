@@ -27,7 +27,7 @@ HEADINGS = {
 }
 CAN, LACKS = Text("Can", "支持"), Text("Does not have", "不支持")
 SOURCES = Text("Profile with its sources", "型号文件与出处")
-PROTOCOL_PAGE = Text("Its protocol, with worked frames", "协议说明与示例报文")
+PROTOCOL_PAGE = Text("Its protocol, with worked frames", "协议说明与示例帧")
 
 
 def page(profile: DriveProfile, language: str) -> str:

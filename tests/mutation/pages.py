@@ -35,7 +35,7 @@ A commit that ends in "-dirty": merged from several runs between which tests wer
 A module keeps the name that it had at its commit.
 """,
     "zh": """协议、事务、调度器、任务及其权限、放行闸门，以及决定谁可以做什么的代码（用户、会话和令牌；控制权、
-启动预备和豁免；网页的访问检查）的每一行都被逐一做微小改动，该部分的测试必须发现。没有测试发现的改动，就是未被测试的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
+准备启动和豁免；网页的访问检查）的每一行都被逐一做微小改动，该部分的测试必须发现。没有测试发现的改动，就是未被测试的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
 还改动模块加载时计算的内容：代码表、字符表、长度、默认值。
 
 ```

@@ -73,7 +73,7 @@ def _sizes() -> dict[int, int]:
 FULL_BUDGET = sum(_sizes().values())
 CAMPAIGN = Campaign(
     name="flips",
-    summary={"en": "Every 1, 2 and 3 bit flip of every worked frame.", "zh": "每个样例帧的所有 1、2、3 位翻转。"},
+    summary={"en": "Every 1, 2 and 3 bit flip of every worked frame.", "zh": "每个示例帧的所有 1、2、3 位翻转。"},
     unit="damaged frames",
     evidence_for=(
         "T11",

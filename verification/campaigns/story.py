@@ -78,7 +78,10 @@ def run(campaign_run: CampaignRun) -> None:
 
 CAMPAIGN = Campaign(
     name="story",
-    summary={"en": "Every model runs, stops, trips and loses its line.", "zh": "每个型号的运行、停止、跳闸与断线。"},
+    summary={
+        "en": "Every model runs, stops, trips and loses its line.",
+        "zh": "每个型号的运行、停止、故障停机与断线。",
+    },
     unit="stories",
     evidence_for=(),
     full_budget=4 * len(LINES) * len(MODELS),

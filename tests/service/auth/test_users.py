@@ -77,7 +77,7 @@ def test_a_role_has_the_rights_on_the_security_page(role: Role) -> None:
 
 
 def test_a_right_is_shown_by_its_name_and_its_identifier() -> None:
-    assert (Right.STOP.in_language("en"), Right.STOP.in_language("zh")) == ("stop", "停止（stop）")
+    assert (Right.STOP.in_language("en"), Right.STOP.in_language("zh")) == ("stop", "停机（stop）")
 
 
 def test_names_that_look_alike_belong_to_one_user() -> None:

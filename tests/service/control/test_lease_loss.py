@@ -48,7 +48,7 @@ def test_the_end_of_a_jog_revokes_earlier_arm_tokens(lost: bool) -> None:
 MAY_BE_RUNNING = [
     {
         "en": "Fan 1 may be running, and the session that had control is lost",
-        "zh": "风机 1 可能仍在运行，而持有控制权的会话已丢失",
+        "zh": "风机 1 可能仍在运行，而持有控制权的会话已失效",
     }
 ]
 
@@ -103,11 +103,11 @@ def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> N
     lost, opened = [event["text"] for event in events if event["kind"] == "presence" and event["drive"] is None]
     assert lost == {
         "en": "Line a has lost its port; it is opened again as soon as possible",
-        "zh": "线路 a 的端口丢失；一旦可用即重新打开",
+        "zh": "线路 a 的端口断开；将尽快重新打开",
     }
     assert opened == {"en": "Line a is open", "zh": "线路 a 已打开"}
     reopened = Text.per_language(lambda language: i18n.text("plant.bus_reopened", language))
-    assert alarms == [f"Line a has lost its port: {reopened.en}", f"线路 a 端口丢失：{reopened.zh}"]
+    assert alarms == [f"Line a has lost its port: {reopened.en}", f"线路 a 的端口断开：{reopened.zh}"]
 
 
 @pytest.mark.parametrize("title", ["", "a"])
@@ -131,7 +131,7 @@ def test_a_port_lost_in_the_first_second_of_the_service_raises_its_alarm(title: 
             assert (alarm.subject, alarm.cleared_ms) == ("a", None)
             (lost,) = [event["text"] for event in kit.history.events if event["kind"] == "presence"]
             assert lost["en"] == "bus a has lost its port; it is opened again as soon as possible"
-            assert lost["zh"] == "总线 a 的端口丢失；一旦可用即重新打开"
+            assert lost["zh"] == "总线 a 的端口断开；将尽快重新打开"
             simulated_bus_of(bus.bus.port).replug()
             await asyncio.sleep(3)
             assert plant.alarms.active()[0].cleared_ms is not None

@@ -264,7 +264,7 @@ async def test_a_file_that_is_no_database_is_left_as_it_is(tmp_path: Path) -> No
         assert not historian.ok
         with pytest.raises(ServiceUnavailable) as rejected:
             await historian.documents("statistics")
-    assert "history.db 已损坏，或不是历史数据库" in rejected.value.text("zh")
+    assert "history.db 已损坏，或不是历史库" in rejected.value.text("zh")
     assert (tmp_path / "history.db").read_bytes() == b"no database" * 100
 
 

@@ -337,7 +337,7 @@ PENDING = """async (id) => {
 }"""
 
 
-@pytest.mark.parametrize(("language", "text"), [("en", "Stop unconfirmed"), ("zh", "停止未确认")])
+@pytest.mark.parametrize(("language", "text"), [("en", "Stop unconfirmed"), ("zh", "停机未确认")])
 @pytest.mark.parametrize("width", [1440, 360])
 def test_an_unconfirmed_stop_is_whole_in_a_tile(visit: Any, language: str, text: str, width: int) -> None:
     """Regression: "Stop not confirmed yet, bein…"."""

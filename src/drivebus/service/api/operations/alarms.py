@@ -344,7 +344,7 @@ INCIDENTS_LIST = Operation(
     path="/incidents",
     params=TimeRangeParams,
     response=PageResponse[IncidentSummaryObject],
-    summary=Text("Recorded incidents", "已记录的故障停机"),
+    summary=Text("Recorded incidents", "已有的故障记录"),
 )
 
 INCIDENTS_GET = Operation(
@@ -354,7 +354,7 @@ INCIDENTS_GET = Operation(
     path="/incidents/{incident}",
     params=IncidentParams,
     response=IncidentResponse,
-    summary=Text("One incident with everything recorded around it", "一次故障停机及当时的全部记录"),
+    summary=Text("One incident with everything recorded around it", "一份故障记录及当时的全部内容"),
 )
 
 INCIDENT_NOTE = Operation(
@@ -365,7 +365,7 @@ INCIDENT_NOTE = Operation(
     params=IncidentNoteParams,
     response=IncidentNotesResponse,
     audit=Audit.BEST_EFFORT,
-    summary=Text("Add a note to an incident", "为故障停机记录添加备注"),
+    summary=Text("Add a note to an incident", "为故障记录添加备注"),
 )
 
 AUDIT_LIST = Operation(

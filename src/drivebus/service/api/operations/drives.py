@@ -205,7 +205,7 @@ DRIVES_LIST = Operation(
     method="GET",
     path="/drives",
     response=DrivesResponse,
-    summary=Text("Present state of all drives", "全部变频器的当前状况"),
+    summary=Text("Present state of all drives", "全部变频器的当前状态"),
 )
 
 DRIVES_GET = Operation(
@@ -215,7 +215,7 @@ DRIVES_GET = Operation(
     path="/drives/{drive}",
     params=DriveParams,
     response=DriveObject,
-    summary=Text("Present state of one drive", "一台变频器的当前状况"),
+    summary=Text("Present state of one drive", "一台变频器的当前状态"),
 )
 
 DRIVES_PROFILE = Operation(
@@ -226,7 +226,7 @@ DRIVES_PROFILE = Operation(
     params=DriveParams,
     response=ProfileObject,
     summary=Text(
-        "Profile of a drive: signals, parameters, faults, caveats", "变频器的类型：信号、参数、故障、注意事项"
+        "Profile of a drive: signals, parameters, faults, caveats", "变频器的型号文件：信号、参数、故障、注意事项"
     ),
 )
 

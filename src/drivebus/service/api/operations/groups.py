@@ -73,7 +73,7 @@ GROUPS_LIST = Operation(
     method="GET",
     path="/groups",
     response=GroupsResponse,
-    summary=Text("All groups", "全部分组"),
+    summary=Text("All groups", "全部组"),
 )
 
 GROUP_ARM = Operation(
@@ -84,7 +84,7 @@ GROUP_ARM = Operation(
     params=GroupParams,
     response=ArmResponse,
     audit=Audit.REQUIRED,
-    summary=Text("First step of a group's start", "分组启动的第一步"),
+    summary=Text("First step of a group's start", "组启动的第一步"),
 )
 
 GROUP_START = Operation(
@@ -96,7 +96,7 @@ GROUP_START = Operation(
     response=OutcomesResponse,
     audit=Audit.REQUIRED,
     moves_motors=True,
-    summary=Text("Start a group, one drive after another", "逐台启动一个分组"),
+    summary=Text("Start a group, one drive after another", "逐台启动一个组"),
 )
 
 GROUP_SET_FREQUENCY = Operation(
@@ -108,7 +108,7 @@ GROUP_SET_FREQUENCY = Operation(
     response=OutcomesResponse,
     audit=Audit.BEST_EFFORT,
     moves_motors=True,
-    summary=Text("Change the set frequency of a group", "修改分组的设定频率"),
+    summary=Text("Change the set frequency of a group", "修改组的设定频率"),
 )
 
 GROUP_STOP = Operation(
@@ -119,5 +119,5 @@ GROUP_STOP = Operation(
     params=GroupParams,
     response=OutcomesResponse,
     audit=Audit.AFTER,
-    summary=Text("Stop a group", "停一个分组"),
+    summary=Text("Stop a group", "停一个组"),
 )

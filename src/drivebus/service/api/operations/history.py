@@ -118,7 +118,7 @@ HISTORY_TAGS = Operation(
     method="GET",
     path="/history/tags",
     response=TagsResponse,
-    summary=Text("Tags that the history keeps", "历史库保存的内容"),
+    summary=Text("Tags that the history keeps", "历史库保存的测点"),
 )
 
 HISTORY_TREND = Operation(
