@@ -99,6 +99,20 @@ def test_a_table_fits_the_terminal_without_losing_a_word(cells: int) -> None:
     assert all(part in shown for part in rows[0][2].split())
 
 
+@pytest.mark.parametrize("maker", ["Powtran Technology, Dalian", "手册未注明（富凌类，台州）"])
+def test_columns_that_do_not_fit_beside_each_other_stand_below_each_other(maker: str) -> None:
+    """Regression: `drivebus models` broke each line of a terminal with 80 columns."""
+    rows = [["pi500", maker, "PI500 series", "rtu", "draft"], ["x", "y", "z", "ascii, rtu", "simulated"]]
+    lines = text_layout.table(["MODEL", "MAKER", "DRIVE", "ENCODINGS", "GRADE"], rows, 40).splitlines()
+    assert max(text_layout.width(line) for line in lines) <= 40
+    assert [line.split()[0] for line in lines] == ["MODEL", "DRIVE", "pi500", "PI500", "x", "z"]
+    columns = {
+        text_layout.width(line[: line.index(word)])
+        for line, word in zip(lines[1::2], ["ENC", "rtu", "asc"], strict=True)
+    }
+    assert len(columns) == 1
+
+
 @pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
 def test_a_duration_is_at_least_one_second(seconds: float, shown: str) -> None:
     assert format_duration(seconds) == shown

@@ -223,20 +223,26 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     """Format a table whose columns are as wide as their widest cell.
 
     The last column is wrapped to end within ``cells``, on lines of its own if little space is left beside the others.
+    So are further columns from the right, as long as the rest does not fit beside each other.
     """
     widths = [max(width(row[index]) for row in [head, *rows]) for index in range(len(head))]
     left = sum(widths[:-1]) + 2 * (len(head) - 1)
     beside = cells - left >= min(_MIN_LAST_COLUMN_CELLS, widths[-1])
+    lead = len(head) - 1
+    while lead > 1 and sum(widths[:lead]) + 2 * (lead - 1) > cells:
+        lead -= 1
+    folds_columns = not beside and lead < len(head) - 1
 
-    def first_cells(row: Sequence[str]) -> str:
-        return "  ".join(pad(cell, widths[index]) for index, cell in enumerate(row[:-1]))
+    def cells_of(row: Sequence[str], start: int, end: int) -> str:
+        return "  ".join(pad(row[index], widths[index]) for index in range(start, end))
 
     shown: list[str] = []
-    for row in [head, *rows] if beside else rows:
-        last = wrap(row[-1], cells - (left if beside else 4))
-        shown.append(f"{first_cells(row)}  {last.pop(0) if last and beside else ''}".rstrip())
+    for row in [head, *rows] if beside or folds_columns else rows:
+        rest = "  ".join([cells_of(row, lead, len(head) - 1), row[-1]]) if folds_columns else row[-1]
+        last = wrap(rest, cells - (left if beside else 4))
+        shown.append(f"{cells_of(row, 0, lead)}  {last.pop(0) if last and beside else ''}".rstrip())
         shown += [" " * (left if beside else 4) + line for line in last]
-    return "\n".join(shown if beside else [first_cells(head).rstrip(), *shown])
+    return "\n".join(shown if beside or folds_columns else [cells_of(head, 0, lead).rstrip(), *shown])
 
 
 def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], stream: Any = None) -> str:

@@ -68,7 +68,6 @@ def bus_text(row: BusRow) -> str:
     load = "–" if row.load is None else f"{row.load * 100:.0f} %"
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f}"
     labels = {name: output.text(f"live.bus.{name}").strip() for name in ("load", "rate", "errors")}
-    return (
-        f"  {pad(row.name, 13)} {pad(row.settings, 11)} {pad(up, 6)} {labels['load']} {load}  "
-        f"{labels['rate']} {rate}  {labels['errors']}: {row.errors_text()}"
-    )
+    errors = output.text("live.counted", name=labels["errors"], counts=row.errors_text())
+    head = f"  {pad(row.name, 13)} {pad(row.settings, 11)} {pad(up, 6)}"
+    return f"{head} {labels['load']} {load}  {labels['rate']} {rate}  {errors}"
