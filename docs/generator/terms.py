@@ -51,7 +51,7 @@ TERMS = {
     "model": Text("model", "型号"),
     "maker": Text("maker", "厂家"),
     "encodings": Text("encodings", "编码"),
-    "line": Text("factory settings", "出厂通信参数"),
+    "line": Text("default settings", "默认通信参数"),
     "addresses": Text("addresses", "站号"),
     "broadcast": Text("broadcast", "广播"),
     "none": Text("none", "无"),

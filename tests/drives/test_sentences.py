@@ -108,6 +108,16 @@ def test_a_status_that_the_model_does_not_have_is_named_and_no_stop_is_sent(word
     assert bool(drive.written) is not is_foreign
 
 
+@pytest.mark.parametrize(("model", "is_listed"), [("gd300", True), ("gd35", True), ("gd350", True), ("gd10", False)])
+def test_a_goodrive_that_pre_excites_its_motor_is_turning_and_is_sent_the_stop(model: str, is_listed: bool) -> None:
+    """2100H = 6 in the manuals of these three: taken for the status of another model, the stop was withheld."""
+    drive = FakeModbus(registers={0x2100: 6})
+    bus = PureBus(dialect=create_dialect(profiles.load(model), 1), station=drive)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert (i18n.text("drives.foreign_status") in outcome.text("en")) is not is_listed
+    assert bool(drive.written) is is_listed
+
+
 def test_a_setpoint_whose_maximum_is_not_read_again_is_unknown() -> None:
     profile = profiles.load("skf8000")
     drive = FakeModbus(registers=keypad_registers(profile) | {profile.parameters["P0-10"].locator[1]: 5000, 0x3000: 3})

@@ -449,3 +449,69 @@ def test_a_goodrive_whose_manual_gives_the_ramp_times_reads_them_before_a_run(mo
     profile = profiles.load(model)
     sister_only = {"gd100", "galt_g200"}  # their manuals were not read: a rejected read would say nothing
     assert profile.ramp_notations == (None if model in sister_only else ("P00.11", "P00.12"))
+
+
+RANGES_OF_NO_MANUAL = (
+    ("c320", "F0.2"),
+    ("c320", "F1.10"),
+    ("c320", "F6.12"),
+    ("dzb100", "10"),
+    ("dzb100", "23"),
+    ("df800", "F1.00"),
+    ("df800", "F1.07"),
+    ("df800", "F1.08"),
+    ("df800", "F7.02"),
+    ("vc660", "F00.02"),
+)
+
+
+@pytest.mark.parametrize(("model", "parameter"), RANGES_OF_NO_MANUAL)
+def test_a_range_that_no_manual_gives_is_not_shown_as_the_manuals(model: str, parameter: str) -> None:
+    """The manual has a value in an example and no limits: those are what the 16 bits hold, or assumed."""
+    source = profiles.load(model).parameters[parameter].evidence.source
+    assert re.search("range .*(not published|assumed)", source.en) and re.search("范围.*(未公布|假定)", source.zh)
+
+
+@pytest.mark.parametrize(
+    ("model", "question"),
+    [("c320", "emergency_end"), ("dzb100", "run_command"), ("dzb100", "fault_record"), ("df800", "jog_end")],
+)
+def test_what_the_manual_leaves_open_and_drivebus_assumes_is_an_open_question(model: str, question: str) -> None:
+    assert question in {one.name for one in profiles.load(model).open_questions}
+
+
+def test_the_nibble_option_does_not_call_the_checksum_of_example_4_5_packed() -> None:
+    """Vector c320-4.5-request-hex: the sum 12H is printed 00 00 01 02. Only that of 4.6 is packed."""
+    vectors = [json.loads(line) for line in (VECTORS / "c320.jsonl").read_text(encoding="utf-8").splitlines()]
+    printed = {vector["id"]: bytes.fromhex(vector["hex"]) for vector in vectors}
+    assert printed["c320-4.5-request-hex"][-5:-1] == bytes((0, 0, 1, 2))
+    assert sum(printed["c320-4.5-request-hex"][1:-5]) == 0x12
+    assert sum(printed["c320-4.6-request-hex"][1:-5]) == printed["c320-4.6-request-hex"][-2] == 0x1E
+    for model in ("c320", "e550"):
+        question = next(one for one in profiles.load(model).open_questions if one.name == "nibble")
+        assert (
+            "4.5 is nibbles to its checksum" in question.reason.en
+            and "4.5 的请求连校验和也是半字节" in question.reason.zh
+        )
+
+
+def test_the_first_digit_of_q03_is_the_run_command_in_both_languages() -> None:
+    """DZB100 note 2.2 (5): 运转命令. The English text called it an echo."""
+    text = profiles.load("dzb100").signals["state"].text
+    assert text.en.startswith("run command") and text.zh.startswith("运转命令")
+
+
+def test_a_frequency_that_the_guide_does_not_name_is_not_given_a_name() -> None:
+    """VC660 guide, part 6: F00.02 is written as 30.00 and 40.00 and named nowhere."""
+    profile = profiles.load("vc660")
+    for parameter in ("F00.00", "F00.02"):
+        text = profile.parameters[parameter].text
+        assert "not named in the guide" in text.en and "指南未命名" in text.zh
+
+
+@pytest.mark.parametrize(("model", "delay"), [("e300", "F4.2"), ("e550", "F4.02")])
+def test_what_keeps_a_related_model_silent_is_among_its_keypad_settings(model: str, delay: str) -> None:
+    """E300 manual page 36, E550 manual page 61: protocol, reply delay and, on the E550, replies switched off."""
+    english = " ".join(text.en for text in profiles.load(model).keypad)
+    assert "third digit 0" in english and f"{delay}: reply delay, 0 to 1000 ms" in english
+    assert ("sends no replies" in english) is (model == "e550")

@@ -225,7 +225,7 @@ class Dzb100Dialect(Dialect):
         return self.options.get("query_coding", "unknown") in FREQUENCY_CODINGS
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """Q03's A is the last command that the drive executed."""
+        """Q03's A is taken for the last command that the drive executed; the manual leaves its source open."""
         return readings.agreed_raw("command") in (Dzb100Command.STOP, Dzb100Command.STOP_2)
 
     def confirms_start(self, readings: ReadingPairs) -> bool:

@@ -202,7 +202,7 @@ class SunfarDialect(Dialect):
         found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if reply.item is not None:
             return found
-        if reply.data == 0:  # in a fault 0 may also mean "not executed" (manual 2.4.6): missing, not 0.0
+        if reply.data == 0:  # in a fault 0 may also mean "not executed" (manual 3 (4)): missing, not 0.0
             return {signal.name: missing_reading("drives.item_not_echoed", signal.unit) for signal in signals}
         return {name: without_item_echo(reading) for name, reading in found.items()}
 
@@ -231,12 +231,12 @@ class SunfarDialect(Dialect):
         return self._is_monitor("output_frequency")
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """An emergency stop stands until it is reset (2.4.6), but a frequency shown with it contradicts a stop."""
+        """A drive in emergency stop (2.4.6) counts as stopped, but a frequency shown with it contradicts that."""
         pair = readings.raw_pair("output_frequency")
         return readings.agreed_raw("state") != SunfarState.EMERGENCY_STOP or pair is None or not pair[1]
 
     def rejection(self, reply: SunfarReply) -> Rejection | None:
-        """Return the rejection of response codes 1 to 8 (manual 2.4.3)."""
+        """Return the rejection of response codes 1 to 8 (manual 2.4.5)."""
         if reply.response is SunfarResponse.OK:
             return None
         return Rejection(f"drives.sunfar_response_{reply.response.value}", reply.response.value)

@@ -29,7 +29,7 @@ from drivebus.protocols.dzb100.messages import (
 FRAME_SIZE = 11
 CONSTANT_S = 0x03
 """The manual's "checksum" (和校验): the same byte in every printed frame, so it detects nothing."""
-MARK_ONE, MARK_ALL = 0x01, 0x02  # byte B of a request: for one station, broadcast
+MARK_ONE, MARK_ALL = 0x01, 0x02  # byte A of a request: for one station, broadcast
 ACK_DONE, ACK_REFUSED = 0x06, 0x07  # byte B of a reply: accepted, not accepted
 HEADS = b"CPRQ"
 STATE_DIGITS = {byte: byte & 0x0F for byte in (*range(9), *b"012345678")}

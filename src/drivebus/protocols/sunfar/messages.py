@@ -15,7 +15,8 @@ from drivebus.errors import AlphabetError, CodeError, ProtocolError
 BROADCAST = 31
 """Every station obeys it and none answers (2.4.2)."""
 
-VOLTAGE_CLASSES = {"2": 220, "4": 380}  # first digit of identity group 0 (3 (1)), in V
+VOLTAGE_CLASSES = {"2": 220, "4": 380}
+"""V by the first digit of identity group 0. The manual (3 (1)) has only 4; 2 is assumed."""
 
 MonitorIndexCoding = Literal["binary", "bcd"]
 
