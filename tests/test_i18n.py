@@ -91,13 +91,25 @@ def test_every_text_longer_than_a_name_is_translated(catalogue: str) -> None:
 
 
 def half_width_marks(text: str) -> list[str]:
-    """Return each half-width mark or bracket that follows a Chinese word, with its surroundings; code is left out."""
+    """Return each half-width mark after a Chinese word, or between codes or links, with its surroundings."""
     prose = re.sub(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", "·", text, flags=re.DOTALL)
-    found = re.finditer(r"[一-鿿）”](?:[,;:!?.](?=\s|$)| ?\((?!\d+\)))", prose)
+    found = re.finditer(r"[一-鿿）”](?:[,;:!?.](?=\s|$)| ?\((?!\d+\)))|·, [\[·]", prose)
     return [prose[max(0, one.start() - 10) : one.end() + 10] for one in found]
 
 
-@pytest.mark.parametrize("text", ["停机, 确认", "错误: 三处", "当前 ({n})", "当前(三条)", "已停。完了.", "未知;\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "停机, 确认",
+        "错误: 三处",
+        "当前 ({n})",
+        "当前(三条)",
+        "已停。完了.",
+        "未知;\n",
+        "`a`, `b`",
+        "[甲](x.md), [乙](y.md)",
+    ],
+)
 def test_a_half_width_mark_after_a_chinese_word_is_found(text: str) -> None:
     assert len(half_width_marks(text)) == 1
 

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.drives.dialects.command_word import make_command_word
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
@@ -76,7 +76,11 @@ def collision_table(language: str) -> str:
     return table(
         [localized(head, language) for head in HEADS],
         [
-            (f"{register:04X}H", f"{word:04X}H", ", ".join(sorted(stops)), ", ".join(sorted(starts)))
+            (
+                f"{register:04X}H",
+                f"{word:04X}H",
+                *(i18n.join(sorted(one), "items", language) for one in (stops, starts)),
+            )
             for (register, word), (stops, starts) in sorted(rows.items())
         ],
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import cache
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.profiles import DriveProfile
 from generator import terms
 from generator.terms import CAPABILITIES, GRADES, localized, term
@@ -39,7 +39,10 @@ def makers_table(language: str) -> str:
         models = by_maker.setdefault(localized(profile.maker, language), {grade: [] for grade in grades})
         models[profile.grade].append(model_link(profile, language, "docs/reference/models/"))
     heads = [term("maker", language), *(localized(GRADES[grade], language) for grade in grades)]
-    rows = ([maker, *(", ".join(models[grade]) for grade in grades)] for maker, models in by_maker.items())
+    rows = (
+        [maker, *(i18n.join(models[grade], "items", language) for grade in grades)]
+        for maker, models in by_maker.items()
+    )
     return terms.table(heads, rows)
 
 
@@ -68,9 +71,9 @@ def _row(profile: DriveProfile, language: str, model: str) -> list[str]:
     return [
         model,
         localized(profile.maker, language),
-        ", ".join(profile.encodings),
+        i18n.join(profile.encodings, "items", language),
         f"{profile.serial.baud} {profile.serial.format}",
         f"{low}–{high}",
-        (", " if language == "en" else "、").join(lacking) or "–",
+        i18n.join(lacking, "items", language) or "–",
         localized(GRADES[profile.grade], language),
     ]

@@ -39,8 +39,8 @@ def page(language: str) -> dict[str, str]:
     return {
         "keys": "\n".join(_tables(language)),
         "sample": f"```toml\n{sample.read_text(encoding='utf-8')}```\n",
-        "units": ", ".join(f"`{unit}`" for unit in UNIT_MEASURES if unit) + "\n",
-        "states": ", ".join(f"`{word}`" for word in STATE_WORDS) + "\n",
+        "units": i18n.join((f"`{unit}`" for unit in UNIT_MEASURES if unit), "items", language) + "\n",
+        "states": i18n.join((f"`{word}`" for word in STATE_WORDS), "items", language) + "\n",
     }
 
 
@@ -120,7 +120,7 @@ def paragraph(path: tuple[str, ...], language: str) -> str:
 def _values(found: Mapping[str, Any], language: str) -> str:
     one = _resolved(found)
     if "enum" in one:
-        return ", ".join(f"`{value}`" for value in one["enum"])
+        return i18n.join((f"`{value}`" for value in one["enum"]), "items", language)
     if "anyOf" in one:
         return localized(_KINDS["setting"], language)
     if _is_title(one):

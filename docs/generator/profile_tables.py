@@ -28,6 +28,7 @@ RESET_ON_EDGE = Text("The stop word is sent before the reset.", "复位前先发
 STANDSTILL = Text(
     "The motor counts as stopped once the output frequency reads 0 too.", "输出频率也读到 0 后才视为停机。"
 )
+CHOICES = Text(" ({choices})", "（{choices}）")
 IDENTITY = Text("Register {register:04X}H tells the model from others.", "寄存器 {register:04X}H 用于区分型号。")
 
 
@@ -60,8 +61,8 @@ def _serial_rows(profile: DriveProfile, language: str) -> list[tuple[str, str, s
         (term("encodings", language), i18n.join([first, *profile.encodings[1:]], "items", language), ""),
         (term("addresses", language), f"{low}–{high}", ""),
         (term("broadcast", language), broadcast, ""),
-        (term("baud_rates", language), _marked(serial.bauds, serial.baud), where["serial"]),
-        (term("formats", language), _marked(serial.formats, serial.format), where["serial"]),
+        (term("baud_rates", language), _marked(serial.bauds, serial.baud, language), where["serial"]),
+        (term("formats", language), _marked(serial.formats, serial.format, language), where["serial"]),
         (term("gap", language), gap, where["timing"]),
         (term("reply", language), reply, where["timing"]),
         (term("lateness", language), f"{timing.max_reply_lateness_s * 1000:g} ms", where["timing"]),
@@ -81,8 +82,8 @@ def _setpoint_step(profile: DriveProfile) -> str:
     return f"{share.full_scale} = {share.maximum or f'{share.maximum_hz:g} Hz'}"
 
 
-def _marked(choices: Iterable[object], factory: object) -> str:
-    return ", ".join(f"**{choice}**" if choice == factory else str(choice) for choice in choices)
+def _marked(choices: Iterable[object], factory: object, language: str) -> str:
+    return i18n.join((f"**{one}**" if one == factory else str(one) for one in choices), "items", language)
 
 
 def keypad(profile: DriveProfile, language: str) -> str:
@@ -186,7 +187,8 @@ def _start_words(commands: CommandMap, language: str) -> str:
     if commands.unlock is not None:
         place, value = f"{commands.unlock.register:04X}H", f"{commands.unlock.value:04X}H"
         made += f"\n{localized(UNLOCK, language).format(place=place, value=value)}\n"
-    fixed = ", ".join(_word(step.word, commands.values.values()) for step in commands.preparation if step.when is None)
+    words = [_word(step.word, commands.values.values()) for step in commands.preparation if step.when is None]
+    fixed = i18n.join(words, "items", language)
     if fixed:
         made += f"\n{localized(EVERY_START, language).format(words=fixed)}\n"
     if commands.status_steps:
@@ -319,7 +321,7 @@ def open_questions(profile: DriveProfile, language: str) -> str:
         (
             f"`{q.where or q.name}`" if q.where != "-" else "–",
             _assumed_value(q, language),
-            localized(q.text, language) + _choices(q),
+            localized(q.text, language) + _choices(q, language),
             localized(q.reason, language),
             localized(q.procedure, language),
         )
@@ -338,8 +340,8 @@ def _as_written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _choices(question: OpenQuestion) -> str:
+def _choices(question: OpenQuestion, language: str) -> str:
     choices = [_as_written(choice) for choice in question.choices]
     choices += [f"{question.span[0]}–{question.span[1]}"] if question.span else []
-    shown = ", ".join(f"`{choice}`" for choice in choices)
-    return f" ({shown})" if shown else ""
+    shown = i18n.join((f"`{choice}`" for choice in choices), "items", language)
+    return localized(CHOICES, language).format(choices=shown) if shown else ""

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from drivebus import blocking, drives
+from drivebus import blocking, drives, i18n
 from drivebus.drives.store import Store
 from drivebus.values import Text
 from generator.terms import colon, localized
@@ -51,7 +51,10 @@ def _sections(language: str) -> Iterator[str]:
     for module, names, again in public_names():
         yield f"## `{module}`\n\n{_description(import_module(module), language)}\n"
         if again:
-            yield localized(ALSO, language).format(names=", ".join(f"`{name}`" for name in again)) + "\n"
+            yield (
+                localized(ALSO, language).format(names=i18n.join((f"`{name}`" for name in again), "items", language))
+                + "\n"
+            )
         for name, one in names:
             yield f"### `{module}.{name}`\n\n```python\n{_heading(name, one)}\n```\n\n{_description(one, language)}\n"
             if inspect.isclass(one):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from drivebus import i18n
 from drivebus.service.api.operations import OPERATIONS, Operation
 from drivebus.service.auth.rights import AccessLevel, RequiredAccess
 from drivebus.types import Json
@@ -77,7 +78,7 @@ def _operation(operation: Operation, language: str) -> Iterator[str]:
 
 def _result(operation: Operation, language: str) -> str:
     names = operation.media_types if operation.response is None else tuple(operation.response.model_fields)
-    keys = ", ".join(f"`{name}`" for name in names or ("{}",))
+    keys = i18n.join((f"`{name}`" for name in names or ("{}",)), "items", language)
     return localized(RESULT, language).format(keys=keys)
 
 
@@ -85,17 +86,23 @@ def _rows(operation: Operation, language: str) -> Iterator[list[str]]:
     schemas = operation.all_param_schemas()
     required = operation.required_params()
     for name in operation.path_params:
-        yield [f"`{name}`", localized(PLACES["path"], language), _value(schemas[name]), localized(YES, language)]
+        yield [
+            f"`{name}`",
+            localized(PLACES["path"], language),
+            _value(schemas[name], language),
+            localized(YES, language),
+        ]
     where = localized(PLACES["body" if operation.has_body else "query"], language)
     for name, schema in operation.param_schemas().items():
-        yield [f"`{name}`", where, _value(schema), localized(YES if name in required else NO, language)]
+        yield [f"`{name}`", where, _value(schema, language), localized(YES if name in required else NO, language)]
 
 
-def _value(schema: Json) -> str:
+def _value(schema: Json, language: str) -> str:
     """Return type, range and default of a parameter in the words of JSON Schema, which need no translation."""
     options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
     found = (options[0] if options else {}) | {name: value for name, value in schema.items() if name != "anyOf"}
-    words = [", ".join(f'`"{one}"`' for one in found["enum"]) if "enum" in found else str(found.get("type", ""))]
+    listed = i18n.join((f'`"{one}"`' for one in found.get("enum", ())), "items", language)
+    words = [listed or str(found.get("type", ""))]
     words += [f"{sign} {found[name]:g}" for name, sign in (("minimum", "≥"), ("maximum", "≤")) if name in found]
     if "items" in found:
         words.append(f"{found.get('minItems', 0)}–{found['maxItems']}")

@@ -118,7 +118,7 @@ def _without_names(sentence: str) -> str:
 def _proof_cell(key: str, root: Path, language: str) -> str:
     campaign = localized(CAMPAIGN, language)
     links = [campaign if one.file.startswith("verification/") else _link(one) for one in proofs(root)[key]]
-    return ", ".join(list(dict.fromkeys(links))[:MOST_LINKS])
+    return i18n.join(list(dict.fromkeys(links))[:MOST_LINKS], "items", language)
 
 
 def _link(proof: Proof) -> str:

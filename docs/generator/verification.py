@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from generator.terms import table
+from drivebus import i18n
+from generator.terms import phrase, table
 from verification.campaign import CAMPAIGN_NAMES, load_campaign
 
 TABLE_HEADS = {
@@ -31,9 +32,9 @@ def _row(name: str, path: Path, language: str) -> tuple[str, ...]:
     return (
         f"[`{name}`](../reports/{path.name})",
         summary,
-        ", ".join(found["evidence_for"]),
-        f"{found['trials']:,} {found['unit']}",
+        i18n.join(found["evidence_for"], "items", language),
+        f"{found['trials']:,} {phrase(found['unit'], language)}",
         str(found["violations"]),
         bound,
-        f"{found['seed']}, `{found['commit']}`",
+        i18n.join((str(found["seed"]), f"`{found['commit']}`"), "items", language),
     )
