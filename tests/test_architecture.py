@@ -92,6 +92,17 @@ def product_modules() -> list[str]:
     return found
 
 
+def test_a_class_name_is_unique_in_the_product() -> None:
+    """Trap: two classes of one name, of which a reader takes one for the other. ``blocking`` mirrors the public API."""
+    files: dict[str, list[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and path.name != "blocking.py":
+                files.setdefault(node.name, []).append(path.name)
+    assert len(files) > 500
+    assert {name: found for name, found in files.items() if len(found) > 1} == {}
+
+
 def test_no_child_process_is_started_through_a_shell() -> None:
     """A path or an option with ``; reboot`` is then one argument of the program, and nothing else."""
     for found in ("os.system(x)", "subprocess.run(x, shell=True)", "asyncio.create_subprocess_shell(x)", "os.popen(x)"):

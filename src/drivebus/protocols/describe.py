@@ -11,7 +11,7 @@ from drivebus.errors import LengthError, ProtocolError, TrailingError
 from drivebus.protocols.codec import Codec, DecodeResult, Incomplete
 from drivebus.values import Text
 
-Direction = Literal["request", "response"]
+FrameDirection = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
 """An i18n key and its parameters."""
 
@@ -30,7 +30,7 @@ class FrameDescription:
 
     family: str
     encoding: str
-    direction: Direction
+    direction: FrameDirection
     valid: bool
     """A tolerant reader of this direction takes the bytes as one whole frame."""
     fields: Mapping[str, Any] = field(default_factory=dict)
@@ -69,7 +69,7 @@ def whole_message(result: DecodeResult, data: bytes) -> Any:
 
 
 def decode_frame(
-    codec: Codec, data: bytes, direction: Direction, request: bytes | None, fitting_request: Callable[[bytes], Any]
+    codec: Codec, data: bytes, direction: FrameDirection, request: bytes | None, fitting_request: Callable[[bytes], Any]
 ) -> Any:
     """Return the message of bytes that are exactly one frame. Raises ProtocolError for all others.
 

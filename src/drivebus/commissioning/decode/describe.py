@@ -17,7 +17,7 @@ from drivebus.errors import ConfigurationError
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
-from drivebus.protocols.describe import Direction, FrameDescription, Note, note
+from drivebus.protocols.describe import FrameDescription, FrameDirection, Note, note
 from drivebus.protocols.family import protocol_family, resolve
 
 
@@ -80,7 +80,7 @@ def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> 
     return wanted
 
 
-def _check_direction(wanted: str | None) -> Direction | None:
+def _check_direction(wanted: str | None) -> FrameDirection | None:
     if wanted is None:
         return None
     if wanted == "request":

@@ -11,11 +11,11 @@ from contextlib import suppress
 from drivebus.commissioning.decode.annotate import FieldDict, annotate, entry_at, fault_fields, quantity_fields
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import dzb100
-from drivebus.protocols.describe import Direction, FrameDescription
+from drivebus.protocols.describe import FrameDescription, FrameDirection
 
 
 def describe(
-    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+    profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame; setpoints and queried frequencies are decoded by the protocol, parameters here."""
     description = dzb100.describe(data, encoding, direction, request, decode_options(profile))

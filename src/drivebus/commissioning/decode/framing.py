@@ -14,9 +14,10 @@ from drivebus.serial_settings import SerialSettings
 
 MAX_PIECE_GAP_S: Final = 0.02
 """Longest gap within a received frame: adapters deliver bytes in pieces up to 16 ms apart."""
-MIN_REPLY_OCTETS: Final = 5
-"""Size of the shortest reply, a Modbus RTU exception; fewer octets after an echo are no reply."""
-MIN_RTU_OCTETS: Final = 4
+MIN_REPLY_BYTES: Final = 5
+"""Size of the shortest reply, a Modbus RTU exception; fewer bytes after an echo are no reply."""
+MIN_RTU_BYTES: Final = 4
+"""Size of the shortest RTU frame: address, function, CRC."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,15 +29,15 @@ class CapturedFrame:
     data: bytes
     received: bool
     from_master: bool
-    """Sent by the master, or received as the echo of what it sent."""
+    """Whether the master sent it; also of the echo of what it sent."""
     line_errors: int = 0
-    """Number of octets with a parity or framing error."""
+    """Number of bytes with a parity or framing error."""
     modbus: bool = False
-    """The frame, or the request before it, is Modbus RTU."""
+    """Whether the frame, or the request before it, is Modbus RTU."""
     events: tuple[str, ...] = ()
     """Other records since the preceding frame, as lines of the capture."""
-    ended_s: float = 0.0
-    """Time of its last byte."""
+    end_s: float = 0.0
+    """Time of its last byte, on the clock of ``time_s``."""
 
 
 def split_frames(capture: Capture, all_modbus: bool = False) -> list[CapturedFrame]:
@@ -65,7 +66,7 @@ def _join_records(capture: Capture) -> list[CapturedFrame]:
         elif found and not events and _continues(found[-1], record, settings):
             last, at = found[-1], record.time_s
             found[-1] = replace(
-                last, data=last.data + record.data, line_errors=last.line_errors + record.line_errors, ended_s=at
+                last, data=last.data + record.data, line_errors=last.line_errors + record.line_errors, end_s=at
             )
         else:
             found.append(_new_frame(record, tuple(events)))
@@ -84,7 +85,7 @@ def _new_frame(record: BytesRecord, events: tuple[str, ...]) -> CapturedFrame:
         from_master=not received,
         line_errors=record.line_errors,
         events=events,
-        ended_s=record.time_s,
+        end_s=record.time_s,
     )
 
 
@@ -103,7 +104,7 @@ def _settings_after(event: EventRecord, before: SerialSettings) -> SerialSetting
 
 
 def _continues(last: CapturedFrame, record: BytesRecord, settings: SerialSettings) -> bool:
-    silence_s = record.time_s - settings.seconds(len(record.data)) - last.ended_s
+    silence_s = record.time_s - settings.seconds(len(record.data)) - last.end_s
     return last.received and record.direction == "rx" and silence_s < max(MAX_PIECE_GAP_S, settings.seconds(3.5))
 
 
@@ -118,8 +119,8 @@ def _split_echo(sent: CapturedFrame, received: list[CapturedFrame]) -> Iterator[
     """Separate the adapter's echo, which is the bytes just sent, if enough bytes for a reply follow it."""
     yield sent
     size = len(sent.data)
-    octets = sum(len(frame.data) for frame in received)
-    if received and received[0].data.startswith(sent.data) and octets - size >= MIN_REPLY_OCTETS:
+    count = sum(len(frame.data) for frame in received)
+    if received and received[0].data.startswith(sent.data) and count - size >= MIN_REPLY_BYTES:
         yield replace(received[0], data=sent.data, from_master=True)
         rest = received.pop(0)
         if len(rest.data) > size:
@@ -128,4 +129,4 @@ def _split_echo(sent: CapturedFrame, received: list[CapturedFrame]) -> Iterator[
 
 
 def _is_modbus(frame: CapturedFrame) -> bool:
-    return len(frame.data) >= MIN_RTU_OCTETS and crc16(frame.data) == 0
+    return len(frame.data) >= MIN_RTU_BYTES and crc16(frame.data) == 0

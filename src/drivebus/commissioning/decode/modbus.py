@@ -33,19 +33,19 @@ from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import ModbusFeatures, Parameter, Signal
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols import modbus
-from drivebus.protocols.describe import Direction, FrameDescription, Note, note
+from drivebus.protocols.describe import FrameDescription, FrameDirection, Note, note
 from drivebus.protocols.family import Locator
 
 REQUEST_SPACES: Final = SPACES | {5: "coil", 15: "coil"}
 """Function of a request to the space of its addresses; holding registers for all others."""
 DIRECTION_TOGGLE: Final = 0x000C
-"""Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
+"""FrameDirection field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
 JOG_START: Final = 0x0003
 """Run field of DF800 register 2000H, bits 0 and 1: both set jog, in the direction of the direction field."""
 
 
 def describe(
-    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+    profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame. A misprinted reply of the manual shows the fields that were meant, and stays invalid."""
     rule = profile.modbus or ModbusFeatures()

@@ -15,11 +15,11 @@ from drivebus.commissioning.decode.annotate import (
 )
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import sunfar
-from drivebus.protocols.describe import Direction, FrameDescription
+from drivebus.protocols.describe import FrameDescription, FrameDirection
 
 
 def describe(
-    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+    profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame; parameters, monitors and frequencies are named by the protocol, other quantities here."""
     description = sunfar.describe(data, encoding, direction, request, decode_options(profile))

@@ -59,7 +59,7 @@ class ModbusWrites:
 
     def __init__(self, address: int, profile: DriveProfile, commands: CommandMap | None) -> None:
         self.address, self.profile, self.commands = address, profile, commands
-        self._rule = profile.modbus or ModbusFeatures()
+        self._features = profile.modbus or ModbusFeatures()
         self._parameters = _writable_parameters(profile)
 
     def command(self, word: int) -> WriteRequest:
@@ -98,15 +98,15 @@ class ModbusWrites:
 
     def _coil(self, index: int, value: bool) -> WriteBit | WriteBits:
         """Return the write of one coil: function 05, or 0FH on a model that lacks 05."""
-        if WriteBit.function in self._rule.functions:
+        if WriteBit.function in self._features.functions:
             return WriteBit(self.address, index, value)
         return WriteBits(self.address, index, (value,))
 
     def registers(self, register: int, number: int, count: int) -> WriteRequest:
         """Return the write of a number: function 06 for one register, 10H for more or on a model that lacks 06."""
-        if count == 1 and WriteRegister.function in self._rule.functions:
+        if count == 1 and WriteRegister.function in self._features.functions:
             return WriteRegister(self.address, register, number)
-        return WriteRegisters(self.address, register, split_words(number, count, self._rule))
+        return WriteRegisters(self.address, register, split_words(number, count, self._features))
 
     def recognise(self, changes: Sequence[RegisterWrite]) -> list[RecognisedWrite] | None:
         """Return what a frame writes; None where a change is unknown, or half of a number in two registers."""
@@ -157,7 +157,7 @@ class ModbusWrites:
         return CommandWrite(sum(bit << place for place, (_, _, bit) in enumerate(changes)), commands.coil_count)
 
     def _number(self, changes: Sequence[RegisterWrite], count: int) -> int | None:
-        return join_words((value for _, _, value in changes[:count]), self._rule) if len(changes) >= count else None
+        return join_words((value for _, _, value in changes[:count]), self._features) if len(changes) >= count else None
 
 
 def coil_bits(word: int, count: int) -> tuple[bool, ...]:

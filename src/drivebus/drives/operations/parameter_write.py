@@ -17,7 +17,7 @@ SERIAL_ROLES = frozenset({"baud", "format", "protocol"})
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterWrite:
+class CheckedWrite:
     """Write of a parameter, checked before anything is sent."""
 
     parameter: Parameter
@@ -26,7 +26,7 @@ class ParameterWrite:
     raw: int
 
 
-def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWrite:
+def check_write(dialect: Dialect, name: str, value: float | str) -> CheckedWrite:
     """Return a checked write of a number or a raw word (``0010H``).
 
     Raises ProfileError, CapabilityError or LimitError where the parameter can't be written or not with this value.
@@ -67,7 +67,7 @@ def check_write(dialect: Dialect, name: str, value: float | str) -> ParameterWri
     if parameter.choices_complete and not _is_described(parameter, raw):
         known = tuple(str(choice) for choice in parameter.choices)
         raise LimitError("drives.parameter_choice", notation=parameter.notation, value=shown, choices=known)
-    return _check_address(dialect.profile, ParameterWrite(parameter, shown, raw))
+    return _check_address(dialect.profile, CheckedWrite(parameter, shown, raw))
 
 
 def _is_described(parameter: Parameter, raw: int) -> bool:
@@ -75,7 +75,7 @@ def _is_described(parameter: Parameter, raw: int) -> bool:
     return not parameter.choices or raw in parameter.choices or parameter.maximum is not None
 
 
-def undescribed_note(wanted: ParameterWrite) -> str | None:
+def undescribed_note(wanted: CheckedWrite) -> str | None:
     """Return the message key of a caution where the manual does not describe a value that it does not exclude."""
     factory = wanted.parameter.factory
     is_factory = factory is not None and wanted.value == factory
@@ -97,7 +97,7 @@ def display_value(parameter: Parameter, value: float | str, number: float) -> fl
     return f"{int(number):04d}" if parameter.scale.coding == "bcd" else int(number)
 
 
-def confirmation_needed(dialect: Dialect, wanted: ParameterWrite) -> ConfirmationRequired | None:
+def confirmation_needed(dialect: Dialect, wanted: CheckedWrite) -> ConfirmationRequired | None:
     """Return why the user must confirm a write.
 
     It may move the motor, the drive may not be reached after it, or the bus no longer controls the drive.
@@ -113,13 +113,13 @@ def confirmation_needed(dialect: Dialect, wanted: ParameterWrite) -> Confirmatio
     return ConfirmationRequired("drives.confirm_serial", **params)
 
 
-def may_become_unreachable(dialect: Dialect, wanted: ParameterWrite) -> bool:
+def may_become_unreachable(dialect: Dialect, wanted: CheckedWrite) -> bool:
     """Return whether the drive may reply at another address or with other serial settings after a write."""
     role = _role(dialect.profile, wanted.parameter)
     return role in SERIAL_ROLES or (role == "address" and wanted.raw != dialect.address)
 
 
-def _bus_control_values(dialect: Dialect, wanted: ParameterWrite) -> str | None:
+def _bus_control_values(dialect: Dialect, wanted: CheckedWrite) -> str | None:
     """Return the values with which the bus controls the drive; None unless this write sets such a parameter to another.
 
     Such a parameter is a precondition of the profile.
@@ -132,7 +132,7 @@ def _bus_control_values(dialect: Dialect, wanted: ParameterWrite) -> str | None:
     return None
 
 
-def may_move(dialect: Dialect, wanted: ParameterWrite) -> bool:
+def may_move(dialect: Dialect, wanted: CheckedWrite) -> bool:
     """Return whether a write may start the motor, as one to an input terminal that is wired to "run"."""
     frame = dialect.codec.encode_request(dialect.write_parameter(wanted.parameter, wanted.raw, False).request)
     return dialect.station_config.effect_of(frame) is Effect.MOTION
@@ -152,7 +152,7 @@ def _check_no_command(profile: DriveProfile, entry: Parameter | Signal) -> None:
             raise CapabilityError(key, model=profile.model, notation=entry.notation)
 
 
-def _check_address(profile: DriveProfile, wanted: ParameterWrite) -> ParameterWrite:
+def _check_address(profile: DriveProfile, wanted: CheckedWrite) -> CheckedWrite:
     """Return a write unless it gives the drive an address at which no master reaches it. Raises LimitError."""
     low, high = profile.addresses
     if _role(profile, wanted.parameter) == "address" and not low <= wanted.raw <= high:

@@ -10,7 +10,7 @@ from typing import Any
 from drivebus.drives.dialects.base import without_item_echo
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.parameter_write import (
-    ParameterWrite,
+    CheckedWrite,
     check_write,
     confirmation_needed,
     display_value,
@@ -106,10 +106,10 @@ def write_values(
     """
     checked = [check_write(op.dialect, name, value) for name, value in values.items()]
     op.drive.require_capability("write")
-    rule = op.dialect.profile.write_support
-    if not save and not rule.ram:
+    support = op.dialect.profile.write_support
+    if not save and not support.ram:
         raise CapabilityError("drives.save_needed", model=op.dialect.profile.model)
-    if save and not rule.eeprom:
+    if save and not support.eeprom:
         raise CapabilityError("drives.cannot", model=op.dialect.profile.model, what="save")
     outcome = op.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
@@ -143,20 +143,20 @@ def written_texts(outcome: Outcome) -> list[Text]:
     return [bilingual_text(key, **params) for key, params in outcome.notes if key in _WRITTEN_KEYS]
 
 
-def _with_unsent(outcome: Outcome, unsent: list[ParameterWrite]) -> Outcome:
+def _with_unsent(outcome: Outcome, unsent: list[CheckedWrite]) -> Outcome:
     """Return an outcome with a note for each write that was not sent because an earlier one did not succeed."""
     for wanted in unsent:
         outcome = with_note(outcome, "drives.write_unsent", **_message_params(wanted))
     return outcome
 
 
-def _message_params(wanted: ParameterWrite) -> dict[str, object]:
+def _message_params(wanted: CheckedWrite) -> dict[str, object]:
     """Return the message parameters of a write."""
     unit = f" {wanted.parameter.unit}" if wanted.parameter.unit and not isinstance(wanted.value, str) else ""
     return {"notation": wanted.parameter.notation, "value": wanted.value, "unit": unit}
 
 
-def _write_one(op: OperationContext, wanted: ParameterWrite, save: bool) -> DriveOperation[Outcome]:
+def _write_one(op: OperationContext, wanted: CheckedWrite, save: bool) -> DriveOperation[Outcome]:
     notation, budget = wanted.parameter.notation, op.drive.eeprom_budget
     params = _message_params(wanted)
     held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
@@ -192,7 +192,7 @@ def _write_one(op: OperationContext, wanted: ParameterWrite, save: bool) -> Driv
 
 
 def _read_back(
-    op: OperationContext, wanted: ParameterWrite, answered: bool, params: dict[str, object]
+    op: OperationContext, wanted: CheckedWrite, answered: bool, params: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not wanted.parameter.readable:

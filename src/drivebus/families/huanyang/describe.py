@@ -23,14 +23,14 @@ from drivebus.families.huanyang.codec import (
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols.codec import Effect, canonical_request
-from drivebus.protocols.describe import Direction, FrameDescription, decode_frame, error_note, note
+from drivebus.protocols.describe import FrameDescription, FrameDirection, decode_frame, error_note, note
 
 COMMAND_NAMES = {RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse", STOP: "stop"}
 _CODEC = HuanyangCodec()
 
 
 def describe(
-    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+    profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame. Without ``direction`` and ``request``, bytes that are a request are one.
 

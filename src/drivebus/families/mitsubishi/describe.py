@@ -23,7 +23,7 @@ from drivebus.families.mitsubishi.codec import (
 )
 from drivebus.profiles import DriveProfile
 from drivebus.protocols.codec import Effect
-from drivebus.protocols.describe import Direction, FrameDescription, decode_frame, error_note, note
+from drivebus.protocols.describe import FrameDescription, FrameDirection, decode_frame, error_note, note
 
 COMMAND_NAMES = {STOP: "stop", RUN_FORWARD: "run_forward", RUN_REVERSE: "run_reverse"}
 STATUS_REPLY_SIZE = 8
@@ -31,7 +31,7 @@ _CODEC = MitsubishiCodec()
 
 
 def describe(
-    profile: DriveProfile, data: bytes, encoding: str, direction: Direction | None, request: bytes | None
+    profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame; the direction follows from its first byte."""
     chosen = direction or ("request" if request is None and data[:1] == bytes((ENQ,)) else "response")

@@ -9,8 +9,8 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Complete
 from drivebus.protocols.describe import (
-    Direction,
     FrameDescription,
+    FrameDirection,
     Interpretation,
     Note,
     bilingual,
@@ -70,7 +70,7 @@ DEFAULT_DECODE_OPTIONS = Dzb100DecodeOptions()
 def describe(
     data: bytes,
     encoding: str | None = None,
-    direction: Direction | None = None,
+    direction: FrameDirection | None = None,
     request: bytes | None = None,
     options: Dzb100DecodeOptions = DEFAULT_DECODE_OPTIONS,
 ) -> FrameDescription:
@@ -114,7 +114,7 @@ def _interpretations(data: bytes) -> tuple[Interpretation, ...]:
 
 
 def _problems(
-    data: bytes, direction: Direction, request: bytes | None, options: Dzb100DecodeOptions
+    data: bytes, direction: FrameDirection, request: bytes | None, options: Dzb100DecodeOptions
 ) -> tuple[Note, ...]:
     try:
         if direction == "request":
@@ -141,7 +141,7 @@ def _check_state_word(data: bytes, options: Dzb100DecodeOptions) -> None:
         StateWord.parse(word, options.fault_coding)
 
 
-def _fields(data: bytes, direction: Direction, options: Dzb100DecodeOptions) -> dict[str, Any]:
+def _fields(data: bytes, direction: FrameDirection, options: Dzb100DecodeOptions) -> dict[str, Any]:
     """Return the fields as far as the digits can be read, also of an invalid frame."""
     fields: dict[str, Any] = {"head": chr(data[0])} if data and data[0] in HEADS else {}
     if not fields or len(data) < FRAME_SIZE:
@@ -159,7 +159,7 @@ def _fields(data: bytes, direction: Direction, options: Dzb100DecodeOptions) -> 
     return fields if data[0] == ord("R") and direction == "request" else fields | {"data": word}
 
 
-def _mark_fields(head: int, mark: int, direction: Direction) -> dict[str, Any]:
+def _mark_fields(head: int, mark: int, direction: FrameDirection) -> dict[str, Any]:
     if direction == "request":
         return {"broadcast": mark == MARK_ALL} if head == Dzb100Control.head and mark in (MARK_ONE, MARK_ALL) else {}
     if mark in (ACK_DONE, ACK_REFUSED):

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from drivebus.errors import AlphabetError, ChecksumError, CodeError, LengthError, ProtocolError
 from drivebus.protocols.checksum import crc16, hex_bytes
 from drivebus.protocols.describe import (
-    Direction,
     FrameDescription,
+    FrameDirection,
     Interpretation,
     check_size,
     error_note,
@@ -39,7 +39,7 @@ class ReplyForm(NamedTuple):
 def describe(
     data: bytes,
     encoding: str,
-    direction: Direction | None = None,
+    direction: FrameDirection | None = None,
     request: bytes | None = None,
     error_form: ErrorForm = "exception",
     count_bytes: int = 1,
@@ -64,7 +64,7 @@ def _describe_either(data: bytes, encoding: str, form: ReplyForm) -> FrameDescri
 
 
 def _describe_as(
-    data: bytes, encoding: str, direction: Direction, request: bytes | None, form: ReplyForm
+    data: bytes, encoding: str, direction: FrameDirection, request: bytes | None, form: ReplyForm
 ) -> FrameDescription:
     try:
         return _describe_valid(data, encoding, direction, request, form)
@@ -93,7 +93,7 @@ def _describe_as(
 
 
 def _describe_valid(
-    data: bytes, encoding: str, direction: Direction, request: bytes | None, form: ReplyForm
+    data: bytes, encoding: str, direction: FrameDirection, request: bytes | None, form: ReplyForm
 ) -> FrameDescription:
     rtu_codec = rtu.ModbusRtuCodec(form.error_form, count_bytes=form.count_bytes)
     codec = rtu_codec if encoding == "rtu" else ascii.ModbusAsciiCodec(form.error_form)
@@ -166,7 +166,7 @@ def _head_fields(octets: bytes) -> dict[str, Any]:
     return dict(zip(("address", "function"), octets, strict=False))
 
 
-def _fields_despite_error(data: bytes, encoding: str, direction: Direction, form: ReplyForm) -> Mapping[str, Any]:
+def _fields_despite_error(data: bytes, encoding: str, direction: FrameDirection, form: ReplyForm) -> Mapping[str, Any]:
     """Return the fields of a frame with a wrong check or of an illegal request."""
     octets = _unchecked_octets(data, encoding)
     try:
@@ -175,7 +175,7 @@ def _fields_despite_error(data: bytes, encoding: str, direction: Direction, form
         return _head_fields(octets)
 
 
-def decode_fields(octets: bytes, direction: Direction, count_bytes: int = 1) -> dict[str, Any]:
+def decode_fields(octets: bytes, direction: FrameDirection, count_bytes: int = 1) -> dict[str, Any]:
     """Return the fields of a frame's octets. Raises IndexError or ValueError where they are too few."""
     fields, function = _head_fields(octets), octets[1]
     if direction == "response" and function & 0x80:

@@ -13,8 +13,8 @@ from typing import Any
 from drivebus.errors import ProtocolError
 from drivebus.protocols.checksum import STRICT_HEX_DIGITS, TOLERANT_HEX_DIGITS, sum16
 from drivebus.protocols.describe import (
-    Direction,
     FrameDescription,
+    FrameDirection,
     Interpretation,
     Note,
     bilingual,
@@ -84,7 +84,7 @@ DEFAULT_DECODE_OPTIONS = SunfarDecodeOptions()
 def describe(
     data: bytes,
     encoding: str | None = None,
-    direction: Direction | None = None,
+    direction: FrameDirection | None = None,
     request: bytes | None = None,
     options: SunfarDecodeOptions = DEFAULT_DECODE_OPTIONS,
 ) -> FrameDescription:
