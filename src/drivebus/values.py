@@ -37,6 +37,31 @@ def parse_hex_word(text: str) -> int | None:
     return word if word is not None and word <= 0xFFFF else None
 
 
+HIGHEST_ADDRESS = 247
+"""Highest station address of any model, that of Modbus; each model has its own range."""
+
+
+def parse_addresses(text: str, highest: int = HIGHEST_ADDRESS) -> tuple[int, ...]:
+    """Return the station addresses of ``0-3,7``, each once: 0, 1, 2, 3, 7.
+
+    Raises ValueError for another notation, an address above ``highest``, and a range that ends before it begins.
+    """
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        low, high = _parse_address(first, highest), _parse_address(last if dash else first, highest)
+        if high < low:
+            raise ValueError(part)
+        found += range(low, high + 1)
+    return tuple(dict.fromkeys(found))
+
+
+def _parse_address(text: str, highest: int) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) <= highest):
+        raise ValueError(text)
+    return int(text)
+
+
 @dataclass(frozen=True, slots=True)
 class Text:
     """Text in English, Chinese and further languages; as a parameter of a message, ``i18n.text`` picks the language."""

@@ -14,7 +14,7 @@ from drivebus.ports import open_port
 from drivebus.ports.base import Port
 from drivebus.protocols import modbus, sunfar
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.models.catalog import make_station, parse_addresses
+from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.simulator.station import SimulatedStation
 from fixtures.simulator import SimulatorClient, run_virtual
@@ -331,12 +331,13 @@ def test_c300_shows_its_current_where_c320_shows_its_voltage() -> None:
         ("sim://c320@31", "sim.address"),
         ("sim://df800@0", "sim.address"),
         ("sim://c320@x", "sim.addresses"),
+        ("sim://c320@3-1", "sim.addresses"),
         ("sim://c320", "sim.target"),
         ("sim://df800@1?direction_field=b1b0", "sim.setting"),
         ("sim://c320@1?load=rocket", "sim.setting"),
         ("sim://c320@1?line_quality=rain", "sim.line_quality_word"),
         ("sim://c320@1?drives=fast", "sim.drives"),
-        ("sim://c320@1?colour=red", "ports.option-unknown"),
+        ("sim://c320@1?colour=red", "ports.option_unknown"),
     ],
 )
 def test_an_invalid_sim_url_is_rejected(link: str, key: str) -> None:
@@ -355,12 +356,3 @@ def test_a_model_without_simulated_drive_is_reported_with_near_names_and_the_lis
     with pytest.raises(ConfigurationError) as caught:
         open_port("sim://zzzzzzzzzzzz@1")
     assert caught.value.params["near"] == ("c320", "c300", "e300", "e350"), "an example, where no name is near"
-
-
-@pytest.mark.parametrize(("text", "expected"), [("0-3,7", [0, 1, 2, 3, 7]), ("5", [5]), ("1,1-2", [1, 2]), ("3-1", [])])
-def test_addresses_are_ranges_and_numbers(text: str, expected: list[int]) -> None:
-    if expected:
-        assert parse_addresses(text) == expected
-    else:
-        with pytest.raises(ConfigurationError):
-            parse_addresses(text)

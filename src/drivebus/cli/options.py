@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, Option
-from drivebus.values import parse_decimal
+from drivebus.values import HIGHEST_ADDRESS, parse_addresses, parse_decimal
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -63,7 +63,7 @@ def encoding_option() -> click.Option:
 
 def drive_options() -> list[click.Parameter]:
     """Return PORT and the options that name one drive on it."""
-    address = CheckedType(NumberType(0, 247), "cli.expect.address")
+    address = CheckedType(NumberType(0, HIGHEST_ADDRESS), "cli.expect.address")
     return [
         port_argument(),
         model_option(),
@@ -188,24 +188,6 @@ def _parse_format(text: str) -> str:
     from drivebus.serial_settings import SerialSettings
 
     return SerialSettings.parse(9600, text).format
-
-
-def parse_addresses(text: str) -> tuple[int, ...]:
-    """Parse ``0-3,7`` to (0, 1, 2, 3, 7). Raises ValueError."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        low, high = _parse_address(first), _parse_address(last if dash else first)
-        if high < low:
-            raise ValueError(part)
-        found += range(low, high + 1)
-    return tuple(dict.fromkeys(found))
-
-
-def _parse_address(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) <= 247):
-        raise ValueError(text)
-    return int(text)
 
 
 def _parse_frequency(text: str) -> float:

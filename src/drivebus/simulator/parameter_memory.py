@@ -41,9 +41,9 @@ class ParameterSpec:
 class ParameterMemory:
     """RAM and EEPROM words by key; ``eeprom_writes`` counts the wear of the EEPROM."""
 
-    def __init__(self, cells: Mapping[int, ParameterSpec]) -> None:
-        self.specs = cells
-        self.eeprom = {key: cell.factory for key, cell in cells.items()}
+    def __init__(self, specs: Mapping[int, ParameterSpec]) -> None:
+        self.specs = specs
+        self.eeprom = {key: spec.factory for key, spec in specs.items()}
         self.ram = dict(self.eeprom)
         self.eeprom_writes: Counter[int] = Counter()
         self.ram_writes: Counter[int] = Counter()
@@ -51,24 +51,24 @@ class ParameterMemory:
         """Whether a password forbids every write from the bus."""
 
     def read_rejection(self, key: int) -> RejectReason | None:
-        cell = self.specs.get(key)
-        if cell is None:
+        spec = self.specs.get(key)
+        if spec is None:
             return RejectReason.UNKNOWN
-        return RejectReason.HIDDEN if cell.access is Access.HIDDEN else None
+        return RejectReason.HIDDEN if spec.access is Access.HIDDEN else None
 
     def write_rejection(self, key: int, value: int, running: bool) -> RejectReason | None:
         """Return the first reason to reject a write, or None."""
         unreadable = self.read_rejection(key)
         if unreadable is not None:
             return unreadable
-        cell = self.specs[key]
-        if cell.access is Access.READ_ONLY:
+        spec = self.specs[key]
+        if spec.access is Access.READ_ONLY:
             return RejectReason.READ_ONLY
         if self.locked:
             return RejectReason.PASSWORD
-        if running and cell.access is Access.LOCKED_WHILE_RUNNING:
+        if running and spec.access is Access.LOCKED_WHILE_RUNNING:
             return RejectReason.RUNNING
-        return None if cell.minimum <= value <= cell.maximum else RejectReason.RANGE
+        return None if spec.minimum <= value <= spec.maximum else RejectReason.RANGE
 
     def write(self, key: int, value: int, save: bool) -> None:
         """Write without access checks to RAM, with ``save`` also to EEPROM."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivebus.cli import options, output
+from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.scanning import (
@@ -20,6 +20,7 @@ from drivebus.cli.scanning import (
     search_options,
     select_alike,
 )
+from drivebus.values import parse_addresses
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive
@@ -187,7 +188,7 @@ def _ask_bus(port: str) -> BusAnswer:
 
     output.print_note("plant_init.about", port=port)
     model = _ask("model", "c320", check=profiles.load)
-    addresses = options.parse_addresses(_ask("addresses", "1", check=lambda text: _check_addresses(model, text)))
+    addresses = parse_addresses(_ask("addresses", "1", check=lambda text: _check_addresses(model, text)))
     names = [_ask("name", f"{model} {address}", address=address) for address in addresses]
     drives = (DriveAnswer(address, model, name) for address, name in zip(addresses, names, strict=True))
     return BusAnswer(port, tuple(drives))
@@ -199,7 +200,7 @@ def _check_addresses(model: str, text: str) -> None:
     from drivebus.drives.dialects.create import create_dialect
 
     profile = profiles.load(model)
-    for address in options.parse_addresses(text):
+    for address in parse_addresses(text):
         create_dialect(profile, address)
 
 

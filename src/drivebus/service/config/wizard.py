@@ -20,6 +20,7 @@ from drivebus.profiles.schema import StrictTable
 from drivebus.profiles.toml_file import line_of, toml_string
 from drivebus.service.config.load import CATALOGUE, config_error, syntax_diagnostic, unreadable_file_diagnostic
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText
+from drivebus.values import parse_addresses
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,24 +95,16 @@ def read_answers(path: str) -> PlantAnswers:
 
 
 def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
-    addresses = parse_addresses(one.addresses)
+    """Return the answer of one bus. Raises ConfigurationError for addresses that can't be used."""
+    try:
+        addresses = parse_addresses(one.addresses, highest=999)  # the check of the written file names one too high
+    except ValueError:
+        raise ConfigurationError("plant_init.addresses", found=one.addresses) from None
     names = [*one.names, *[""] * len(addresses)]
     drives = (
         DriveAnswer(address, one.model, name, one.encoding) for address, name in zip(addresses, names, strict=False)
     )
     return BusAnswer(one.port, tuple(drives), one.baud, one.format)
-
-
-def parse_addresses(text: str) -> list[int]:
-    """Return the addresses of ``1-3,7``. Raises ConfigurationError for a range that ends before it begins."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, dash, last = part.partition("-")
-        span = range(int(first), int(last if dash else first) + 1)
-        if not span:
-            raise ConfigurationError("plant_init.addresses", found=text)
-        found += span
-    return list(dict.fromkeys(found))
 
 
 def id_from_title(text: str, otherwise: str) -> str:

@@ -11,6 +11,7 @@ from drivebus.errors import ConfigurationError
 from drivebus.protocols.family import protocol_families, resolve
 from drivebus.simulator.motor import Motor, MotorLoad
 from drivebus.simulator.station import SimulatedModel, SimulatedStation
+from drivebus.values import parse_addresses
 
 LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "hoist": MotorLoad.hoist}
 
@@ -82,19 +83,9 @@ def make_stations(
         model, separator, addresses = part.partition("@")
         if not separator:
             raise ConfigurationError("sim.target", found=part, expected="MODEL@ADDRESSES, c320@0-3,7")
-        stations += [make_station(model.lower(), address, options, load) for address in parse_addresses(addresses)]
+        try:
+            numbers = parse_addresses(addresses)
+        except ValueError:
+            raise ConfigurationError("sim.addresses", found=addresses, expected="0-3,7") from None
+        stations += [make_station(model.lower(), address, options, load) for address in numbers]
     return stations
-
-
-def parse_addresses(text: str) -> list[int]:
-    """Parse addresses: ``0-3,7`` → 0, 1, 2, 3, 7. Raises ConfigurationError."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()) or len(part) > 7:
-            raise ConfigurationError("sim.addresses", found=text, expected="0-3,7")
-        numbers = range(int(first), int(last if dash else first) + 1)
-        if not numbers:
-            raise ConfigurationError("sim.addresses", found=text, expected="0-3,7")
-        found += numbers
-    return list(dict.fromkeys(found))
