@@ -102,7 +102,7 @@ def test_parameters_are_written_and_read(service: str) -> None:
     outcome = run_command(service, "write", *FAN, "F1.7=12.5", code=ExitCode.FAILED)
     assert outcome["error"]["key"] == "drives.not_described"
     outcome = run_command(service, "write", *FAN, "F1.10=1")
-    assert outcome["outcome"] == "confirmed" and outcome["evidence"]
+    assert outcome["outcome"] == "confirmed" and outcome["frames"]
     rows = run_command(service, "read", *FAN, "F1.10", "output_frequency")["values"]
     assert (rows[0]["notation"], rows[0]["value"]) == ("F1.10", 1.0)
 

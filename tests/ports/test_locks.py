@@ -48,7 +48,7 @@ async def test_a_second_instance_is_rejected_100_times_of_100_with_the_pid_of_th
     for _ in range(100):
         with pytest.raises(PortUnavailable) as caught:
             await port.open(FakeReceiver())
-        assert (caught.value.key, caught.value.params["pid"]) == ("ports.held-drivebus", first.pid)
+        assert (caught.value.key, caught.value.params["pid"]) == ("ports.held_drivebus", first.pid)
     assert str(first.pid) in str(caught.value)
     assert str(first.pid) in caught.value.text("zh")
 
@@ -71,10 +71,10 @@ async def test_this_program_can_not_open_a_port_twice(pty: Pty) -> None:
     await first.open(FakeReceiver())
     with pytest.raises(PortUnavailable) as caught:
         await first.open(FakeReceiver())
-    assert caught.value.key == "ports.already-open"
+    assert caught.value.key == "ports.already_open"
     with pytest.raises(PortUnavailable) as caught:
         await second.open(FakeReceiver())
-    assert caught.value.key == "ports.already-open"
+    assert caught.value.key == "ports.already_open"
     await first.close()
     await second.open(FakeReceiver())
     await second.close()

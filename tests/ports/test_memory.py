@@ -58,7 +58,7 @@ async def test_a_closed_port_rejects_a_write() -> None:
     left, _ = create_pair()
     with pytest.raises(PortLost) as caught:
         left.write(b"x")
-    assert caught.value.key == "ports.not-open"
+    assert caught.value.key == "ports.not_open"
     await left.open(FakeReceiver())
     with pytest.raises(PortUnavailable):
         await left.open(FakeReceiver())
@@ -84,7 +84,7 @@ async def test_unplug_is_reported_once_and_the_port_opens_again_after_plug() -> 
     assert [error.params["reason"].key for error in (*a.lost, *b.lost)] == ["ports.pulled"] * 2
     with pytest.raises(PortUnavailable) as caught:
         await left.open(a)
-    assert caught.value.key == "ports.memory-unplugged"
+    assert caught.value.key == "ports.memory_unplugged"
     left.plug()
     await left.open(a)
     left.write(b"x")

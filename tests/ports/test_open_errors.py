@@ -40,10 +40,10 @@ async def test_a_missing_port_names_those_that_exist(monkeypatch: pytest.MonkeyP
 async def test_a_machine_without_ports_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch)
     monkeypatch.setattr(open_errors, "_in_wsl", lambda: False)
-    assert (await refused("/dev/ttyUSB9")).key == "ports.missing-none"
+    assert (await refused("/dev/ttyUSB9")).key == "ports.missing_none"
     monkeypatch.setattr(open_errors, "_in_wsl", lambda: True)
     error = await refused("/dev/ttyUSB9")
-    assert error.key == "ports.missing-wsl"
+    assert error.key == "ports.missing_wsl"
     assert "usbipd attach" in str(error)
     assert "usbipd attach" in error.text("zh")
 
@@ -52,12 +52,12 @@ async def test_a_machine_without_ports_is_reported(monkeypatch: pytest.MonkeyPat
 async def test_a_file_that_is_no_serial_port_is_rejected_by_name(tmp_path: Path, kind: str) -> None:
     path = {"file": tmp_path / "file", "folder": tmp_path, "device": Path("/dev/null")}[kind]
     (tmp_path / "file").write_text("")
-    assert (await refused(str(path))).key == "ports.not-serial"
+    assert (await refused(str(path))).key == "ports.not_serial"
 
 
 def test_a_name_without_hardware_is_distinguished_from_a_missing_one(pty: Pty) -> None:
     """The kernel names /dev/ttyS0 to S3 whether they exist or not; to open them gives EIO."""
-    assert open_errors.open_error(pty.path, OSError(errno.EIO, "x")).key == "ports.no-hardware"
+    assert open_errors.open_error(pty.path, OSError(errno.EIO, "x")).key == "ports.no_hardware"
     other = open_errors.open_error(pty.path, OSError(errno.EMFILE, "too many open files"))
     assert (other.key, str(other.params["reason"])) == ("ports.failed", "Too many open files")
 
@@ -77,9 +77,9 @@ def test_a_missing_right_names_the_group_and_the_command(tmp_path: Path, monkeyp
     assert (error.key, error.params["group"]) == ("ports.permission", "dialout")
     assert f"sudo usermod -aG dialout {error.params['user']}" in str(error)
     monkeypatch.setattr(grp, "getgrgid", lambda _: grp.struct_group(("dialout", "x", 20, [error.params["user"]])))
-    assert denied(node).key == "ports.permission-relogin"
+    assert denied(node).key == "ports.permission_relogin"
     node.chmod(0o600)
-    assert denied(node).key == "ports.permission-rule"
+    assert denied(node).key == "ports.permission_rule"
 
 
 def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
@@ -90,7 +90,7 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
     node.chmod(0o660)
     monkeypatch.setattr(open_errors, "_group_of", lambda _: 0)
     error = denied(node)
-    assert (error.key, error.params["mode"]) == ("ports.permission-rule", "-rw-rw----")
+    assert (error.key, error.params["mode"]) == ("ports.permission_rule", "-rw-rw----")
 
 
 def test_a_busy_port_names_the_program_that_uses_it(pty: Pty) -> None:
@@ -136,9 +136,9 @@ def test_our_own_lock_is_not_reported_as_a_user(pty: Pty) -> None:
 @pytest.mark.parametrize(
     ("name", "key", "hint"),
     [
-        ("ModemManager", "ports.held-modemmanager", "systemctl disable --now ModemManager"),
-        ("brltty", "ports.held-brltty", "systemctl mask --now brltty"),
-        ("agetty", "ports.held-getty", "systemctl disable --now serial-getty@ttyS0"),
+        ("ModemManager", "ports.held_modemmanager", "systemctl disable --now ModemManager"),
+        ("brltty", "ports.held_brltty", "systemctl mask --now brltty"),
+        ("agetty", "ports.held_getty", "systemctl disable --now serial-getty@ttyS0"),
         ("minicom", "ports.held", "minicom (pid 42)"),
     ],
 )
@@ -152,7 +152,7 @@ def test_a_known_program_comes_with_its_own_remedy(name: str, key: str, hint: st
 def test_a_hidden_user_is_guessed_by_name_or_found_with_a_command(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(open_errors, "pids_named", lambda name: [7] if name == "brltty" else [])
     error = open_errors.open_error(pty.path, OSError(errno.EBUSY, "busy"))
-    assert (error.key, error.params["pid"]) == ("ports.held-brltty", 7)
+    assert (error.key, error.params["pid"]) == ("ports.held_brltty", 7)
     monkeypatch.setattr(open_errors, "pids_named", lambda _: [])
     error = open_errors.open_error(pty.path, OSError(errno.EBUSY, "busy"))
     assert error.key == "ports.busy"

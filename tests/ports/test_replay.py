@@ -72,7 +72,7 @@ def test_received_bytes_arrive_at_their_recorded_times_and_written_bytes_are_com
         )
         with pytest.raises(PortUnavailable) as caught:
             await port.open(sink)
-        assert caught.value.key == "ports.replay-end"
+        assert caught.value.key == "ports.replay_end"
 
     run(main())
 

@@ -129,7 +129,7 @@ async def test_raw_ser2net_is_not_accepted_as_rfc2217_server(pty: Pty, ser2net: 
 
     with pytest.raises(PortUnavailable) as caught:
         await open_port(f"rfc2217://127.0.0.1:{ser2net[1]}").open(FakeReceiver())
-    assert caught.value.key == "ports.rfc2217-silent"
+    assert caught.value.key == "ports.rfc2217_silent"
 
 
 @pytest.fixture

@@ -113,11 +113,11 @@ def test_settings_that_the_driver_did_not_take_are_rejected_with_both(pty: Pty) 
         tty._apply_termios(fd, marks_line_errors=True)
         with pytest.raises(PortUnavailable) as caught:
             tty._verify_termios(fd, pty.path, wanted)
-        assert (caught.value.key, caught.value.params["expected"]) == ("ports.format-readback", "8E1")
+        assert (caught.value.key, caught.value.params["expected"]) == ("ports.format_readback", "8E1")
         assert caught.value.params["found"] == "8N1"
         with pytest.raises(PortUnavailable) as caught:
             tty._verify_termios(fd, pty.path, SerialSettings(19200))
-        assert caught.value.key == "ports.baud-readback"
+        assert caught.value.key == "ports.baud_readback"
         assert (caught.value.params["expected"], caught.value.params["found"]) == (19200, 9600)
         tty._verify_termios(fd, pty.path, SerialSettings(9600))
         tty._apply_termios(fd, marks_line_errors=False)

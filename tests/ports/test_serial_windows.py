@@ -61,7 +61,7 @@ async def test_only_a_port_that_windows_denies_is_called_in_use(
     monkeypatch.setattr(open_errors, "sys", SimpleNamespace(platform="win32"))
     with pytest.raises(PortUnavailable) as caught:
         await WindowsPort(parse_port_url("com3")).open(FakeReceiver())
-    assert (caught.value.key == "ports.busy-windows") is is_busy
+    assert (caught.value.key == "ports.busy_windows") is is_busy
 
 
 async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) -> None:
@@ -70,7 +70,7 @@ async def test_a_com_port_sends_receives_and_is_lost_once(transport: Transport) 
     assert WindowsPort(parse_port_url(r"\\.\COM12")).identity == "device:COM12"
     with pytest.raises(PortLost) as caught:
         port.write(b"x")
-    assert caught.value.key == "ports.not-open"
+    assert caught.value.key == "ports.not_open"
     await port.open(sink)
     assert (port.capabilities.has_line_timing, port.capabilities.parity) == (True, False)
     with pytest.raises(PortUnavailable):
@@ -112,4 +112,4 @@ async def test_a_com_port_that_cannot_be_opened_reports_the_reason(monkeypatch: 
     monkeypatch.setattr("drivebus.ports.open_errors._in_wsl", lambda: False)
     with pytest.raises(PortUnavailable) as caught:
         await WindowsPort(parse_port_url("COM9")).open(FakeReceiver())
-    assert caught.value.key == "ports.missing-none"
+    assert caught.value.key == "ports.missing_none"

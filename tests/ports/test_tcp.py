@@ -73,7 +73,7 @@ async def test_bytes_go_both_ways_without_line_timing_or_parity() -> None:
         with pytest.raises(PortLost):
             port.write(b"x")
         await port.open(sink)
-        assert (await refused(port)).key == "ports.already-open"
+        assert (await refused(port)).key == "ports.already_open"
         await port.close()
         assert sink.lost == []
 
@@ -112,7 +112,7 @@ async def test_a_server_that_hangs_up_is_reported_once_and_the_port_opens_again(
             await port.open(sink)
             await wait_until(lambda: len(sink.lost) == times)  # noqa: B023  # awaited here
         assert bytes(sink.data) == b"byebye"
-        assert {error.params["reason"].key for error in sink.lost} == {"ports.server-closed"}
+        assert {error.params["reason"].key for error in sink.lost} == {"ports.server_closed"}
         with pytest.raises(PortLost):
             port.write(b"x")
 
@@ -123,12 +123,12 @@ async def test_a_rejected_connection_reports_that_no_server_listens() -> None:
         number = free.getsockname()[1]
     for host in ("127.0.0.1", "localhost"):
         error = await refused(open_port(f"tcp://{host}:{number}"))
-        assert (error.key, error.params["number"]) == ("ports.net-refused", number)
+        assert (error.key, error.params["number"]) == ("ports.net_refused", number)
 
 
 async def test_an_unknown_host_name_is_reported() -> None:
     error = await refused(open_port("tcp://no-such-host.invalid:4001"))
-    assert (error.key, error.params["host"]) == ("ports.net-name", "no-such-host.invalid")
+    assert (error.key, error.params["host"]) == ("ports.net_name", "no-such-host.invalid")
 
 
 async def test_a_silent_network_is_given_up_after_the_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,7 +137,7 @@ async def test_a_silent_network_is_given_up_after_the_timeout(monkeypatch: pytes
 
     monkeypatch.setattr(asyncio.get_running_loop(), "sock_connect", never)
     error = await refused(open_port("tcp://127.0.0.1:4001?timeout=0.1"))
-    assert (error.key, error.params["seconds"]) == ("ports.net-timeout", 0.1)
+    assert (error.key, error.params["seconds"]) == ("ports.net_timeout", 0.1)
 
 
 async def test_an_unreachable_network_reports_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +178,7 @@ async def test_a_server_that_never_acknowledges_a_setting_does_not_delay_the_ope
     async with server(negotiating(ACCEPT, subnegotiation(101, (9600).to_bytes(4)))) as number:
         port = open_port(f"rfc2217://127.0.0.1:{number}?baud=9600")
         await port.open(FakeReceiver())
-        assert [note.key for note in port_notes(port)] == ["ports.rfc2217-unacknowledged"]
+        assert [note.key for note in port_notes(port)] == ["ports.rfc2217_unacknowledged"]
         assert port_notes(port)[0].params["names"] == ("data bits", "parity", "stop bits")
         assert "parity" in port_notes(port)[0].text()
         await port.close()
@@ -187,14 +187,14 @@ async def test_a_server_that_never_acknowledges_a_setting_does_not_delay_the_ope
 async def test_a_server_that_sets_another_value_is_rejected_with_both_numbers() -> None:
     async with server(negotiating(ACCEPT, acknowledged(baud=9600))) as number:
         error = await refused(open_port(f"rfc2217://127.0.0.1:{number}?baud=19200"))
-        assert error.key == "ports.rfc2217-value"
+        assert error.key == "ports.rfc2217_value"
         assert (error.params["name"], error.params["expected"], error.params["found"]) == ("baud", 19200, 9600)
 
 
 async def test_a_telnet_server_without_the_option_is_rejected_with_the_raw_link() -> None:
     async with server(negotiating(bytes((IAC, DONT, COM_PORT)))) as number:
         error = await refused(open_port(f"rfc2217://127.0.0.1:{number}"))
-        assert error.key == "ports.rfc2217-refused"
+        assert error.key == "ports.rfc2217_refused"
         assert f"tcp://127.0.0.1:{number}" in str(error)
 
 
@@ -210,7 +210,7 @@ async def test_a_raw_server_is_distinguished_from_a_telnet_server_before_any_set
             got.extend(data)
 
     async with server(raw) as number:
-        assert (await refused(open_port(f"rfc2217://127.0.0.1:{number}"))).key == "ports.rfc2217-silent"
+        assert (await refused(open_port(f"rfc2217://127.0.0.1:{number}"))).key == "ports.rfc2217_silent"
     assert bytes((IAC, SB)) not in got
 
 

@@ -58,7 +58,7 @@ async def test_a_driver_that_ignores_parity_is_rejected_and_nothing_stays_open(p
     with pytest.raises(PortUnavailable) as caught:
         await opened(pty, FakeReceiver(), format="8E1")
     assert (caught.value.key, caught.value.params["expected"], caught.value.params["found"]) == (
-        "ports.format-readback",
+        "ports.format_readback",
         "8E1",
         "8N1",
     )
@@ -80,7 +80,7 @@ async def test_parity_is_reported_only_where_it_was_tested(pty: Pty, monkeypatch
 
 async def test_a_pty_notes_that_its_parity_is_not_checked(pty: Pty) -> None:
     port = await opened(pty, FakeReceiver(), format="8E1")
-    assert [note.key for note in port_notes(port)] == ["ports.note-parity"]
+    assert [note.key for note in port_notes(port)] == ["ports.note_parity"]
     assert "8E1" in port_notes(port)[0].text("zh")
     await port.close()
 
@@ -100,7 +100,7 @@ async def test_an_adapter_with_high_latency_is_set_to_low_latency_or_noted(
     timer.write_text("16\n")
     monkeypatch.setattr(Path, "write_text", lambda *_: (_ for _ in ()).throw(PermissionError()))
     port = await opened(pty, FakeReceiver())
-    assert [note.key for note in port_notes(port)] == ["ports.note-latency"]
+    assert [note.key for note in port_notes(port)] == ["ports.note_latency"]
     await port.close()
 
 
@@ -171,7 +171,7 @@ async def test_an_empty_read_is_a_hang_up(pty: Pty, monkeypatch: pytest.MonkeyPa
     with monkeypatch.context() as patch:
         patch.setattr("drivebus.ports.serial_posix.os.read", lambda *_: b"")
         port._readable()
-    assert [error.params["reason"].key for error in sink.lost] == ["ports.hang-up"]
+    assert [error.params["reason"].key for error in sink.lost] == ["ports.hang_up"]
     await port.close()
 
 

@@ -92,14 +92,14 @@ def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> N
     [
         ("ttyUSB0", "ports.url", "ttyUSB0"),
         ("", "ports.url", ""),
-        ("serial://", "ports.url-empty", None),
+        ("serial://", "ports.url_empty", None),
         ("COM3?baud=fast", "ports.baud", "fast"),
         ("COM3?baud=１２００", "ports.baud", "１２００"),
         ("COM3?baud=-9600", "ports.baud", "-9600"),
         ("COM3?baud=49", "ports.baud", "49"),
         ("COM3?format=9Z1", "ports.format", "9Z1"),
         ("COM3?baud", "ports.query", "baud"),
-        ("COM3?baud=1200&baud=9600", "ports.query-twice", "baud=1200&baud=9600"),
+        ("COM3?baud=1200&baud=9600", "ports.query_twice", "baud=1200&baud=9600"),
         ("tcp://host", "ports.address", "host"),
         ("tcp://host:0", "ports.address", "host:0"),
         ("tcp://host:99999", "ports.address", "host:99999"),
@@ -140,7 +140,7 @@ def test_an_unknown_scheme_names_the_known_ones() -> None:
 def test_an_unknown_option_names_the_known_ones() -> None:
     with pytest.raises(PortUrlError) as caught:
         open_port("memory://x?bood=9600")
-    assert (caught.value.key, caught.value.params["found"]) == ("ports.option-unknown", "bood")
+    assert (caught.value.key, caught.value.params["found"]) == ("ports.option_unknown", "bood")
     assert caught.value.params["expected"] == ("baud", "echo", "format", "line_timing")
 
 

@@ -69,7 +69,7 @@ def test_a_second_instance_of_the_same_user_is_refused_100_times_of_100_with_the
 ) -> None:
     me = os.getuid()
     pid, errors = refusals(plants(c320()), started, homes, me, me)
-    assert errors == {("ports.held-drivebus", pid): TRIALS}
+    assert errors == {("ports.held_drivebus", pid): TRIALS}
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be several users")

@@ -50,8 +50,9 @@ class BytesRecord:
     direction: ByteDirection
     data: bytes
     line_errors: int = 0
-    """Bytes with a parity or framing error."""
+    """Number of bytes with a parity or framing error."""
     line_number: int = 0
+    """Line of the file from which it was read, from 2; 0 otherwise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,23 +188,23 @@ def outcome_exit_code(outcome: Outcome) -> ExitCode:
 
 
 def outcome_json(outcome: Outcome, now: float) -> Json:
-    """Return an outcome with its evidence: every frame of the command, with times."""
+    """Return an outcome with every frame of the command that shows it."""
     return {
         "outcome": str(outcome.status),
         "text": outcome.text(output.language()),
         "notes": outcome.note_texts(output.language()),
-        "evidence": [exchange_json(exchange) for exchange in outcome.exchanges],
+        "frames": [exchange_json(exchange) for exchange in outcome.exchanges],
         "status": status_json(outcome.drive_status, now) if outcome.drive_status else None,
     }
 
 
 def exchange_json(exchange: FrameExchange) -> Json:
-    """Return a frame and its reply."""
+    """Return a frame and its reply; times are monotonic seconds."""
     return {
         "sent": exchange.sent,
         "received": exchange.received,
-        "sent_at": exchange.sent_at,
-        "received_at": exchange.received_at,
+        "sent_at_s": exchange.sent_at,
+        "received_at_s": exchange.received_at,
         "error": exchange.error,
     }
 

@@ -124,11 +124,11 @@ class FanoutGroup:
             interval_s = min(self.interval_s, MAX_URGENT_DELAY_S) if self._pending.urgent else self.interval_s
             due = self._delta_sent_at + interval_s
             if due <= now:
-                return self._send_delta()
+                self._send_delta()
+                return
             self._schedule(due)
         if self._sent_at + HEARTBEAT_AFTER_S <= now:
             self._offer(self._message("delta", {}))
-        return None
 
     def _schedule(self, due: float) -> None:
         if self._timer is None or self._timer.when() > due:

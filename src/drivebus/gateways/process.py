@@ -18,7 +18,8 @@ from drivebus.service.process.tuning import NICE_GATEWAY, raise_file_limit, set_
 
 T = TypeVar("T")
 Serve = Callable[[SocketClient, GatewayArguments[T], asyncio.Event], Awaitable[None]]
-"""Runs a gateway as a client of the service until the event is set; may return earlier."""
+"""Run a gateway as a client of the service until the event is set. Where it returns earlier, the process ends and the
+service starts it again."""
 
 
 def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callable[[], None] = lambda: None) -> int:

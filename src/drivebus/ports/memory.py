@@ -59,9 +59,9 @@ class MemoryPort:
     async def open(self, receiver: Receiver) -> None:
         """Raises PortUnavailable while unplugged or already open."""
         if not self._wire.plugged:
-            raise PortUnavailable("ports.memory-unplugged", port=self.url)
+            raise PortUnavailable("ports.memory_unplugged", port=self.url)
         if self._receiver is not None:
-            raise PortUnavailable("ports.already-open", port=self.url)
+            raise PortUnavailable("ports.already_open", port=self.url)
         self._receiver = receiver
         self._open_count += 1
         self._free_at = 0.0
@@ -69,7 +69,7 @@ class MemoryPort:
     def write(self, data: bytes, /) -> None:
         """Send to the peer; bytes to a peer that is not open are lost. Raises PortLost where the port is not open."""
         if self._receiver is None:
-            raise PortLost("ports.not-open", port=self.url)
+            raise PortLost("ports.not_open", port=self.url)
         loop = asyncio.get_running_loop()
         peer = self.peer
         if not self.capabilities.has_line_timing:
@@ -130,7 +130,7 @@ def open_port(url: PortUrl) -> MemoryPort:
         left, _ = create_pair(url.settings, has_line_timing=url.flag("line_timing"), name=url.path)
         wire = _named[url.path] = left._wire
     if wire.taken == 2:
-        raise PortUrlError("ports.memory-taken", port=url.text, name=url.path)
+        raise PortUrlError("ports.memory_taken", port=url.text, name=url.path)
     port = wire.ends[wire.taken]
     if "echo" in url.options:
         port.echo = url.echo()

@@ -33,22 +33,22 @@ def open_error(path: str, error: OSError, owner_pid: int | None = None) -> PortU
     if isinstance(error, FileNotFoundError) or error.errno in _DEVICE_MISSING_ERRNOS:
         return _missing_error(path)
     if error.errno in _NOT_SERIAL_ERRNOS or not _is_character_device(path):
-        return PortUnavailable("ports.not-serial", port=path)
+        return PortUnavailable("ports.not_serial", port=path)
     if error.errno == errno.EIO:
-        return PortUnavailable("ports.no-hardware", port=path)
+        return PortUnavailable("ports.no_hardware", port=path)
     return PortUnavailable("ports.failed", port=path, reason=SystemReason(error))
 
 
 def in_use_error(path: str, user: DeviceUser) -> PortUnavailable:
     """Return the message for a device that another program has open."""
-    remedies = {"ModemManager": "ports.held-modemmanager", "brltty": "ports.held-brltty"}
-    key = "ports.held-getty" if user.name in ("agetty", "getty") else remedies.get(user.name, "ports.held")
+    remedies = {"ModemManager": "ports.held_modemmanager", "brltty": "ports.held_brltty"}
+    key = "ports.held_getty" if user.name in ("agetty", "getty") else remedies.get(user.name, "ports.held")
     return PortUnavailable(key, port=path, pid=user.pid, name=user.name or "?", device=Path(path).name)
 
 
 def _busy_error(path: str, owner_pid: int | None) -> PortUnavailable:
     if owner_pid is not None:
-        key = "ports.already-open" if owner_pid == os.getpid() else "ports.held-drivebus"
+        key = "ports.already_open" if owner_pid == os.getpid() else "ports.held_drivebus"
         return PortUnavailable(key, port=path, pid=owner_pid, name=process_name(owner_pid))
     real = os.path.realpath(path)
     others = [user for user in device_users({real})[real] if user.pid != os.getpid()]
@@ -58,23 +58,23 @@ def _busy_error(path: str, owner_pid: int | None) -> PortUnavailable:
     for name in _PORT_GRABBING_SERVICES:
         for pid in pids_named(name):
             return in_use_error(path, DeviceUser(pid, name))
-    return PortUnavailable("ports.busy-windows" if sys.platform == "win32" else "ports.busy", port=path)
+    return PortUnavailable("ports.busy_windows" if sys.platform == "win32" else "ports.busy", port=path)
 
 
 def _permission_error(path: str) -> PortUnavailable:
     """Name the group to join: the device's own (dialout on Debian, uucp on Arch), but never root's."""
     if sys.platform == "win32":
-        return PortUnavailable("ports.busy-windows", port=path)
+        return PortUnavailable("ports.busy_windows", port=path)
     import grp
     import pwd
 
     mode, gid = Path(path).stat().st_mode, _group_of(path)
     user = _name_or_default(lambda: pwd.getpwuid(os.getuid()).pw_name, "$USER")
     if gid == 0 or not mode & stat.S_IRGRP or not mode & stat.S_IWGRP:
-        return PortUnavailable("ports.permission-rule", port=path, mode=stat.filemode(mode))
+        return PortUnavailable("ports.permission_rule", port=path, mode=stat.filemode(mode))
     group = _name_or_default(lambda: grp.getgrgid(gid).gr_name, str(gid))
     members = _name_or_default(lambda: " ".join(grp.getgrgid(gid).gr_mem), "").split()
-    key = "ports.permission-relogin" if user in members else "ports.permission"
+    key = "ports.permission_relogin" if user in members else "ports.permission"
     return PortUnavailable(key, port=path, group=group, user=user)
 
 
@@ -86,7 +86,7 @@ def _missing_error(path: str) -> PortUnavailable:
     existing = [port.url for port in discover_ports()]
     if existing:
         return PortUnavailable("ports.missing", port=path, existing=tuple(existing))
-    return PortUnavailable("ports.missing-wsl" if _in_wsl() else "ports.missing-none", port=path)
+    return PortUnavailable("ports.missing_wsl" if _in_wsl() else "ports.missing_none", port=path)
 
 
 def _in_wsl() -> bool:

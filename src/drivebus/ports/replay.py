@@ -82,9 +82,9 @@ class ReplayPort:
     async def open(self, receiver: Receiver) -> None:
         """Begin, or continue after a recorded loss. Raises PortUnavailable at the end of the capture."""
         if self._receiver is not None:
-            raise PortUnavailable("ports.already-open", port=self.url)
+            raise PortUnavailable("ports.already_open", port=self.url)
         if self._records and self._position == len(self._records):
-            raise PortUnavailable("ports.replay-end", port=self.url)
+            raise PortUnavailable("ports.replay_end", port=self.url)
         self._loop = asyncio.get_running_loop()
         self._receiver = receiver
         self._started_at = self._loop.time() - self._last_s
@@ -93,7 +93,7 @@ class ReplayPort:
     def write(self, data: bytes, /) -> None:
         """Compare bytes with the recorded frame. Raises PortLost where the port is not open."""
         if self._receiver is None:
-            raise PortLost("ports.not-open", port=self.url)
+            raise PortLost("ports.not_open", port=self.url)
         if self._wait_for_request and self._unsent:
             self._written.append(bytes(data))
             self._set_handle(self._loop.call_soon(self._play))
@@ -110,7 +110,7 @@ class ReplayPort:
         while self._receiver is not None:
             if self._position == len(self._records):
                 end = self._started_at + self._last_s + REPLAY_END_DELAY_S
-                self._set_handle(self._loop.call_at(end, self._lose, PortLost("ports.capture-end")))
+                self._set_handle(self._loop.call_at(end, self._lose, PortLost("ports.capture_end")))
                 return
             record = self._records[self._position]
             if isinstance(record, BytesRecord) and record.direction == "tx":

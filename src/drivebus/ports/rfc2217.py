@@ -187,7 +187,7 @@ class Rfc2217Port:
     async def open(self, receiver: Receiver) -> None:
         """Connect, negotiate, set the serial format. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
-            raise PortUnavailable("ports.already-open", port=self.identity)
+            raise PortUnavailable("ports.already_open", port=self.identity)
         self._telnet, self._failure = TelnetClient(), None
         connection = TcpConnection(self.identity, self._received, self._lost)
         await connection.connect(self._host, self._port, self._timeout_s)
@@ -205,7 +205,7 @@ class Rfc2217Port:
     def write(self, data: bytes, /) -> None:
         """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None or self._receiver is None:
-            raise PortLost("ports.not-open", port=self.identity)
+            raise PortLost("ports.not_open", port=self.identity)
         self._connection.write(escape(data))
 
     async def close(self) -> None:
@@ -218,9 +218,9 @@ class Rfc2217Port:
         connection.write(self._telnet.start())
         await self._wait_until(lambda: self._telnet.accepted is not None)
         if self._telnet.accepted is False:
-            raise PortUnavailable("ports.rfc2217-refused", port=self.identity, host=self._host, number=self._port)
+            raise PortUnavailable("ports.rfc2217_refused", port=self.identity, host=self._host, number=self._port)
         if not self._telnet.is_telnet:
-            raise PortUnavailable("ports.rfc2217-silent", port=self.identity, host=self._host, number=self._port)
+            raise PortUnavailable("ports.rfc2217_silent", port=self.identity, host=self._host, number=self._port)
         commands = serial_commands(self.settings)
         connection.write(self._telnet.configure(self.settings))
         await self._wait_until(lambda: {*commands, PURGE_DATA} <= self._telnet.acknowledged.keys())
@@ -235,13 +235,13 @@ class Rfc2217Port:
                 missing.append(name)
             elif found != value:
                 raise PortUnavailable(
-                    "ports.rfc2217-value",
+                    "ports.rfc2217_value",
                     port=self.identity,
                     name=name,
                     expected=int.from_bytes(value),
                     found=int.from_bytes(found),
                 )
-        return (PortNote("ports.rfc2217-unacknowledged", {"names": tuple(missing)}),) if missing else ()
+        return (PortNote("ports.rfc2217_unacknowledged", {"names": tuple(missing)}),) if missing else ()
 
     async def _wait_until(self, done: Callable[[], bool]) -> None:
         """Wait until ``done`` or the timeout. Raises PortLost where the connection is lost."""

@@ -62,7 +62,7 @@ class SerialPort:
     async def open(self, receiver: Receiver) -> None:
         """Open, or find the same device again. Raises PortUnavailable with the reason and the remedy."""
         if self._fd >= 0:
-            raise PortUnavailable("ports.already-open", port=self._path)
+            raise PortUnavailable("ports.already_open", port=self._path)
         if self._closed is not None:
             await asyncio.shield(self._closed)
         self._loop = asyncio.get_running_loop()
@@ -80,7 +80,7 @@ class SerialPort:
         The port is lost where the kernel does not accept the bytes within ``WRITE_STALL_TIMEOUT_S``.
         """
         if self._fd < 0:
-            raise PortLost("ports.not-open", port=self._path)
+            raise PortLost("ports.not_open", port=self._path)
         if self._unsent:
             self._unsent += data
             return
@@ -134,9 +134,9 @@ class SerialPort:
     def _notes(self, descriptor: SerialDescriptor) -> Iterator[PortNote]:
         if not descriptor.low_latency:
             name = os.path.basename(descriptor.device)  # noqa: PTH119
-            yield PortNote("ports.note-latency", {"port": self._path, "device": name})
+            yield PortNote("ports.note_latency", {"port": self._path, "device": name})
         if self.settings.parity != "N" and not descriptor.capabilities.parity:
-            yield PortNote("ports.note-parity", {"port": self._path, "format": self.settings.format})
+            yield PortNote("ports.note_parity", {"port": self._path, "format": self.settings.format})
 
     def _readable(self) -> None:
         try:
@@ -147,7 +147,7 @@ class SerialPort:
             self._fail(SystemReason(error))
             return
         if not chunk:
-            self._fail(PortLost("ports.hang-up"))
+            self._fail(PortLost("ports.hang_up"))
         elif self._mark_decoder is None:
             self._deliver(chunk)
         else:

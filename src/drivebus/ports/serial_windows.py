@@ -38,7 +38,7 @@ class WindowsPort(asyncio.Protocol):
     async def open(self, receiver: Receiver) -> None:
         """Raises PortUnavailable with the reason and the remedy."""
         if self._transport is not None:
-            raise PortUnavailable("ports.already-open", port=self._path)
+            raise PortUnavailable("ports.already_open", port=self._path)
         try:
             self._transport = await serialx_adapter.connect_windows(self._path, self.settings, self)
         except OSError as error:
@@ -48,7 +48,7 @@ class WindowsPort(asyncio.Protocol):
     def write(self, data: bytes, /) -> None:
         """Raises PortLost where the port is not open or the driver accepts nothing any more."""
         if self._transport is None:
-            raise PortLost("ports.not-open", port=self._path)
+            raise PortLost("ports.not_open", port=self._path)
         if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             self._transport.abort()
             raise PortLost("ports.lost", port=self._path, reason=PortLost("ports.stalled"))

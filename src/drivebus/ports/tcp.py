@@ -45,11 +45,11 @@ class TcpConnection(asyncio.Protocol):
                 connected = await _connect(host, port)
                 transport, _ = await asyncio.get_running_loop().create_connection(lambda: self, sock=connected)
         except TimeoutError as error:
-            raise PortUnavailable("ports.net-timeout", port=self._name, seconds=timeout_s) from error
+            raise PortUnavailable("ports.net_timeout", port=self._name, seconds=timeout_s) from error
         except socket.gaierror as error:
-            raise PortUnavailable("ports.net-name", port=self._name, host=host) from error
+            raise PortUnavailable("ports.net_name", port=self._name, host=host) from error
         except ConnectionRefusedError as error:
-            raise PortUnavailable("ports.net-refused", port=self._name, number=port) from error
+            raise PortUnavailable("ports.net_refused", port=self._name, number=port) from error
         except OSError as error:
             raise PortUnavailable("ports.net", port=self._name, reason=SystemReason(error)) from error
         self._transport = transport
@@ -58,7 +58,7 @@ class TcpConnection(asyncio.Protocol):
         """Raises PortLost where the connection is gone or still holds an earlier frame."""
         transport = self._transport
         if transport is None or transport.is_closing():
-            raise PortLost("ports.not-open", port=self._name)
+            raise PortLost("ports.not_open", port=self._name)
         if transport.get_write_buffer_size():
             transport.abort()
             raise PortLost("ports.lost", port=self._name, reason=PortLost("ports.stalled"))
@@ -79,7 +79,7 @@ class TcpConnection(asyncio.Protocol):
 
 
 def _reason(exc: Exception | None) -> SystemReason | PortLost:
-    return PortLost("ports.server-closed") if exc is None else SystemReason(exc)
+    return PortLost("ports.server_closed") if exc is None else SystemReason(exc)
 
 
 async def _connect(host: str, port: int) -> socket.socket:
@@ -131,7 +131,7 @@ class TcpPort:
     async def open(self, receiver: Receiver) -> None:
         """Connect. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
-            raise PortUnavailable("ports.already-open", port=self.identity)
+            raise PortUnavailable("ports.already_open", port=self.identity)
 
         def lost(error: PortLost) -> None:
             self._connection = None
@@ -144,7 +144,7 @@ class TcpPort:
     def write(self, data: bytes, /) -> None:
         """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None:
-            raise PortLost("ports.not-open", port=self.identity)
+            raise PortLost("ports.not_open", port=self.identity)
         self._connection.write(data)
 
     async def close(self) -> None:

@@ -192,10 +192,10 @@ def _verify_termios(fd: int, path: str, settings: SerialSettings) -> None:
         found = f"iflag {iflag:#x}, oflag {oflag:#x}, cflag {cflag:#x}, lflag {lflag:#x}"
         raise PortUnavailable("ports.flags", port=path, found=found)
     if _format(cflag) != settings.format:
-        raise PortUnavailable("ports.format-readback", port=path, expected=settings.format, found=_format(cflag))
+        raise PortUnavailable("ports.format_readback", port=path, expected=settings.format, found=_format(cflag))
     baud = _baud(fd, speed)
     if baud is not None and abs(baud - settings.baud) > settings.baud * BAUD_TOLERANCE:
-        raise PortUnavailable("ports.baud-readback", port=path, expected=settings.baud, found=baud)
+        raise PortUnavailable("ports.baud_readback", port=path, expected=settings.baud, found=baud)
 
 
 def _format(cflag: int) -> str:

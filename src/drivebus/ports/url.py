@@ -65,7 +65,7 @@ class PortUrl:
             if name not in known:
                 expected = tuple(sorted({"baud", "format", *known}))
                 raise PortUrlError(
-                    "ports.option-unknown", port=self.text, scheme=self.scheme, found=name, expected=expected
+                    "ports.option_unknown", port=self.text, scheme=self.scheme, found=name, expected=expected
                 )
 
     def choice(self, name: str, allowed: Iterable[str], default: str) -> str:
@@ -135,7 +135,7 @@ def parse_port_url(
         )
     path = unquote(target)
     if not path and scheme != "sim":  # that port names the simulated drives
-        raise PortUrlError("ports.url-empty", port=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
+        raise PortUrlError("ports.url_empty", port=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
     return PortUrl(
         text=text,
         scheme=scheme,
@@ -190,7 +190,7 @@ def _query(text: str, query: str) -> dict[str, str]:
     except ValueError:
         raise PortUrlError("ports.query", port=text, found=query) from None
     if len(dict(pairs)) != len(pairs):
-        raise PortUrlError("ports.query-twice", port=text, found=query)
+        raise PortUrlError("ports.query_twice", port=text, found=query)
     return dict(pairs)
 
 

@@ -25,7 +25,10 @@ class BusMaster(Protocol):
     settings: SerialSettings | None
     """Serial settings of the master; None where it has none that could be wrong."""
 
-    def receive(self, data: bytes, line_errors: int) -> None: ...
+    def receive(self, data: bytes, line_errors: int) -> None:
+        """Take bytes from the wire, ``line_errors`` of them with a parity or framing error."""
+        ...
+
     def on_unplugged(self) -> None:
         """Handle the unplugging of the bus: the master is no longer attached."""
         ...
@@ -213,13 +216,13 @@ class SimulatedBus:
 
     def _deliver_to_stations(self, transmission: Transmission, decision_delay_s: float, now: float) -> None:
         data, line_errors = transmission.received()
-        over = self.wire.silent_since(now) <= transmission.end + 1e-9
+        is_silent = self.wire.silent_since(now) <= transmission.end + 1e-9
         for group in self._groups:
             receiver = group.receiver
             if receiver.decision_delay_s != decision_delay_s:
                 continue
             frames = receiver.feed(data, line_errors, transmission.silence_s)
-            if receiver.rule.ends_by_silence and over:
+            if receiver.rule.ends_by_silence and is_silent:
                 frames = receiver.on_silence()
             for frame in frames:
                 if frame.address is not None:

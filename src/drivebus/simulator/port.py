@@ -42,14 +42,14 @@ class SimPort:
         if not self.simulated_bus.wire.plugged:
             raise PortUnavailable("sim.unplugged", port=self.url)
         if self._receiver is not None and self in self.simulated_bus.masters:
-            raise PortUnavailable("sim.already-open", port=self.url)
+            raise PortUnavailable("sim.already_open", port=self.url)
         self.simulated_bus.attach(self)
         self._receiver = receiver
 
     def write(self, data: bytes, /) -> None:
         """Transmit bytes. Raises PortLost where the port is not open."""
         if self._receiver is None:
-            raise PortLost("sim.not-open", port=self.url)
+            raise PortLost("sim.not_open", port=self.url)
         self.simulated_bus.transmit(self, data)
 
     async def close(self) -> None:

@@ -27,7 +27,7 @@ class InjectedFaults:
     silent: bool = False
     """The station receives and sends nothing; its motor goes on."""
     mute: bool = False
-    """The station executes requests but its replies are lost (broken driver)."""
+    """The station executes requests but its replies are lost (broken transmitter)."""
     added_delay_s: float = 0.0
     """Added to every reply delay, in seconds."""
     next_added_delays_s: list[float] = field(default_factory=list)
@@ -53,15 +53,16 @@ class SimulatedStation(ABC):
 
     rule: FramingRule
     broadcast: ClassVar[int]
+    """Address of all stations."""
     factory_settings: ClassVar[SerialSettings]
     """Factory serial settings."""
     ramp_keys: ClassVar[tuple[int, int]]
     """Parameters of acceleration and deceleration time, in 0.1 s."""
     codecs: tuple[Codec, ...]
 
-    def __init__(self, address: int, cells: dict[int, ParameterSpec], motor: Motor | None = None) -> None:
+    def __init__(self, address: int, specs: dict[int, ParameterSpec], motor: Motor | None = None) -> None:
         self.address = address
-        self.memory = ParameterMemory(cells)
+        self.memory = ParameterMemory(specs)
         self.motor = motor or Motor()
         self.faults = InjectedFaults()
         self.now: float | None = None
@@ -207,4 +208,4 @@ class SimulatedModel:
     options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Option to its values, chosen by the user."""
     fixed: Mapping[str, Any] = field(default_factory=dict)
-    """Constructor arguments of this model."""
+    """Constructor arguments of this model that a user cannot choose."""

@@ -48,6 +48,7 @@ class Transmission:
         self.marked: set[int] = set()
         """Characters with a parity or framing error."""
         self.dropped: set[int] = set()
+        """Characters that are lost."""
 
     def received(self, first: int = 0, last: int | None = None) -> tuple[bytes, int]:
         """Return the characters first…last-1 as received, and the number of line errors among them."""

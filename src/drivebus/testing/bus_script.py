@@ -150,14 +150,14 @@ class ScriptedPort:
     async def open(self, receiver: Receiver) -> None:
         """Raises PortUnavailable while unplugged."""
         if not self.plugged:
-            raise PortUnavailable("ports.memory-unplugged", port=self.url)
+            raise PortUnavailable("ports.memory_unplugged", port=self.url)
         self.openings += 1
         self._receiver = receiver
 
     def write(self, data: bytes, /) -> None:
         """Raises PortLost where the port is not open."""
         if self._receiver is None:
-            raise PortLost("ports.not-open", port=self.url)
+            raise PortLost("ports.not_open", port=self.url)
         loop = asyncio.get_running_loop()
         self.sent.append((loop.time(), data))
         opening = self.openings

@@ -52,7 +52,7 @@ def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebCo
     """Print the address of the page on standard output, and the remaining manual steps on standard error."""
     # Before the address, whose reader may use the secret at once.
     secret = auth.setup_secret.issue() if auth.needs_setup and not auth.users_missing else None
-    if arguments.address_output != "not":
+    if arguments.address_output != "none":
         print_line(json.dumps({"page": address}) if arguments.address_output == "json" else address, sys.stdout)
     if secret is not None:
         _print_notice("auth.setup_secret", address=address, secret=secret, file=str(auth.setup_secret.path))

@@ -46,6 +46,11 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             "写引风机的参数：F0.1 = 2.0，F1.07 = 0010H，并写入 EEPROM",
         ),
         (
+            record("parameters.write", "fan-3", drive="fan-3", values={"P0.05": 3.0}, save=False, force=True),
+            "Write parameters of Flue gas fan: P0.05 = 3.0, its warning confirmed",
+            "写引风机的参数：P0.05 = 3.0，已确认警告",
+        ),
+        (
             record(
                 "drive.limits", "fan-3", drive="fan-3", minimum_hz=5.0, maximum_hz=40.0, forward=True, reverse=False
             ),

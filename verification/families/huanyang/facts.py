@@ -60,7 +60,7 @@ class HuanyangFacts(FamilyFacts):
         return ReferenceWrite(parameter=fields.data[0], saved=True)
 
     def is_sync_probe(self, variant: DriveVariant, frame: bytes) -> bool:
-        """A read of a parameter."""
+        """Return whether a request reads a parameter."""
         return HuanyangReference().parse_request(frame).function == READ
 
     def status_read_key(self, variant: DriveVariant, request: bytes) -> bytes | None:
@@ -68,7 +68,7 @@ class HuanyangFacts(FamilyFacts):
         return request if fields.function == STATUS and fields.data[0] == OUTPUT_FREQUENCY else None
 
     def shows_standstill(self, variant: DriveVariant, request: bytes, reply: bytes) -> bool | None:
-        """0 Hz: no reply of this protocol shows more."""
+        """Return whether the output frequency is 0 Hz: no reply of this protocol shows more."""
         fields = HuanyangReference().parse_reply(request, reply)
         return None if fields is None or self.status_read_key(variant, request) is None else fields.value == 0
 

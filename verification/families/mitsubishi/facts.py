@@ -48,7 +48,7 @@ class MitsubishiFacts(FamilyFacts):
         return station, RequestEffect.READ if code in READS else RequestEffect.SETTING
 
     def worst_effect(self, model: str, frame: bytes, command_word: int) -> RequestEffect:
-        """Another waiting time than the one that is sent counts as motion."""
+        """Return the effect; a waiting time other than the one that is sent counts as motion."""
         return self.classify(model, "ascii", frame)[1] if frame[5:6] == b"1" else RequestEffect.MOTION
 
     def decode_write(self, variant: DriveVariant, frame: bytes) -> ReferenceWrite:
@@ -60,7 +60,7 @@ class MitsubishiFacts(FamilyFacts):
         return ReferenceWrite(hz=data / 100)
 
     def is_sync_probe(self, variant: DriveVariant, frame: bytes) -> bool:
-        """A read of the status or of the frequency."""
+        """Return whether a request reads the status or the frequency."""
         return MitsubishiReference().parse_request(frame).code in (STATUS, FREQUENCY)
 
     def status_read_key(self, variant: DriveVariant, request: bytes) -> bytes | None:

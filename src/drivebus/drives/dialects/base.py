@@ -126,7 +126,7 @@ class Dialect(ABC):
     @property
     @abstractmethod
     def reports_run_state(self) -> bool:
-        """Whether the drive reports that it runs."""
+        """Whether the replies of the drive show that it runs."""
 
     @property
     @abstractmethod
@@ -222,7 +222,10 @@ class Dialect(ABC):
         """Return the frames that change the frequency. Raises CapabilityError or StartInhibited."""
 
     def jog(self, direction: Direction, word: int | None) -> tuple[CommandFrame, ...]:
-        """Return the frames that begin a jog; ``word`` None is the drive's own jog frequency."""
+        """Return the frames that begin a jog. Raises CapabilityError for a drive without one.
+
+        ``word`` None is the drive's own jog frequency.
+        """
         raise CapabilityError("drives.cannot", model=self.profile.model, what="jog")
 
     @abstractmethod
@@ -234,7 +237,7 @@ class Dialect(ABC):
         """Return the family's broadcast stop; empty where it has none."""
 
     def reset(self) -> tuple[CommandFrame, ...]:
-        """Return the frames of a fault reset."""
+        """Return the frames of a fault reset. Raises CapabilityError for a drive without one."""
         raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
 
     def identity_reads(self) -> tuple[Any, ...]:

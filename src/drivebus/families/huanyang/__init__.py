@@ -27,7 +27,7 @@ _FOLDER = Path(__file__).parent
 
 
 def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``PD005`` to parameter 5, ``CFG1`` to status item 1."""
+    """Return parameter 5 for ``PD005``, status item 1 for ``CFG1``; None for another notation."""
     if item := _ITEM.fullmatch(text):
         return ("item", int(item[1])) if int(item[1]) <= LAST_ITEM else None
     found = _PARAMETER.fullmatch(text)

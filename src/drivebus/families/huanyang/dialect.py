@@ -53,7 +53,7 @@ ALLOWED_COMMANDS = frozenset({RUN_FORWARD, RUN_REVERSE, STOP})
 class HuanyangDialect(Dialect):
     """Dialect of one drive."""
 
-    reports_run_state = True
+    reports_run_state = True  # by its output frequency
     state_names: tuple[str, ...] = ("output_frequency",)
     start_includes_setpoint = False
 
@@ -74,7 +74,7 @@ class HuanyangDialect(Dialect):
         self.station_config = self._make_station_config(timing, frame_effect)
 
     def _bus_sync_request(self, n: int) -> HuanyangRequest:
-        """Return a read of every other parameter of the profile: the reply names the parameter."""
+        """Return a read of the parameter at an even place of the probes: the reply names the parameter."""
         own = self._probes[::2]
         request = read_parameter(self.address, own[n % len(own)])
         return request if request != self._last_read else self._bus_sync_request(n + 1)
@@ -121,7 +121,7 @@ class HuanyangDialect(Dialect):
         return {signal.name: signal_reading(signal, reply.value, at) for signal in signals}
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Running where the output frequency is above 0 twice, stopped where it is 0 twice."""
+        """Return running where the last two output frequencies are above 0, stopped where both are 0."""
         output = readings.raw_pair("output_frequency")
         if output is None or (output[0] > 0) is not (output[1] > 0):
             return None

@@ -47,7 +47,7 @@ from drivebus.types import Json
 
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
-TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")
+TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")  # the first that is given is the target of the record
 
 
 class Dispatcher:
@@ -231,7 +231,7 @@ class Dispatcher:
 def _audit_entry(
     operation: Operation, params: Any, actor: Actor, outcome: str | None = None, drives: Iterable[str] = ()
 ) -> AuditEntry:
-    """Return the entry of a command; ``drives`` are the ones it moves, named where they are more than its target."""
+    """Return the entry of a command. ``drives`` that it affects are a parameter of it where they are not its target."""
     found = to_plain(params)
     known = found if isinstance(found, dict) else {}
     target = next((known[name] for name in TARGET_PARAMS if isinstance(known.get(name), str)), "")

@@ -28,7 +28,8 @@ MAX_DRIVES = 6
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
 OTHER_OUTCOMES = frozenset({"unchanged", *map(str, CommLossResult)})
 """Outcomes that only the audit trail has a sentence for."""
-NUMBERS = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
+SINGLE_VALUES = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
+"""Parameters with a sentence ``audit.detail.<name>`` of their value alone."""
 _PLACEHOLDER = re.compile(r"\{\w+\}")
 
 
@@ -122,7 +123,7 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text(f"audit.detail.how_{params['how']}")
     if params.get("assume_model") is True:
         yield bilingual_text("audit.detail.assume_model")
-    for name in NUMBERS:
+    for name in SINGLE_VALUES:
         if isinstance(params.get(name), int | float | str):
             yield bilingual_text(f"audit.detail.{name}", value=_role(params[name]) if name == "role" else params[name])
     for name in ("forward", "reverse"):
@@ -135,6 +136,8 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield Text("…", "…")
     if params.get("save") is True:
         yield bilingual_text("audit.detail.save")
+    if params.get("force") is True:
+        yield bilingual_text("audit.detail.force")
     for name in ("reason", "note"):
         if isinstance(params.get(name), str):
             yield bilingual_text(f"audit.detail.{name}", value=params[name])

@@ -47,7 +47,7 @@ class AuditEntry:
     """The drive, group, bus, user or alarm."""
     params: Mapping[str, Any] = field(default_factory=dict)
     frames: Sequence[Any] = ()
-    """In the form of ``api.errors.frame_json``."""
+    """In the form of ``service.api.errors.exchange_json``."""
     outcome: str | None = None
     """``requested`` before the first frame; afterwards the outcome's status or an error's key."""
     of: int | None = None

@@ -21,7 +21,7 @@ class Right(StrEnum):
     WRITE_PARAMETERS = "write_parameters"
     """Write parameters to the drive's RAM."""
     SAVE = "save"
-    """Write parameters to EEPROM."""
+    """Write parameters to EEPROM; ``write_parameters`` is required as well."""
     LIMIT = "limit"
     """Change limits, record a waiver."""
     CONFIGURE = "configure"

@@ -204,7 +204,9 @@ class DriveView:
     poll_interval_s: float | None = None
     """Seconds between two polls of its most polled signal; None: nothing is polled."""
     requested_interval_s: float | None = None
-    """The same as its model or ``signals`` of the plant file asks for; shorter where the bus cannot carry it."""
+    """Seconds that its model, or ``signals`` of the plant file, requests; fewer than ``poll_interval_s`` where the bus
+    cannot carry that.
+    """
     unusable_reply: Json | None = None
     """Error that names what a drive sends while it is not online; None: it sends nothing."""
     jog_frequency: str | None = None

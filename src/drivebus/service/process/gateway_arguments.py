@@ -1,5 +1,6 @@
 """Arguments of a gateway's process: one line of JSON on its standard input, so that no list of processes shows them.
 
+Each further line is the notice of a reload that left the settings of this gateway as they are.
 The service keeps the standard input open as long as it runs: its end is the end of the service, however that came.
 """
 
@@ -17,7 +18,7 @@ from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import LogFormat
 
-AddressOutput = Literal["plain", "json", "not"]
+AddressOutput = Literal["plain", "json", "none"]
 """Output of the address that a gateway listens at: as text, as a line of JSON, or not at all."""
 
 T = TypeVar("T")

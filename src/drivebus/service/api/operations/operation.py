@@ -98,7 +98,7 @@ class Audit(StrEnum):
     NONE = "none"
     """Never: it changes nothing."""
     REQUIRED = "required"
-    """Before and after; where the trail cannot be written, the operation is rejected."""
+    """Before and after; where the trail cannot be written, the operation is refused."""
     BEST_EFFORT = "best_effort"
     """Before and after, but control goes on where the trail cannot be written."""
     AFTER = "after"
@@ -161,7 +161,7 @@ class Operation:
 
     @property
     def is_stop(self) -> bool:
-        """Whether it only takes motion away: nothing is asked or recorded before it."""
+        """Whether it only ends motion: it needs no lease, and nothing is recorded before it."""
         return self.audit is Audit.AFTER
 
     @property

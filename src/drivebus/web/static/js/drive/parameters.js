@@ -118,7 +118,7 @@ export function ParametersTab({ view, profile }) {
   const rows = useMemo(() => matching(profile, search), [profile, search]);
   const byName = useMemo(() => new Map(profile.parameters.map((one) => [one.notation, one])), [profile]);
   const canRead = isLive.value && may("operate") && view.presence === "online";
-  const canEdit = canRead && (may("write_parameters") || may("save")) && hasControl(view);
+  const canEdit = canRead && may("write_parameters") && hasControl(view);
   const edit = (notation, text) => setEdits((old) => {
     const { [notation]: _, ...others } = old;
     return text === "" ? others : { ...others, [notation]: text };

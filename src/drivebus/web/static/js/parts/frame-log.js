@@ -98,11 +98,11 @@ function FrameRow({ frame, before }) {
     language.value]);
 }
 
-/** `gap` is the time since the row above, in ms. */
-function row(frame, gap) {
+/** `gap_ms` is the time since the row above. */
+function row(frame, gap_ms) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
     <time>${clock(frame.time_ms, true)}</time>
-    <span class="gap">${gap === null ? "" : `+${gap < 100 ? gap.toFixed(1) : gap.toFixed(0)} ms`}</span>
+    <span class="gap">${gap_ms === null ? "" : `+${gap_ms.toFixed(gap_ms < 100 ? 1 : 0)} ms`}</span>
     <span class="sign" aria-hidden="true">${KIND_ICONS[frame.kind] ?? "·"}</span><span
       class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>
     <span class="station">${frame.station ?? ""}</span>
