@@ -124,7 +124,7 @@ TERMS = {
     "answers": Text("answers", "应答对象"),
     "models_by_maker": Text(
         "Every model that drivebus knows, by maker. `drivebus models --search WORD` searches them.",
-        "drivebus 支持的全部型号，按厂家排列。可用 `drivebus models --search 关键词` 查找。",
+        "drivebus 支持的全部型号，按厂家排列。可用 `drivebus models --search WORD` 查找。",
     ),
     "erratum": Text("Erratum", "勘误"),
     "hazard": Text("Hazard", "危险"),
