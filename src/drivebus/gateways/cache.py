@@ -10,9 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivebus.service.live.hub import MAX_LIST_ITEMS
 from drivebus.types import Json
-
-MAX_CACHED_ITEMS = 500  # of a list topic, for snapshots; the service keeps as many
 
 _ROUTINE_KEYS = frozenset({"signals", "state_time_ms"})
 """Keys of a drive that change with every reply."""
@@ -53,8 +52,8 @@ class TopicChange:
             if topic in other.items:
                 self.removed.discard(topic)
                 items = self.items[topic] = [*self.items.get(topic, ()), *other.items[topic]]
-                self._count_missed(topic, len(items) - MAX_CACHED_ITEMS)
-                del items[:-MAX_CACHED_ITEMS]
+                self._count_missed(topic, len(items) - MAX_LIST_ITEMS)
+                del items[:-MAX_LIST_ITEMS]
             self._count_missed(topic, other.missed.get(topic, 0))
             if topic in other.removed:
                 self.keys.pop(topic, None)
@@ -118,7 +117,7 @@ class TopicCache:
 
     def _append(self, topic: str, items: list[Json], change: TopicChange) -> None:
         """Append new items. Frames are numbered: those of a new snapshot that are known already are left out."""
-        cached = self.lists.setdefault(topic, deque(maxlen=MAX_CACHED_ITEMS))
+        cached = self.lists.setdefault(topic, deque(maxlen=MAX_LIST_ITEMS))
         newest = cached[-1].get("n", 0) if cached else 0
         fresh = [item for item in items if item.get("n", newest + 1) > newest]
         cached.extend(fresh)
