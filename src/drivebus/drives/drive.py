@@ -255,7 +255,7 @@ class Drive:
         return await self._stops.stop(StopMode.STOP, wait=wait)
 
     async def stop_concurrently(self, drive_count: int) -> Outcome:
-        """``stop`` as one of ``drive_count`` drives of the bus that are stopped at once and read in turns."""
+        """Stop as one of ``drive_count`` drives of the bus that are stopped at once and read in turns."""
         return await self._stops.stop(StopMode.STOP, drive_count=drive_count)
 
     async def coast(self, wait: bool = True) -> Outcome:

@@ -20,7 +20,7 @@ class Store(Protocol):
     """A small persistent mapping (EEPROM budget, calibration); durable when ``put`` and ``update`` return."""
 
     def get(self, key: str) -> str | None:
-        """The value of a key, None where it has none."""
+        """Return the value of a key, None where it has none."""
         ...
 
     def put(self, key: str, value: str) -> None:

@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"[0-9]{1,5}", re.ASCII)
 
 
 def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``10`` to parameter 10, ``Q01`` to query 1."""
+    """Return parameter 10 for ``10``, query 1 for ``Q01``; None for another notation."""
     query = _QUERY.fullmatch(text)
     if query:
         return ("query", int(query[1])) if int(query[1]) <= LAST_QUERY_ITEM else None

@@ -16,7 +16,7 @@ _MONITOR = re.compile(r"D[.\-]([0-9]{1,3})", re.ASCII)
 
 
 def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``F1.10`` and ``FC.03`` to group << 8 | item (manual section 3 (4)), ``d.15`` to monitor 15."""
+    """Return group << 8 | item for ``F1.10`` and ``FC.03`` (manual section 3 (4)), monitor 15 for ``d.15``."""
     monitor = _MONITOR.fullmatch(text)
     if monitor:
         return ("monitor", int(monitor[1])) if int(monitor[1]) <= 0xFF else None

@@ -43,7 +43,7 @@ class SunfarOperation(IntEnum):
 
     @property
     def sets_frequency(self) -> bool:
-        """The data of a class-4 frame are then the frequency."""
+        """Whether the data of a class-4 frame are the frequency."""
         return self & 0xF0 == 0x10
 
 

@@ -84,12 +84,12 @@ class PlantListener:
         """New samples of one drive, at least one."""
 
     def on_view(self, view: DriveView) -> None:
-        """A new view of a drive, from every supervision cycle."""
+        """Handle a new view of a drive, from every supervision cycle."""
 
     def on_drive_removed(self, drive: str) -> None: ...
 
     def on_reload(self) -> None:
-        """The plant has another configuration."""
+        """Handle a reload: the plant has another configuration."""
 
 
 @dataclass(kw_only=True)
