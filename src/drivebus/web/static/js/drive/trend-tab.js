@@ -16,7 +16,7 @@ async function tagsOf(id) {
 
 function Pick({ tags, chosen, onChange }) {
   const toggle = (tag) => onChange(chosen.includes(tag) ? chosen.filter((one) => one !== tag) : [...chosen, tag]);
-  return html`<details><summary>${t("page.signals")} (${chosen.length}/${tags.length})</summary>
+  return html`<details><summary>${t("page.signals_chosen", { n: `${chosen.length}/${tags.length}` })}</summary>
     <fieldset class="row trendpick"><legend class="sr">${t("page.signals")}</legend>${tags.map((one) => html`
       <label class="check" key=${one.tag}><input type="checkbox" checked=${chosen.includes(one.tag)}
         onChange=${() => toggle(one.tag)} />${signalName(one.signal)}</label>`)}</fieldset></details>`;

@@ -54,6 +54,6 @@ export function ArmStart({
   }
   return html`<div ref=${confirm} class="confirm" tabindex="-1" onKeyDown=${key}>
     <${Notice} kind="warning" live title=${title}>${children}<//><div class="row"><${Button} kind="main"
-      onClick=${go} data-step="second">${second} (${Math.max(0, left_s)})<//>
+      onClick=${go} data-step="second">${t("page.step_two_left", { action: second, s: Math.max(0, left_s) })}<//>
       <${Button} onClick=${cancel}>${t("page.cancel")}<//></div></div>`;
 }
