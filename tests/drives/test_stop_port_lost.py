@@ -177,7 +177,7 @@ def test_a_jog_whose_port_is_lost_at_its_frame_is_not_called_stopped(
                 await bench.drive().jog(JOG_HZ[model]).start()
             assert caught.value.key == "drives.jog_unknown"
             assert "Its stop: STOP NOT SENT: the port is not open" in str(caught.value)
-            assert "其停机：停机命令未发送" in caught.value.outcome.text("zh")
+            assert "随后的停机：停机命令未发送" in caught.value.outcome.text("zh")
 
     run_virtual(scenario())
 
