@@ -160,3 +160,31 @@ def test_the_table_of_renames_names_the_same_things_in_both_languages() -> None:
     english, chinese = ([set(re.findall("`[^`]+`", line)) for line in page if line.startswith("| ")] for page in pages)
     assert len(english) > 40
     assert english == chinese
+
+
+def changelog_entries(page: str) -> list[list[str]]:
+    """Return the first lines of the entries under each heading of a changelog, from its first heading on."""
+    sections: list[list[str]] = []
+    for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            sections.append([line.split()[0]])
+        elif line.startswith("- "):
+            sections[-1].append(line)
+    return sections
+
+
+def test_both_changelogs_have_the_same_headings_with_as_many_entries_under_each() -> None:
+    english, chinese = (changelog_entries(name) for name in ("CHANGELOG.md", "CHANGELOG.zh.md"))
+    assert [(level, len(entries)) for level, *entries in english] == [
+        (level, len(entries)) for level, *entries in chinese
+    ]
+
+
+@pytest.mark.parametrize("page", ["CHANGELOG.md", "CHANGELOG.zh.md"])
+def test_an_entry_of_the_changelog_stands_once_and_a_fix_under_the_heading_of_its_subject(page: str) -> None:
+    sections = changelog_entries(page)
+    fixed = next(number for number, (level, *_) in enumerate(sections) if level == "####") - 1
+    assert sections[fixed][1:] == [], "move the entry under the #### heading of its subject, in both languages"
+    entries = [entry for _, *section in sections for entry in section]
+    assert len(entries) > 150
+    assert len(entries) == len(set(entries))
