@@ -7,7 +7,7 @@ from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
-from drivebus.service.api.operations.alarms import AUDIT_LIST, AUDIT_VERIFY
+from drivebus.service.api.operations.audit import AUDIT_LIST, AUDIT_VERIFY
 from drivebus.service.api.operations.buses import BUSES_FRAMES, BUSES_GET, BUSES_LIST, BusParams, FramesParams
 from drivebus.service.api.operations.drives import (
     DRIVES_GET,

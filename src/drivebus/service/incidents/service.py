@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from drivebus.service.alarms import Alarm, AlarmChange
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
-from drivebus.service.api.operations.alarms import (
+from drivebus.service.api.operations.history import TimeRangeParams
+from drivebus.service.api.operations.incidents import (
     INCIDENT_NOTE,
     INCIDENTS_GET,
     INCIDENTS_LIST,
     IncidentNoteParams,
     IncidentParams,
 )
-from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.profile_json import readings_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.incidents.recorder import (

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from drivebus.service.api.operations import (
     alarms,
+    audit,
     buses,
     comm_loss,
     control,
     drives,
     groups,
     history,
+    incidents,
     models,
     plant,
     selections,
@@ -26,7 +28,7 @@ from drivebus.service.api.operations.operation import (
 )
 
 OPERATIONS: dict[str, Operation] = collect_operations(
-    plant, drives, control, comm_loss, selections, groups, buses, history, alarms, models
+    plant, drives, control, comm_loss, selections, groups, buses, history, alarms, incidents, audit, models
 )
 """Every operation of the service by name."""
 
