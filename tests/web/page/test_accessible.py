@@ -178,7 +178,7 @@ PLACES = """() => [...document.querySelectorAll('main button, .stop, nav a')]
 
 NEWS = """async () => {
   const [store, taken, stops] = await Promise.all(
-    ['store', 'control-taken', 'stops'].map((one) => import(`/static/js/${one}.js`)));
+    ['store', 'control/takeovers', 'control/stops'].map((one) => import(`/static/js/${one}.js`)));
   const words = { en: 'x '.repeat(300), zh: 'x' };
   store.applyDelta({ topics: { plant: { notice: words }, alarms: { active: [{ id: 'a', drive: 'fan-1',
     kind: 'fault', priority: 'critical', title: words, text: words, cleared_ms: CLEARED_MS, acknowledged_ms: null,

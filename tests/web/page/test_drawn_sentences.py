@@ -14,7 +14,7 @@ from fixtures.browser import Stage
 Draw = Callable[..., str]
 DRAW = """async ([module, part, props, { connection, closed, topics, stops, takeovers }]) => {
   const load = (name) => import(`/static/js/${name}.js`);
-  const names = ["lib", "i18n", "live", "session", "stops", "store", "control-taken"];
+  const names = ["lib", "i18n", "live", "session", "control/stops", "store", "control/takeovers"];
   const [lib, i18n, live, session, stopList, store, taken] = await Promise.all(names.map(load));
   if (!i18n.hasKey("page.blocked")) await i18n.loadLanguage("en");
   const rights = ["view", "stop", "operate", "limit"];
@@ -132,7 +132,7 @@ def comm_loss(kind: str = "unknown", result: str = "", *, holds: bool = True, ph
 def test_a_reaction_to_a_communication_loss_is_called_tested_only_while_its_test_counts(
     draw: Draw, badge: Any, expected: str
 ) -> None:
-    assert draw("parts/state", "CommLossBadge", {"badge": badge}) == i18n.text(expected, "en", after=6)
+    assert draw("drive/state-mark", "CommLossBadge", {"badge": badge}) == i18n.text(expected, "en", after=6)
 
 
 @pytest.mark.parametrize(
@@ -185,14 +185,14 @@ STOP_STATES = (
 )
 def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, connection: str, expected: str) -> None:
     stops = [{"id": 1, "what": {"kind": "drive", "id": "fan-1"}, "how": "stop", "time_ms": 1, "why": "because"} | entry]
-    text = draw("stopbar", "StopBar", {}, connection=connection, stops=stops)
+    text = draw("control/stop-bar", "StopBar", {}, connection=connection, stops=stops)
     assert shown(text, STOP_STATES, what="fan-1", why="because") == [expected]
 
 
 def test_only_a_stop_that_is_being_repeated_is_called_not_confirmed_yet(draw: Draw, fan: Any) -> None:
     for pending in (False, True):
         topics = {"drives/fan-1": fan | {"stop_pending": pending}}
-        text = draw("parts/tile", "Tile", {"id": "fan-1"}, topics=topics)
+        text = draw("fleet/tile", "Tile", {"id": "fan-1"}, topics=topics)
         assert shown(text, ["page.stop_pending_short"]) == ["page.stop_pending_short"] * pending
         text = draw("pages/drive", "Page", {"id": "fan-1", "query": {}}, topics=topics)
         assert shown(text, ["page.stop_pending"]) == ["page.stop_pending"] * pending

@@ -13,7 +13,7 @@ from fixtures.browser import Stage
 
 def call(page: Any, module: str, expression: str) -> Any:
     return page.evaluate(
-        f"async () => {{ const m = await import('/static/js/parts/{module}.js'); return {expression}; }}"
+        f"async () => {{ const m = await import('/static/js/fleet/{module}.js'); return {expression}; }}"
     )
 
 

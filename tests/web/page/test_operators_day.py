@@ -271,7 +271,7 @@ def test_a_group_gets_a_frequency_as_long_as_one_of_its_drives_takes_it(stage: S
 
 
 def test_the_page_knows_what_refuses_a_frequency_too(scripts: Any) -> None:
-    keys = scripts.evaluate("import('/static/js/parts/frequency.js').then((m) => m.SETPOINT_BLOCKERS)")
+    keys = scripts.evaluate("import('/static/js/control/frequency.js').then((m) => m.SETPOINT_BLOCKERS)")
     everything = BusConditions(now=0.0, start_inhibited=True, foreign_master=True, duplicate_address=True)
     assert keys == [error.key for error in unmet_bus_permissives(1, everything)]
 

@@ -13,7 +13,7 @@ SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
 """Script that advances the wall clock but not the monotonic clock, as after closing a laptop's lid."""
 
 TAKE = (
-    "async () => { const { takeControl } = await import('/static/js/control-leases.js'); await takeControl('fan-1'); }"
+    "async () => { const { takeControl } = await import('/static/js/control/leases.js'); await takeControl('fan-1'); }"
 )
 
 

@@ -76,7 +76,7 @@ def test_a_stop_that_was_not_sent_stays_although_the_drive_stands_still(visit: A
 
 STOPPED = {"presence": "online", "stop_pending": False, "state": "stopped", "state_time_ms": 9000}
 STATE_AFTER = """async ([entry, view]) => {
-  const [store, { stops }] = await Promise.all(['store', 'stops'].map((one) => import(`/static/js/${one}.js`)));
+  const [store, { stops }] = await Promise.all(['store', 'control/stops'].map((one) => import(`/static/js/${one}.js`)));
   stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, unconfirmed: ['x'], answered_ms: 5000,
     text: () => 'because', time_ms: 1, ...entry }];
   for (const state of [view, { ...view, state: 'running' }]) store.drive('x').value = state;
@@ -113,7 +113,7 @@ def test_only_a_later_read_of_the_output_off_confirms_a_stop(
 
 
 def test_the_page_knows_the_states_with_the_output_off(scripts: Any) -> None:
-    states = scripts.evaluate("import('/static/js/stops.js').then((m) => m.OFF_STATES)")
+    states = scripts.evaluate("import('/static/js/control/stops.js').then((m) => m.OFF_STATES)")
     assert {*states} == {str(state) for state in DriveState if state.output_off}
 
 
@@ -133,7 +133,7 @@ def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(visit: Any) 
     page = visit("#/fleet")
     page.route("**/stop", lambda route: route.fulfill(status=200, json={"outcomes": {}, "buses": {}}))
     script = """async (cases) => {
-      const m = await import('/static/js/stops.js');
+      const m = await import('/static/js/control/stops.js');
       const text = () => '';
       return cases.map(([newer, [kind, id]]) => {
         m.stops.value = [{ id: 1, what: { kind, id }, phase: 'done', good: false, unconfirmed: [], text, time_ms: 1 }];

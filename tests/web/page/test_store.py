@@ -81,7 +81,7 @@ STOPS = (
 def test_only_a_confirmed_stop_is_shown_as_confirmed(scripts: Any) -> None:
     """Unconfirmed stops are listed drive by drive; an acknowledged one is neither confirmed nor a failure."""
     shown = "((r) => r.good ? (r.acknowledged ? 'acknowledged' : 'confirmed') : 'unconfirmed')"
-    message = {answer: evaluate(scripts, "stops", f"{shown}(m.evaluateStop({answer}))") for answer, _ in STOPS}
+    message = {answer: evaluate(scripts, "control/stops", f"{shown}(m.evaluateStop({answer}))") for answer, _ in STOPS}
     assert message == dict(STOPS)
     cases = (
         ("{outcomes: {a: {status: 'confirmed'}, b: {code: 'bus.no_reply'}}}", "page.stop_unconfirmed", "b"),
@@ -92,17 +92,17 @@ def test_only_a_confirmed_stop_is_shown_as_confirmed(scripts: Any) -> None:
         ("{outcomes: {}, buses: {}}", "page.stop_no_drives", ""),
     )
     for answer, key, names in cases:
-        text = evaluate(scripts, "stops", f"m.evaluateStop({answer}).text()")
+        text = evaluate(scripts, "control/stops", f"m.evaluateStop({answer}).text()")
         assert text == i18n.text(key, "en", n=1, names=names), answer
     of_many = "{buses: {l: {unconfirmed: Array.from({length: 72}, (_, n) => `d${n}`)}}}"
-    text = evaluate(scripts, "stops", f"m.evaluateStop({of_many}).text()")
+    text = evaluate(scripts, "control/stops", f"m.evaluateStop({of_many}).text()")
     assert text == i18n.text("page.stop_unconfirmed", "en", n=72, names="d0, d1, d2, d3, d4, d5, d6, d7 and 64 more")
 
 
 def test_a_frequency_beyond_the_limits_is_not_sent(scripts: Any) -> None:
     texts = {"20": True, "0": True, "45": True, "45.1": False, "-1": False, "": False, "x": False}
     call = "m.frequencyError({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
-    assert {text: evaluate(scripts, "parts/frequency", call.format(text)) for text in texts} == texts
+    assert {text: evaluate(scripts, "control/frequency", call.format(text)) for text in texts} == texts
 
 
 def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_first(visit: Any) -> None:
@@ -117,7 +117,7 @@ def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_firs
 def test_a_drive_that_answers_is_counted_by_its_state_also_where_that_is_unknown(scripts: Any, state: str) -> None:
     """A DF800 never reports its state; regression: only the filter "all" showed it."""
     view = f"{{presence: 'online', state: '{state}', fault: null, alarms: {{}}}}"
-    found = set(evaluate(scripts, "parts/fleet-filter", f"[...m.kindsOf({view})]")) - {"abnormal"}
+    found = set(evaluate(scripts, "fleet/fleet-filter", f"[...m.kindsOf({view})]")) - {"abnormal"}
     assert found == {"all", state}
 
 
@@ -148,7 +148,7 @@ def test_a_silent_connection_makes_all_values_stale(stage: Stage, visit: Any) ->
 
 def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_of_its_priority(scripts: Any) -> None:
     script = """async () => {
-      const [store, m] = await Promise.all(['store', 'alarm-list'].map((one) => import(`/static/js/${one}.js`)));
+      const [store, m] = await Promise.all(['store', 'alarms/alarm-list'].map((one) => import(`/static/js/${one}.js`)));
       const alarm = (id, priority, acknowledged_ms, raised_ms) => ({
         id, priority, acknowledged_ms, raised_ms, shelved_until_ms: null });
       store.applyDelta({ topics: { alarms: { active: [
@@ -163,7 +163,7 @@ def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_
 
 def test_an_alarm_that_is_cleared_and_not_acknowledged_is_listed_and_not_counted_as_active(scripts: Any) -> None:
     script = """async () => {
-      const [store, m] = await Promise.all(['store', 'alarm-list'].map((one) => import(`/static/js/${one}.js`)));
+      const [store, m] = await Promise.all(['store', 'alarms/alarm-list'].map((one) => import(`/static/js/${one}.js`)));
       const alarm = (id, cleared_ms) => ({
         id, cleared_ms, priority: 'high', acknowledged_ms: null, raised_ms: 1, shelved_until_ms: null });
       store.applyDelta({ topics: { alarms: { active: [alarm('over', 5), alarm('holds', null)] } } });
@@ -178,7 +178,7 @@ def test_an_alarm_that_is_cleared_and_not_acknowledged_is_listed_and_not_counted
 def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(scripts: Any) -> None:
     """A group shows one author, reason and end, and is unshelved as a whole."""
     script = """async () => {
-      const { groupAlarms } = await import('/static/js/parts/alarm-groups.js');
+      const { groupAlarms } = await import('/static/js/alarms/alarm-groups.js');
       const alarm = (id, shelved_reason) => ({ id, shelved_reason, kind: 'stale', setting: 's', priority: 'low',
         subject: '', drive: '', value: null, shelved_by: 'ann', shelved_until_ms: 5 });
       const groups = groupAlarms([alarm(1, 'a'), alarm(2, 'b'), alarm(3, 'a'), alarm(4, 'a')]);
@@ -190,7 +190,7 @@ def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(script
 def test_alarms_of_one_kind_with_another_title_are_not_in_its_group(scripts: Any) -> None:
     """Drives that send bytes were counted under "No reply", and handed-over control under "Control lost"."""
     script = """async () => {
-      const { groupAlarms } = await import('/static/js/parts/alarm-groups.js');
+      const { groupAlarms } = await import('/static/js/alarms/alarm-groups.js');
       const alarm = (id, title) => ({ id, title: { en: title }, kind: 'no_response', setting: 's', priority: 'low',
         subject: '', drive: '', value: null });
       const [some, none] = ['No usable reply', 'No reply'];
@@ -203,7 +203,7 @@ def test_alarms_of_one_kind_with_another_title_are_not_in_its_group(scripts: Any
 def test_the_drives_of_a_group_of_alarms_are_named_in_their_order_and_counted_beyond_six(scripts: Any) -> None:
     script = """async () => {
       await (await import('/static/js/i18n.js')).loadLanguage('en');
-      const { groupSubject } = await import('/static/js/parts/alarm-groups.js');
+      const { groupSubject } = await import('/static/js/alarms/alarm-groups.js');
       return groupSubject([10, 9, 2, 1, 11, 3, 4, 5].map((n) => ({ drive: `motor ${n}`, subject: '' })));
     }"""
     names = "motor 1, motor 2, motor 3, motor 4, motor 5, motor 9"
@@ -270,7 +270,7 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
 def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) -> None:
     found = page.evaluate("""async () => {
       const [store, live, session, m] = await Promise.all(
-        ['store', 'live', 'session', 'control-taken'].map((one) => import(`/static/js/${one}.js`)));
+        ['store', 'live', 'session', 'control/takeovers'].map((one) => import(`/static/js/${one}.js`)));
       const hold = (owner, of) => store.applyDelta({ topics: { 'drives/x': { lease: { owner, session: of } } } });
       const drawn = () => new Promise((resolve) => { setTimeout(resolve, 100); });
       hold('me', session.session.value.session);
@@ -299,7 +299,7 @@ def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, l
     shown = page.locator(".takeovers .banner a").inner_text()
     ended = i18n.text("page.control_ended_ended", language, name=name, time=r"\d\d:\d\d:\d\d")
     assert re.fullmatch(closed_up(ended), shown)
-    page.evaluate("""() => import('/static/js/control-taken.js').then((m) => {
+    page.evaluate("""() => import('/static/js/control/takeovers.js').then((m) => {
       m.takeovers.value = [{ drive: 'fan-1', owner: null, cause: 'ended', time_ms: null }];
     })""")
     unseen = closed_up(i18n.text("page.control_ended_unseen", language, name=name))
@@ -308,7 +308,7 @@ def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, l
 
 def test_the_takeovers_of_one_user_are_one_sentence_that_one_press_dismisses(page: Any) -> None:
     """Regression: a group of 30 drives that an engineer took over left 20 notices, and 10 drives without one."""
-    page.evaluate("""() => import('/static/js/control-taken.js').then((m) => {
+    page.evaluate("""() => import('/static/js/control/takeovers.js').then((m) => {
       const taken = (drive, owner) => ({ drive, owner, cause: 'taken', time_ms: 1 });
       const items = Array.from({ length: 30 }, (_, n) => taken(`m${n}`, 'bob'));
       m.takeovers.value = [...items, taken('fan-1', 'eva')];
@@ -408,10 +408,10 @@ def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
         "const Real = AudioContext; "
         "window.AudioContext = class extends Real { constructor() { super(); window.tried += 1; } }; }"
     )
-    evaluate(page, "alarm-sound", "m.play()")
+    evaluate(page, "alarms/alarm-sound", "m.play()")
     assert page.evaluate("window.tried") == 0
     page.evaluate("window.touched = { hasBeenActive: true }")
-    evaluate(page, "alarm-sound", "m.play()")
+    evaluate(page, "alarms/alarm-sound", "m.play()")
     assert page.evaluate("window.tried") == 1
 
 
@@ -433,7 +433,7 @@ def test_models_are_found_by_words_of_either_language(scripts: Any, search: str,
         "[{model: 'a', family: 'modbus', maker: {en: 'Yingwo', zh: '英沃'}, title: {en: 'VC660', zh: 'VC660'}}, "
         "{model: 'b', family: 'modbus', maker: {en: 'Delta', zh: '台达'}, title: {en: 'MS300', zh: 'MS300'}}]"
     )
-    found = evaluate(scripts, "parts/model-list", f"m.matching({models}, '{search}').map((one) => one.model)")
+    found = evaluate(scripts, "settings/model-list", f"m.matching({models}, '{search}').map((one) => one.model)")
     assert found == expected
 
 
@@ -455,7 +455,7 @@ def test_the_source_of_a_fact_has_its_kind_in_the_language_of_the_page(scripts: 
     """Regression: beside its source the kind was left out, so that an assumed step read like a published one."""
     evaluate(scripts, "i18n", f"m.loadLanguage('{language}')")
     shown = [
-        evaluate(scripts, "parts/evidence", f"m.evidenceText({json.dumps({'kind': kind, 'text': {language: source}})})")
+        evaluate(scripts, "drive/evidence", f"m.evidenceText({json.dumps({'kind': kind, 'text': {language: source}})})")
         for kind, source, _ in CITED[language]
     ]
     evaluate(scripts, "i18n", "m.loadLanguage('en')")

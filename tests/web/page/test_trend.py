@@ -191,11 +191,11 @@ def test_a_chart_has_the_axes_of_two_units_and_none_for_a_word(
 ) -> None:
     """Regression: an incident's chart of 18 signals had nine axes."""
     call = f"m.axisUnits({json.dumps(LINES)}, new Set({json.dumps(hidden)}), {json.dumps(recent)})"
-    assert module(scripts, "units", call) == units
+    assert module(scripts, "lines", call) == units
 
 
 def test_a_chart_of_many_signals_begins_with_those_of_two_units(scripts: Any) -> None:
-    found = module(scripts, "units", f"m.firstLines({json.dumps(LINES)})")
+    found = module(scripts, "lines", f"m.firstLines({json.dumps(LINES)})")
     assert [one["tag"] for one in found] == ["d.hz", "d.a", "d.set"]
 
 
@@ -204,7 +204,7 @@ def test_a_fault_word_has_steps_and_values_but_no_mean(scripts: Any) -> None:
     found = module(scripts, "columns", f"m.split({json.dumps(FAULT_WORD)}, {{isWord: true}})")
     assert found["good"] == [0, None, 64] and found["high"] == [0, 64, 64] and found["low"] == [0, 0, 64]
     window = "{from: 0, to: 9000}"
-    assert module(scripts, "units", f"m.valuesOfWord({json.dumps(FAULT_WORD)}, {window})") == [0, None, 64]
+    assert module(scripts, "lines", f"m.valuesOfWord({json.dumps(FAULT_WORD)}, {window})") == [0, None, 64]
     word = json.dumps(LINES[-1])
     assert module(scripts, "readout", f"m.near({word}, {json.dumps(FAULT_WORD)}, 1000)")["value"] is None
     hertz = json.dumps(LINES[0])

@@ -3,8 +3,8 @@ import { html, signal, useEffect, useRef } from "./lib.js";
 import { LANGUAGES, localized, chooseLanguage, language, t, titleOf } from "./i18n.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { clock, duration } from "./format.js";
-import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
-import { chooseSound, isSoundOn } from "./alarm-sound.js";
+import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarms/alarm-list.js";
+import { chooseSound, isSoundOn } from "./alarms/alarm-sound.js";
 import { Icon } from "./icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "./ui.js";
 import { closedText, connection, isLive, lostAt, now, reconnect } from "./live.js";
@@ -12,13 +12,13 @@ import { href, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { usePublishedHeight } from "./published-height.js";
 import { drive, topic } from "./store.js";
-import { acknowledgeAll, alarmSubject, groupAlarms, groupSubject } from "./parts/alarm-groups.js";
-import { ControlRequestNotices } from "./parts/control-request-notices.js";
-import { listed } from "./parts/selection.js";
-import { PriorityMark } from "./parts/state.js";
-import { Unlock } from "./parts/unlock.js";
-import { StopBar } from "./stopbar.js";
-import { dismiss, groupTakeovers, takeovers } from "./control-taken.js";
+import { acknowledgeAll, alarmSubject, groupAlarms, groupSubject } from "./alarms/alarm-groups.js";
+import { ControlRequestNotices } from "./control/request-notices.js";
+import { listed } from "./control/selection.js";
+import { PriorityMark } from "./drive/state-mark.js";
+import { Unlock } from "./unlock.js";
+import { StopBar } from "./control/stop-bar.js";
+import { dismiss, groupTakeovers, takeovers } from "./control/takeovers.js";
 
 /** Page → the right that it needs. */
 const NAV_PAGES = [

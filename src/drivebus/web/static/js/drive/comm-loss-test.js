@@ -7,9 +7,9 @@ import { number, numberOf } from "../format.js";
 import { may } from "../session.js";
 import { isLive, now } from "../live.js";
 import { serviceNow } from "../store.js";
-import { hasControl } from "../control-leases.js";
-import { ArmStart, START_OPTIONS } from "../parts/arm-start.js";
-import { Frequency, frequencyError } from "../parts/frequency.js";
+import { hasControl } from "../control/leases.js";
+import { ArmStart, START_OPTIONS } from "../control/arm-start.js";
+import { Frequency, frequencyError } from "../control/frequency.js";
 
 const TEST_HZ = 10;
 const SILENCE_S = [2, 300];

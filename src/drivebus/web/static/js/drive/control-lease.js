@@ -1,8 +1,8 @@
 // Owner of the control lease of a drive, with the buttons that change it: take, release, ask for control, take over.
 import { html, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
-import { releaseControl, takeControl } from "../control-leases.js";
-import { askForControl, secondsLeft, withdrawRequest } from "../control-requests.js";
+import { releaseControl, takeControl } from "../control/leases.js";
+import { askForControl, secondsLeft, withdrawRequest } from "../control/requests.js";
 import { isLive, now } from "../live.js";
 import { idle, isMine, may, session } from "../session.js";
 import { Button, Dialog, ErrorNote, Field, useRequest } from "../ui.js";

@@ -5,12 +5,12 @@ import { api, drivePath } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
 import { isLive } from "../live.js";
 import { idle, may } from "../session.js";
-import { hasControl } from "../control-leases.js";
-import { stop } from "../stops.js";
+import { hasControl } from "../control/leases.js";
+import { stop } from "../control/stops.js";
 import { moment, number, numberOf } from "../format.js";
-import { Frequency, frequencyError, refusesFrequency } from "../parts/frequency.js";
-import { ArmStart, START_OPTIONS } from "../parts/arm-start.js";
-import { mergeSentences } from "../parts/selection.js";
+import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
+import { ArmStart, START_OPTIONS } from "../control/arm-start.js";
+import { mergeSentences } from "../control/selection.js";
 import { ControlLease } from "./control-lease.js";
 import { JogPanel } from "./jog.js";
 

@@ -1,7 +1,7 @@
 // Present fault of a drive with its cause, its remedy and its reset. Its place is reserved: a trip moves no button.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { hasOnlyClearedAlarms, openAlarms } from "../alarm-list.js";
+import { hasOnlyClearedAlarms, openAlarms } from "../alarms/alarm-list.js";
 import { api, drivePath } from "../api.js";
 import { NO_VALUE } from "../format.js";
 import { Icon } from "../icons.js";

@@ -1,6 +1,6 @@
 // A jog that lasts while its button or key is held. A release or a late renewal ends it.
 import { api, drivePath } from "../api.js";
-import { stop } from "../stops.js";
+import { stop } from "../control/stops.js";
 import { nowMs } from "../store.js";
 
 const RENEW_EVERY_MS = 150;

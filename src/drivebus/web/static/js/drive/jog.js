@@ -8,7 +8,7 @@ import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { numberOf } from "../format.js";
 import { now } from "../live.js";
 import { nowMs } from "../store.js";
-import { Frequency, frequencyError } from "../parts/frequency.js";
+import { Frequency, frequencyError } from "../control/frequency.js";
 import { JogSession } from "./jog-session.js";
 
 const HOLD_KEYS = new Set([" ", "Enter"]);

@@ -7,9 +7,9 @@ import { NO_VALUE, numberOf } from "../format.js";
 import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
-import { hasControl } from "../control-leases.js";
+import { hasControl } from "../control/leases.js";
 import { Button, ErrorNote, Field, Table } from "../ui.js";
-import { EvidenceNote } from "../parts/evidence.js";
+import { EvidenceNote } from "./evidence.js";
 import { rangeText, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
 

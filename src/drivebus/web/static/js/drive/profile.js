@@ -6,7 +6,7 @@ import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
-import { EvidenceNote } from "../parts/evidence.js";
+import { EvidenceNote } from "./evidence.js";
 
 const CAPABILITIES = [
   "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write", "write_ram",

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { signalName, signalRank } from "../format.js";
-import { firstLines } from "../trend/units.js";
+import { firstLines } from "../trend/lines.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 
 /** Signals shown at first. */

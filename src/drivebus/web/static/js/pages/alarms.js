@@ -1,19 +1,19 @@
 // Alarms: active, shelved and past ones, and incidents.
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { openAlarms, shelvedAlarms, unacknowledged, uncleared } from "../alarm-list.js";
+import { openAlarms, shelvedAlarms, unacknowledged, uncleared } from "../alarms/alarm-list.js";
 import { duration, moment } from "../format.js";
 import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
-import { acknowledgeAll } from "../parts/alarm-groups.js";
-import { AlarmDetails, AlarmRemedy, AlarmRows } from "../parts/alarm-rows.js";
-import { IncidentList } from "../parts/incident-list.js";
-import { PagedEnd, usePaged } from "../parts/paged.js";
-import { PriorityMark } from "../parts/state.js";
-import { TimeRange, timeRangeQuery } from "../parts/time-range.js";
+import { acknowledgeAll } from "../alarms/alarm-groups.js";
+import { AlarmDetails, AlarmRemedy, AlarmRows } from "../alarms/alarm-rows.js";
+import { IncidentList } from "../alarms/incident-list.js";
+import { PagedEnd, usePaged } from "../paged.js";
+import { PriorityMark } from "../drive/state-mark.js";
+import { TimeRange, timeRangeQuery } from "../time-range.js";
 
 await styled("pages");
 

@@ -4,10 +4,10 @@ import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { may } from "../session.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { Button, ErrorNote, Field, Notice, useRequest } from "../ui.js";
-import { PagedEnd, usePaged } from "../parts/paged.js";
-import { TimeRange, timeRangeQuery } from "../parts/time-range.js";
+import { PagedEnd, usePaged } from "../paged.js";
+import { TimeRange, timeRangeQuery } from "../time-range.js";
 
 await styled("pages");
 

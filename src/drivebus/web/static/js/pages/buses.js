@@ -6,10 +6,10 @@ import { bus, drive, idsOf } from "../store.js";
 import { Icon } from "../icons.js";
 import { Notice } from "../ui.js";
 import { NO_VALUE, duration, slowInterval } from "../format.js";
-import { styled } from "../style.js";
-import { BusTopology, Stations } from "../parts/bus-topology.js";
-import { FrameLog } from "../parts/frame-log.js";
-import { classes, milliseconds, percent } from "../parts/format-numbers.js";
+import { styled } from "../stylesheet.js";
+import { BusTopology, Stations } from "../buses/bus-topology.js";
+import { FrameLog } from "../buses/frame-log.js";
+import { classes, milliseconds, percent } from "../buses/bus-figures.js";
 
 await styled("pages");
 

@@ -6,11 +6,11 @@ import { Button, Choice, Field, Loading } from "../ui.js";
 import { connection } from "../live.js";
 import { go } from "../router.js";
 import { group, idsOf } from "../store.js";
-import { GroupPanel } from "../parts/group-panel.js";
-import { Tile } from "../parts/tile.js";
+import { GroupPanel } from "../fleet/group-panel.js";
+import { Tile } from "../fleet/tile.js";
 import {
   GROUPINGS, KINDS, SIZES, SORTS, arrangement, groupBy, counts, savePreferences, kind, search, sectionTitle, size, sort,
-} from "../parts/fleet-filter.js";
+} from "../fleet/fleet-filter.js";
 
 const kindLabel = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
 

@@ -4,10 +4,10 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { replaceQuery } from "../router.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
-import { Export } from "../parts/export.js";
-import { SignalPicker, labelOf } from "../parts/signals.js";
+import { Export } from "../trend/export.js";
+import { SignalPicker, labelOf } from "../trend/signal-picker.js";
 import { Trend } from "../trend/trend.js";
 import { HUES } from "../trend/chart.js";
 

@@ -6,17 +6,17 @@ import { NO_VALUE, moment, quantity, signalName } from "../format.js";
 import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { Button, ErrorNote, Field, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
 import { adviceOf, faultText, namesFault } from "../drive/faults.js";
-import { IncidentList } from "../parts/incident-list.js";
-import { saveText } from "../parts/save.js";
-import { driveTitle } from "../parts/titles.js";
+import { IncidentList } from "../alarms/incident-list.js";
+import { saveText } from "../save.js";
+import { driveTitle } from "../titles.js";
 import { clock } from "../trend/labels.js";
 import { HUES } from "../trend/chart.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
-import { firstLines } from "../trend/units.js";
+import { firstLines } from "../trend/lines.js";
 
 await styled("pages");
 

@@ -4,7 +4,7 @@ import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
 import { Preferences } from "../shell.js";
-import { MIN_PASSWORD_LENGTH, passwordHelp } from "../parts/password.js";
+import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 
 /** `fields`: [name, autocomplete] of those above the password. */
 function Form({ title, note, fields, isNew, submit, send }) {

@@ -3,13 +3,13 @@ import { html } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { href } from "../router.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { ErrorNote, Loading, Tabs, useLoaded } from "../ui.js";
 import { replaceQuery } from "../router.js";
 import { KnownFaults } from "../drive/faults.js";
 import { ModelParameters } from "../drive/parameters.js";
 import { ModelProfile } from "../drive/profile.js";
-import { ModelList } from "../parts/model-list.js";
+import { ModelList } from "../settings/model-list.js";
 
 await styled("pages");
 

@@ -6,14 +6,14 @@ import { THEMES, chooseTheme, themeChoice } from "../theme.js";
 import { replaceQuery } from "../router.js";
 import { may, session } from "../session.js";
 import { topic } from "../store.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { Choice, Tabs } from "../ui.js";
-import { Configuration } from "../parts/configuration.js";
-import { ModelList } from "../parts/model-list.js";
-import { OwnSessions } from "../parts/own-sessions.js";
-import { Password } from "../parts/password.js";
-import { Tokens } from "../parts/tokens.js";
-import { Users } from "../parts/users.js";
+import { Configuration } from "../settings/configuration.js";
+import { ModelList } from "../settings/model-list.js";
+import { OwnSessions } from "../settings/own-sessions.js";
+import { Password } from "../settings/password.js";
+import { Tokens } from "../settings/tokens.js";
+import { Users } from "../settings/users.js";
 
 await styled("pages");
 

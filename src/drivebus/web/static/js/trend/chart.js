@@ -6,7 +6,7 @@ import { drawBands } from "./draw-bands.js";
 import { COLUMNS, indexAt } from "./columns.js";
 import { dayLine, timeLabel } from "./labels.js";
 import { STATES_PX, drawEvents } from "./draw-events.js";
-import { axisUnits, isWord } from "./units.js";
+import { axisUnits, isWord } from "./lines.js";
 
 /** Number of line colours; more lines share them. */
 export const HUES = 8;

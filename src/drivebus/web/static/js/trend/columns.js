@@ -5,7 +5,7 @@
 
 import uPlot from "../../../vendor/uplot.js";
 import { BAD, GOOD, UNCERTAIN } from "../quality.js";
-import { isWhole } from "./units.js";
+import { isWhole } from "./lines.js";
 
 export const COLUMNS = 4;
 

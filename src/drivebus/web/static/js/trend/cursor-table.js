@@ -8,7 +8,7 @@ import { Icon } from "../icons.js";
 import { summary } from "./columns.js";
 import { duration, moment } from "./labels.js";
 import { near, shown } from "./readout.js";
-import { isWhole, isWord, valuesOfWord } from "./units.js";
+import { isWhole, isWord, valuesOfWord } from "./lines.js";
 
 const WITHIN = ["page.lowest", "page.mean", "page.highest"];
 const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];

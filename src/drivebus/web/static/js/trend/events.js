@@ -1,7 +1,7 @@
 // Events in the window of a trend: the chart's markers as an accessible list.
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
-import { driveTitle } from "../parts/titles.js";
+import { driveTitle } from "../titles.js";
 import { moment } from "./labels.js";
 
 const MAX_EVENTS = 50;

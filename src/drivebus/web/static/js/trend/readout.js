@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { NO_VALUE, number } from "../format.js";
 import { BAD, UNCERTAIN } from "../quality.js";
 import { step, valueAt } from "./columns.js";
-import { isWhole, isWord } from "./units.js";
+import { isWhole, isWord } from "./lines.js";
 
 /** Longest distance of a sample from a moment to be its value, in typical distances of two samples. */
 const MAX_REACH_STEPS = 3;

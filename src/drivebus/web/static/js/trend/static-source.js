@@ -2,7 +2,7 @@
 import { signal } from "../lib.js";
 import { signalRank } from "../format.js";
 import { BAD } from "../quality.js";
-import { appearanceOf } from "../parts/state.js";
+import { appearanceOf } from "../drive/state-mark.js";
 
 const BESIDE_MS = 1000;
 

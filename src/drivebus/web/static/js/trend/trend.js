@@ -15,11 +15,11 @@ import { GestureHelp } from "./gesture-help.js";
 import { CursorTable } from "./cursor-table.js";
 import { cursors } from "./cursors.js";
 import { TrendSource } from "./source.js";
-import { styled } from "../style.js";
+import { styled } from "../stylesheet.js";
 import { Toolbar } from "./toolbar.js";
 import { Tooltip } from "./tooltip.js";
 import { TrendState } from "./trend-state.js";
-import { axisUnits, isWord, shownUnits } from "./units.js";
+import { axisUnits, isWord, shownUnits } from "./lines.js";
 import { drawEvery, fetchEvery } from "./window.js";
 
 await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);

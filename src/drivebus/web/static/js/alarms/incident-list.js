@@ -3,9 +3,9 @@ import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { moment } from "../format.js";
 import { href } from "../router.js";
-import { PagedEnd, usePaged } from "./paged.js";
-import { TimeRange, timeRangeQuery } from "./time-range.js";
-import { driveTitle } from "./titles.js";
+import { PagedEnd, usePaged } from "../paged.js";
+import { TimeRange, timeRangeQuery } from "../time-range.js";
+import { driveTitle } from "../titles.js";
 
 export function IncidentList() {
   const [period, setPeriod] = useState({ span: "month" });

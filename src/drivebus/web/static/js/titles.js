@@ -1,7 +1,7 @@
 // Title of each drive as its own signal, so that lists of names are not redrawn with every value.
-import { computed } from "../lib.js";
-import { titleOf } from "../i18n.js";
-import { drive } from "../store.js";
+import { computed } from "./lib.js";
+import { titleOf } from "./i18n.js";
+import { drive } from "./store.js";
 
 /** Order of names: motor 9 before motor 10. */
 export const collator = new Intl.Collator(undefined, { numeric: true });

@@ -6,7 +6,7 @@ import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { numberOf } from "../format.js";
 import { may } from "../session.js";
 import { isLive } from "../live.js";
-import { CommLossBadge } from "../parts/state.js";
+import { CommLossBadge } from "./state-mark.js";
 import { CommLossTest } from "./comm-loss-test.js";
 
 const MIN_REASON_LENGTH = 3;

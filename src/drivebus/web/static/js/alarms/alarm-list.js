@@ -1,6 +1,6 @@
 // The active alarms: those to act on, and the shelved ones.
-import { computed } from "./lib.js";
-import { serviceNow, topic } from "./store.js";
+import { computed } from "../lib.js";
+import { serviceNow, topic } from "../store.js";
 
 const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
 const isAcknowledged = (alarm) => alarm.acknowledged_ms !== null;

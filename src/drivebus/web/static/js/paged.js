@@ -1,8 +1,8 @@
 // Paged list: newest entries first, older ones on demand.
-import { html, useEffect, useRef, useState } from "../lib.js";
-import { api } from "../api.js";
-import { t } from "../i18n.js";
-import { Button, ErrorNote, Loading, useReloadOnReconnect } from "../ui.js";
+import { html, useEffect, useRef, useState } from "./lib.js";
+import { api } from "./api.js";
+import { t } from "./i18n.js";
+import { Button, ErrorNote, Loading, useReloadOnReconnect } from "./ui.js";
 
 const START = { items: [], next: null, busy: true, error: null };
 

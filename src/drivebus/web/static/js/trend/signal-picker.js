@@ -3,7 +3,7 @@ import { html, useState } from "../lib.js";
 import { localized, hasKey, t } from "../i18n.js";
 import { signalName } from "../format.js";
 import { Button, Field } from "../ui.js";
-import { driveTitle } from "./titles.js";
+import { driveTitle } from "../titles.js";
 
 /** Name of a signal: the catalogue's, else the profile's. */
 export const nameOf = (tag) => (hasKey(`signal.${tag.signal}`) ? signalName(tag.signal) : localized(tag.text)

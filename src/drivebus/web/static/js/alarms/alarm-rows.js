@@ -1,7 +1,7 @@
 // Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { isCleared, isShelved, unacknowledged, uncleared } from "../alarm-list.js";
+import { isCleared, isShelved, unacknowledged, uncleared } from "./alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
 import { now, isLive } from "../live.js";
@@ -11,9 +11,9 @@ import { bus, serviceNow } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
 import { acknowledgeAll, groupAlarms, groupSubject, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
 import { AlarmState } from "./alarm-state.js";
-import { ShelveDialog } from "./shelve.js";
-import { PriorityMark } from "./state.js";
-import { driveTitle } from "./titles.js";
+import { ShelveDialog } from "./shelve-dialog.js";
+import { PriorityMark } from "../drive/state-mark.js";
+import { driveTitle } from "../titles.js";
 
 /** `alarms` in their order; equal ones as one row. */
 export function AlarmRows({ alarms, empty }) {

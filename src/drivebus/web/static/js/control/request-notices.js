@@ -1,7 +1,7 @@
 // Notices on every page: another user asks for control of a drive of this session; the answer to an own request.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
-import { declineRequests, grantRequests, incomingRequests, markRead, secondsLeft, unreadAnswers } from "../control-requests.js";
+import { declineRequests, grantRequests, incomingRequests, markRead, secondsLeft, unreadAnswers } from "./requests.js";
 import { Icon } from "../icons.js";
 import { isLive, now } from "../live.js";
 import { href } from "../router.js";

@@ -5,8 +5,8 @@ import { NO_VALUE } from "../format.js";
 import { Icon } from "../icons.js";
 import { href } from "../router.js";
 import { Table } from "../ui.js";
-import { classes, milliseconds, percent } from "./format-numbers.js";
-import { driveTitle } from "./titles.js";
+import { classes, milliseconds, percent } from "./bus-figures.js";
+import { driveTitle } from "../titles.js";
 
 const PRESENCE_APPEARANCES = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
 /** Error rate that is marked; starts are refused at ten times as much. */

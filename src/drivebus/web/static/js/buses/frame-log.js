@@ -6,8 +6,8 @@ import { NO_VALUE } from "../format.js";
 import { subscribe } from "../live.js";
 import { topic } from "../store.js";
 import { Button, Choice, Field } from "../ui.js";
-import { saveText } from "./save.js";
-import { driveTitle } from "./titles.js";
+import { saveText } from "../save.js";
+import { driveTitle } from "../titles.js";
 import { clock } from "../trend/labels.js";
 
 const MAX_ROWS = 300;

@@ -1,9 +1,9 @@
 // Control leases: taken by the user, renewed while a tab of this session is open.
-import { api, drivePath } from "./api.js";
-import { connection, renew } from "./live.js";
-import { isMine, may, session } from "./session.js";
-import { drive, idsOf } from "./store.js";
-import { ownReleases, releasing } from "./control-taken.js";
+import { api, drivePath } from "../api.js";
+import { connection, renew } from "../live.js";
+import { isMine, may, session } from "../session.js";
+import { drive, idsOf } from "../store.js";
+import { ownReleases, releasing } from "./takeovers.js";
 
 /** A lease expires after ten seconds without a renewal. */
 const RENEW_EVERY_MS = 3000;

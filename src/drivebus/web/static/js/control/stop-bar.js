@@ -1,18 +1,18 @@
 // Stop bar at the foot of every page. A bus stop is not an emergency stop, so it has neither the colours nor the shape
 // of the red button on the machine.
-import { html, signal, useEffect, useRef } from "./lib.js";
-import { t, titleOf } from "./i18n.js";
-import { clock } from "./format.js";
-import { Icon } from "./icons.js";
-import { isLive } from "./live.js";
-import { route } from "./router.js";
-import { may } from "./session.js";
-import { usePublishedHeight } from "./published-height.js";
-import { drive, group, idsOf } from "./store.js";
+import { html, signal, useEffect, useRef } from "../lib.js";
+import { t, titleOf } from "../i18n.js";
+import { clock } from "../format.js";
+import { Icon } from "../icons.js";
+import { isLive } from "../live.js";
+import { route } from "../router.js";
+import { may } from "../session.js";
+import { usePublishedHeight } from "../published-height.js";
+import { drive, group, idsOf } from "../store.js";
 import { dismissStop, nameOf, shownStops, stop } from "./stops.js";
-import { ReleaseButton } from "./parts/selection.js";
-import { StopAnyway } from "./parts/stop-anyway.js";
-import { Button } from "./ui.js";
+import { ReleaseButton } from "./selection.js";
+import { StopAnyway } from "./stop-anyway.js";
+import { Button } from "../ui.js";
 
 const menuOpen = signal(false);
 

@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { number, readingWithoutAge, signalName } from "../format.js";
 import { isLive, now } from "../live.js";
 import { drive, serviceNow } from "../store.js";
-import { mainSignal, recentOf, watchTile } from "./recent.js";
+import { mainSignal, recentOf, watchTile } from "./recent-values.js";
 import { HEIGHT, POINT_COUNT, POINT_MS, WIDTH, paths, pointNumber, rangeOf } from "./spark-points.js";
 
 const MINUTES = (POINT_COUNT * POINT_MS) / 60_000;

@@ -1,9 +1,9 @@
 // Filter of lists of the past by time range and drive.
-import { html } from "../lib.js";
-import { t } from "../i18n.js";
-import { idsOf, serviceNow } from "../store.js";
-import { Field } from "../ui.js";
-import { forInput } from "../trend/labels.js";
+import { html } from "./lib.js";
+import { t } from "./i18n.js";
+import { idsOf, serviceNow } from "./store.js";
+import { Field } from "./ui.js";
+import { forInput } from "./trend/labels.js";
 import { driveTitle } from "./titles.js";
 
 const HOUR_MS = 3_600_000;

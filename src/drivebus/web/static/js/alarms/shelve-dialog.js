@@ -4,7 +4,7 @@ import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { Button, Choice, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
 import { groupSubject, shelveAll } from "./alarm-groups.js";
-import { driveTitle } from "./titles.js";
+import { driveTitle } from "../titles.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
 const MIN_REASON_LENGTH = 3;

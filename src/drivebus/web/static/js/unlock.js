@@ -1,8 +1,8 @@
 // Unlock form of an idle session, which can only view and stop; the password restores the other rights, leases stay.
-import { html, useState } from "../lib.js";
-import { localized, t } from "../i18n.js";
-import { idle, session, unlock } from "../session.js";
-import { ErrorNote, PasswordField, useRequest } from "../ui.js";
+import { html, useState } from "./lib.js";
+import { localized, t } from "./i18n.js";
+import { idle, session, unlock } from "./session.js";
+import { ErrorNote, PasswordField, useRequest } from "./ui.js";
 
 function Form() {
   const [password, setPassword] = useState("");

@@ -3,7 +3,7 @@ import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, useRequest } from "../ui.js";
-import { saveBlob } from "./save.js";
+import { saveBlob } from "../save.js";
 
 const RESOLUTIONS = ["raw", "1s", "1min", "1h"];
 const FORMATS = ["wide", "csv", "parquet"];

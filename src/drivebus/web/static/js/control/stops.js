@@ -1,11 +1,11 @@
 // Stops: by REST alone, so that they work without a live connection. No lease, no second step, no dialog. The outcome
 // of each is shown.
-import { batch, effect, signal } from "./lib.js";
-import { api } from "./api.js";
-import { loadSession } from "./session.js";
-import { localized, t, titleOf } from "./i18n.js";
-import { drive, group, idsOf, nowMs, serviceNow } from "./store.js";
-import { listed } from "./parts/selection.js";
+import { batch, effect, signal } from "../lib.js";
+import { api } from "../api.js";
+import { loadSession } from "../session.js";
+import { localized, t, titleOf } from "../i18n.js";
+import { drive, group, idsOf, nowMs, serviceNow } from "../store.js";
+import { listed } from "./selection.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;

@@ -1,10 +1,10 @@
 // Ends of control that this tab did not make: another session took a drive, another tab of this session released it, or
 // the lease ended because it was not renewed. Shown until dismissed.
-import { effect, signal } from "./lib.js";
-import { loadPreference, savePreference } from "./preferences.js";
-import { connection } from "./live.js";
-import { isMine, session } from "./session.js";
-import { drive, idsOf, serviceNow } from "./store.js";
+import { effect, signal } from "../lib.js";
+import { loadPreference, savePreference } from "../preferences.js";
+import { connection } from "../live.js";
+import { isMine, session } from "../session.js";
+import { drive, idsOf, serviceNow } from "../store.js";
 
 /** Takeovers kept; the oldest are dropped first. */
 const MAX_TAKEOVERS = 500;

@@ -2,7 +2,7 @@
 import { html, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { drive } from "../store.js";
-import { stop } from "../stops.js";
+import { stop } from "./stops.js";
 import { Button, Dialog, Notice } from "../ui.js";
 
 function Question({ view, how, onClose }) {

@@ -1,10 +1,10 @@
 // Equal alarms as one group: the same condition on drives of the same bus. A lost bus raises one for each drive.
 import { computed } from "../lib.js";
 import { hasKey, t, titleOf } from "../i18n.js";
-import { unacknowledged } from "../alarm-list.js";
+import { unacknowledged } from "./alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
-import { collator, driveTitle } from "./titles.js";
+import { collator, driveTitle } from "../titles.js";
 
 /** Fewer equal alarms are rows of their own: a group would need as much room. */
 const MIN_EQUAL = 3;

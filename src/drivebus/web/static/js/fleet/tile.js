@@ -2,19 +2,19 @@
 import { html, useComputed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { ageOf, duration, readingWithoutAge, slowInterval, stateOf } from "../format.js";
-import { isCleared, mostUrgentAlarm } from "../alarm-list.js";
+import { isCleared, mostUrgentAlarm } from "../alarms/alarm-list.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
-import { stop } from "../stops.js";
+import { stop } from "../control/stops.js";
 import { faultText } from "../drive/faults.js";
 import { size } from "./fleet-filter.js";
 import { LimitBar, Sparkline } from "./sparkline.js";
-import { PriorityMark, StateMark, appearanceOf } from "./state.js";
-import { shortened } from "./titles.js";
+import { PriorityMark, StateMark, appearanceOf } from "../drive/state-mark.js";
+import { shortened } from "../titles.js";
 
 /** Letters of a name on the two lines of a dense tile. */
 const DENSE_NAME_LENGTH = 24;

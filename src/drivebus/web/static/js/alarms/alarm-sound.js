@@ -1,7 +1,7 @@
 // Sound while a critical or high alarm waits for its acknowledgement. Each browser can silence it.
-import { effect, signal } from "./lib.js";
+import { effect, signal } from "../lib.js";
 import { urgentAlarms } from "./alarm-list.js";
-import { loadPreference, savePreference } from "./preferences.js";
+import { loadPreference, savePreference } from "../preferences.js";
 
 const REPEAT_MS = 10_000;
 const TONES_HZ = [880, 660];

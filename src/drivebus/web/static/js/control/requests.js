@@ -1,9 +1,9 @@
 // Requests for control: those of other users for drives of this session, and the answers to its own.
-import { computed, signal } from "./lib.js";
-import { api, drivePath } from "./api.js";
-import { releasing } from "./control-taken.js";
-import { isMine } from "./session.js";
-import { drive, idsOf, serviceNow } from "./store.js";
+import { computed, signal } from "../lib.js";
+import { api, drivePath } from "../api.js";
+import { releasing } from "./takeovers.js";
+import { isMine } from "../session.js";
+import { drive, idsOf, serviceNow } from "../store.js";
 
 const requests = new Map();
 

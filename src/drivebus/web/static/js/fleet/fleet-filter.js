@@ -3,10 +3,10 @@ import { computed, signal } from "../lib.js";
 import { titleOf } from "../i18n.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { now, isLive } from "../live.js";
-import { hasUnacknowledgedAlarm } from "../alarm-list.js";
+import { hasUnacknowledgedAlarm } from "../alarms/alarm-list.js";
 import { route } from "../router.js";
 import { drive, group, idsOf, bus } from "../store.js";
-import { collator } from "./titles.js";
+import { collator } from "../titles.js";
 
 const preferences = loadPreference("fleet", {});
 export const search = signal("");
