@@ -35,14 +35,14 @@ class WebSocketSession:
     async def run(self, patterns: tuple[str, ...]) -> None:
         """Serve the client until it leaves or is closed."""
         self._subscribe(patterns)
-        works = [asyncio.ensure_future(work) for work in (self._send(), self._receive())]
+        tasks = [asyncio.ensure_future(work) for work in (self._send(), self._receive())]
         try:
-            await asyncio.wait({self._subscriber.reason, *works}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({self._subscriber.reason, *tasks}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._unsubscribe()
-            for work in works:
-                work.cancel()
-            await asyncio.gather(*works, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
         if self._subscriber.reason.done():
             await self._close_socket(self._subscriber.reason.result())
 
