@@ -60,7 +60,7 @@ def _draw(address: str) -> None:
         first = browser.new_context()
         page = first.new_page()
         page.goto(address)
-        page.wait_for_selector(".line.live")  # the login page has a main element too
+        page.wait_for_selector(".connection.live")  # the login page has a main element too
         state = first.storage_state()
         for picture in PICTURES:
             _take(browser, state, picture)

@@ -184,7 +184,8 @@ NEWS = """async () => {
     kind: 'fault', priority: 'critical', title: words, text: words, cleared_ms: CLEARED_MS, acknowledged_ms: null,
     shelved_until_ms: null, raised_ms: 1 }] } } });
   taken.takeovers.value = [{ drive: 'fan-1', owner: 'bob', time_ms: 1 }];
-  stops.stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, text: () => words.en, time_ms: 1 }];
+  const target = { kind: 'all' };
+  stops.stops.value = [{ id: 1, target, phase: 'done', good: false, text: () => words.en, time_ms: 1 }];
   await new Promise((resolve) => { setTimeout(resolve, 200); });
   return document.querySelectorAll('.notices .banner, .strip .banner.critical, .stop-status.bad').length;
 }"""

@@ -66,6 +66,7 @@ def shown(text: str, keys: Iterable[str], **params: Any) -> list[str]:
 
 
 CONTROL = ("page.lease_free", "page.lease_mine", "page.lease_other_window", "page.not_live", "page.not_online")
+SEEN = {"presence": "online", "state": "stopped", "fault": None}
 MINE, OTHER_WINDOW = {"owner": "me", "session": "mine"}, {"owner": "me", "session": "another"}
 
 
@@ -92,6 +93,24 @@ def test_a_drive_is_called_blocked_only_where_the_service_gives_a_reason(draw: D
         text = draw("drive/control", "ControlPanel", {"view": fan | {"start_blockers": blockers}})
         assert shown(text, ["page.blocked"]) == ["page.blocked"] * len(blockers)
         assert ("the interlock is open" in text) is bool(blockers)
+
+
+@pytest.mark.parametrize(
+    ("changed", "connection", "expected"),
+    [
+        ({}, "live", "page.no_present_fault"),
+        ({"state": "unknown"}, "live", "page.not_known"),
+        ({"presence": "offline"}, "live", "page.not_known"),
+        ({}, "lost", "page.not_known"),
+    ],
+)
+def test_the_place_of_a_fault_says_whether_there_is_one_or_that_it_is_unknown(
+    draw: Draw, fan: Any, changed: Any, connection: str, expected: str
+) -> None:
+    """Regression: it was empty where the drive or the connection was lost."""
+    view = fan | SEEN | changed
+    text = draw("drive/current-fault", "CurrentFault", {"view": view}, connection=connection)
+    assert shown(text, ["page.no_present_fault", "page.not_known"]) == [expected]
 
 
 def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
@@ -132,7 +151,7 @@ def comm_loss(kind: str = "unknown", result: str = "", *, holds: bool = True, ph
 def test_a_reaction_to_a_communication_loss_is_called_tested_only_while_its_test_counts(
     draw: Draw, badge: Any, expected: str
 ) -> None:
-    assert draw("drive/state-mark", "CommLossBadge", {"badge": badge}) == i18n.text(expected, "en", after=6)
+    assert draw("drive/comm-loss", "CommLossBadge", {"badge": badge}) == i18n.text(expected, "en", after=6)
 
 
 @pytest.mark.parametrize(
@@ -184,7 +203,9 @@ STOP_STATES = (
     ],
 )
 def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, connection: str, expected: str) -> None:
-    stops = [{"id": 1, "what": {"kind": "drive", "id": "fan-1"}, "how": "stop", "time_ms": 1, "why": "because"} | entry]
+    stops = [
+        {"id": 1, "target": {"kind": "drive", "id": "fan-1"}, "how": "stop", "time_ms": 1, "why": "because"} | entry
+    ]
     text = draw("control/stop-bar", "StopBar", {}, connection=connection, stops=stops)
     assert shown(text, STOP_STATES, what="fan-1", why="because") == [expected]
 

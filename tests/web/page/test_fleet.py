@@ -12,9 +12,7 @@ from fixtures.browser import Stage
 
 
 def call(page: Any, module: str, expression: str) -> Any:
-    return page.evaluate(
-        f"async () => {{ const m = await import('/static/js/fleet/{module}.js'); return {expression}; }}"
-    )
+    return page.evaluate(f"async () => {{ const m = await import('/static/js/{module}.js'); return {expression}; }}")
 
 
 def test_no_script_of_the_first_page_waits_for_the_imports_of_another(visit: Any) -> None:
@@ -37,7 +35,7 @@ def drawn(page: Any, samples: list[tuple[float, float | None, int]], end: int = 
     """Return the paths of samples at seconds since 1970, on a scale from 0 to 24 as the drawing is high."""
     listed = json.dumps([{"t": 1000 * at, "v": value, "q": quality} for at, value, quality in samples])
     added = f"(() => {{ const p = []; for (const one of {listed}) m.addSample(p, one); return p; }})()"
-    return call(page, "spark-points", f"m.paths({added}, {end}, {{low: 0, high: 24}})")
+    return call(page, "fleet/spark-points", f"m.paths({added}, {end}, {{low: 0, high: 24}})")
 
 
 def test_a_sparkline_has_no_line_over_a_stretch_without_usable_values(scripts: Any) -> None:
@@ -64,15 +62,17 @@ def test_an_uncertain_stretch_of_a_sparkline_is_its_own_line_and_a_single_value_
 def test_live_values_follow_the_historians_points_and_replace_those_of_their_time(scripts: Any) -> None:
     series = {"t": [0, 5000, 10_000], "mean": [1, None, 9], "q": [0, 2, 0]}
     live = "(() => { const p = []; m.addSample(p, {t: 11000, v: 3, q: 0}); return p; })()"
-    found = call(scripts, "spark-points", f"m.joined({json.dumps(series)}, {live}).map((p) => [p.n, p.sum, p.count])")
+    found = call(
+        scripts, "fleet/spark-points", f"m.joined({json.dumps(series)}, {live}).map((p) => [p.n, p.sum, p.count])"
+    )
     assert found == [[0, 1, 1], [1, 0, 0], [2, 3, 1]]
 
 
 def test_without_a_connection_no_value_is_known(scripts: Any) -> None:
     reading = "{value: 25, quality: 'good', source_time_ms: 1000}"
     added = f"(() => {{ const p = []; m.addReading(p, {reading}, LIVE, 6000); return p.map((one) => one.count); }})()"
-    assert call(scripts, "spark-points", added.replace("LIVE", "true")) == [1]
-    assert call(scripts, "spark-points", added.replace("LIVE", "false")) == [0]
+    assert call(scripts, "fleet/spark-points", added.replace("LIVE", "true")) == [1]
+    assert call(scripts, "fleet/spark-points", added.replace("LIVE", "false")) == [0]
 
 
 def test_a_drive_that_the_history_does_not_know_takes_no_sparkline_from_the_others(visit: Any) -> None:
@@ -80,7 +80,7 @@ def test_a_drive_that_the_history_does_not_know_takes_no_sparkline_from_the_othe
     page = visit("#/settings")
     page.route("**/api/v1/history/tags", without_pump)
     page.reload()
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
     with page.expect_request("**/history/trend?*") as requested:
         page.evaluate("location.hash = '#/fleet'")
     assert requested.value.url.count("tags=") == 4
@@ -266,7 +266,9 @@ def test_equal_sentences_of_many_drives_name_each_once_and_count_the_rest(
     scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
     item = "{ id: `d${n}`, key: 'k', params: { drive: `d${n}` }, text: { en: `d${n} may keep running`, zh: '' } }"
     call_of = f"m.mergeSentences(Array.from({{ length: {count} }}, (_, n) => ({item})))"
-    assert [(one["text"], one["isNamed"]) for one in call(scripts, "selection", call_of)] == [(expected, True)]
+    assert [(one["text"], one["isNamed"]) for one in call(scripts, "control/merge-sentences", call_of)] == [
+        (expected, True)
+    ]
 
 
 def test_a_name_replaces_the_id_in_a_chinese_sentence_without_spaces(scripts: Any) -> None:
@@ -287,7 +289,7 @@ def test_stations_of_many_drives_are_one_correct_sentence(scripts: Any) -> None:
         {"id": f"d{n}", "key": "k", "params": {"station": n}, "text": {"en": text.replace("13", str(n))}}
         for n in (13, 14)
     ]
-    (found,) = call(scripts, "selection", f"m.mergeSentences({json.dumps(items)})")
+    (found,) = call(scripts, "control/merge-sentences", f"m.mergeSentences({json.dumps(items)})")
     assert found["text"].startswith("a bus stop is in force on station 13, 14: starts,")
 
 
@@ -302,7 +304,7 @@ def test_error_rates_of_many_drives_are_one_sentence_with_their_range(
         params = {"error_percent": percent, "limit_percent": 1.0}
         text = {name: i18n.text("drives.high_error_rate", name, **params) for name in ("en", "zh")}
         items.append({"id": f"d{percent}", "key": "drives.high_error_rate", "params": params, "text": text})
-    (found,) = call(scripts, "selection", f"m.mergeSentences({json.dumps(items)})")
+    (found,) = call(scripts, "control/merge-sentences", f"m.mergeSentences({json.dumps(items)})")
     assert expected in found["text"] and "1.0 %" in found["text"]
 
 
@@ -311,7 +313,7 @@ def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
     scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
     item = "{ id: `d${n}`, key: 'k', params: { station: n }, text: { en: `on station ${n}: refused`, zh: '' } }"
     call_of = f"m.mergeSentences(Array.from({{ length: 30 }}, (_, n) => ({item})))"
-    (found,) = call(scripts, "selection", call_of)
+    (found,) = call(scripts, "control/merge-sentences", call_of)
     assert found["text"] == "on station 0, 1, 2, 3, 4, 5, 6, 7 and 22 more: refused"
 
 
@@ -325,7 +327,7 @@ def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage,
     page.set_viewport_size({"width": 360, "height": 740})
     assert page.locator(".tile .state .word").evaluate_all(OVERFLOWING) == 0
     stage.regain_server()
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
 
 
 PENDING = """async (id) => {

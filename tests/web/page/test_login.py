@@ -28,7 +28,7 @@ def test_the_first_start_accepts_the_printed_secret_and_adds_the_administrator(n
     page.fill("input[name=name]", "ada")
     page.fill("input[name=password]", "a quite long sentence")
     page.click("button[type=submit]")
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     assert page.locator(".user").inner_text() == "ada"
     assert [user.name for user in new_plant.access.database.users] == ["ada"]
 
@@ -52,7 +52,7 @@ def test_a_login_code_in_the_address_works_once(stage: Stage, visit: Any) -> Non
     """The code is removed from the address bar at once and is rejected a second time."""
     code = stage.do(lambda: stage.access.issue_code("operator", 60.0))
     page = visit(f"#login={code}", role=None)
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
     again = visit(f"#login={code}", role=None)
     again.locator("input[name=password]").wait_for()
@@ -66,7 +66,7 @@ def test_a_login_code_pasted_into_the_open_page_logs_in(stage: Stage, visit: Any
     page.locator("input[name=password]").wait_for()
     code = stage.do(lambda: stage.access.issue_code("operator", 60.0))
     page.evaluate("code => { location.hash = `#login=${code}`; }", code)
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     assert code not in page.url and page.locator(".user").inner_text() == "operator"
 
 

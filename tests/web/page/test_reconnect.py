@@ -23,11 +23,11 @@ def test_after_sleep_the_page_shows_the_time_without_messages(
 ) -> None:
     page = visit(language=language)
     stage.lose_server()
-    page.wait_for_selector(".line.lost")
+    page.wait_for_selector(".connection.lost")
     page.evaluate(SLEEP, SLEPT_MS)
     page.wait_for_function("(text) => document.querySelector('[role=timer]').textContent === text", arg=message)
     stage.regain_server()
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
 
 
 def test_values_from_before_a_sleep_are_not_live_afterwards(visit: Any) -> None:
@@ -39,7 +39,7 @@ def test_values_from_before_a_sleep_are_not_live_afterwards(visit: Any) -> None:
     )
     page.evaluate(SLEEP, SLEPT_MS)
     page.wait_for_function("() => window.links.includes('lost')", timeout=1900)
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_page_opened_while_the_plant_was_away_loads_when_it_is_back(
     page.goto(f"{stage.at}/#/fleet")
     page.wait_for_selector(".tile")
     stage.lose_server()
-    page.wait_for_selector(".line.lost")
+    page.wait_for_selector(".connection.lost")
     page.evaluate("(way) => { location.hash = way; }", way)
     page.wait_for_selector("text=The server does not answer.")
     stage.regain_server()
@@ -73,11 +73,11 @@ def test_a_stop_without_an_answer_is_not_shown_as_received_by_the_drives(stage: 
     page = visit()
     page.route("**/api/v1/stop", lambda route: None)
     stage.lose_server()
-    page.wait_for_selector(".line.lost")
+    page.wait_for_selector(".connection.lost")
     page.click("[data-stop=all]")
     page.wait_for_selector("text=STOP NOT CONFIRMED")
     stage.regain_server()
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
 
 
 def test_lost_connection_and_lost_control_are_visible_at_any_scroll_position(stage: Stage, visit: Any) -> None:
@@ -94,7 +94,7 @@ def test_lost_connection_and_lost_control_are_visible_at_any_scroll_position(sta
     lost.wait_for()
     assert 0 <= lost.bounding_box()["y"] < 700
     stage.regain_server()
-    page.wait_for_selector(".line.live")
+    page.wait_for_selector(".connection.live")
 
 
 SLOW_SNAPSHOT = """
@@ -112,5 +112,5 @@ def test_a_page_whose_snapshot_takes_longer_than_its_first_limit_becomes_live(vi
     page = visit()
     page.add_init_script(SLOW_SNAPSHOT)
     page.reload()
-    page.wait_for_selector(".line.lost")
-    page.wait_for_selector(".line.live", timeout=30_000)
+    page.wait_for_selector(".connection.lost")
+    page.wait_for_selector(".connection.live", timeout=30_000)

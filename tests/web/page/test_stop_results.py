@@ -77,7 +77,7 @@ def test_a_stop_that_was_not_sent_stays_although_the_drive_stands_still(visit: A
 STOPPED = {"presence": "online", "stop_pending": False, "state": "stopped", "state_time_ms": 9000}
 STATE_AFTER = """async ([entry, view]) => {
   const [store, { stops }] = await Promise.all(['store', 'control/stops'].map((one) => import(`/static/js/${one}.js`)));
-  stops.value = [{ id: 1, what: { kind: 'all' }, phase: 'done', good: false, unconfirmed: ['x'], answered_ms: 5000,
+  stops.value = [{ id: 1, target: { kind: 'all' }, phase: 'done', good: false, unconfirmed: ['x'], answered_ms: 5000,
     text: () => 'because', time_ms: 1, ...entry }];
   for (const state of [view, { ...view, state: 'running' }]) store.drive('x').value = state;
   const [{ good, acknowledged, text }] = stops.value;
@@ -112,9 +112,11 @@ def test_only_a_later_read_of_the_output_off_confirms_a_stop(
     assert scripts.evaluate(STATE_AFTER, [entry, STOPPED | view]) == expected
 
 
-def test_the_page_knows_the_states_with_the_output_off(scripts: Any) -> None:
-    states = scripts.evaluate("import('/static/js/control/stops.js').then((m) => m.OFF_STATES)")
-    assert {*states} == {str(state) for state in DriveState if state.output_off}
+def test_the_page_groups_states_as_the_drives_do(scripts: Any) -> None:
+    """Regression: on the page of a braking or paused drive the outcome of its start disappeared."""
+    found = scripts.evaluate("import('/static/js/drive-states.js').then((m) => [m.OFF_STATES, m.TURNING_STATES])")
+    assert {*found[0]} == {str(state) for state in DriveState if state.output_off}
+    assert {*found[1]} == {str(state) for state in DriveState if state.turning}
 
 
 REPLACED = (
@@ -136,7 +138,8 @@ def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(visit: Any) 
       const m = await import('/static/js/control/stops.js');
       const text = () => '';
       return cases.map(([newer, [kind, id]]) => {
-        m.stops.value = [{ id: 1, what: { kind, id }, phase: 'done', good: false, unconfirmed: [], text, time_ms: 1 }];
+        const target = { kind, id };
+        m.stops.value = [{ id: 1, target, phase: 'done', good: false, unconfirmed: [], text, time_ms: 1 }];
         m.stop(...newer);
         return m.stops.value.slice(1).map((one) => one.id);
       });

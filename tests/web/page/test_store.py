@@ -142,7 +142,7 @@ def test_a_silent_connection_makes_all_values_stale(stage: Stage, visit: Any) ->
     assert page.locator(".tile.old").count() == 5
     assert page.locator("[data-stop=all]").is_enabled()
     page.evaluate("window.muted = false")
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     page.locator(".tile .value.good").first.wait_for()
 
 
@@ -257,13 +257,13 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
     reply_text = closed_up(i18n.text("page.taken", language, owner="tester", name=name, time=r"\d\d:\d\d:\d\d"))
     page.evaluate("location.hash = '#/alarms'")
     page.reload()
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     message.filter(has_text=name).wait_for()  # the drives' names come a moment after the connection
     assert re.search(reply_text, message.inner_text()) and page.get_attribute(".takeovers", "role") == "status"
     page.click("[data-do=read]")
     message.wait_for(state="detached")
     page.reload()
-    page.locator(".line.live").wait_for()
+    page.locator(".connection.live").wait_for()
     assert message.count() == 0
 
 
@@ -422,7 +422,7 @@ def test_a_poll_interval_is_shown_where_it_is_longer_than_expected(
     scripts: Any, real: str, requested: str, expected: float | None
 ) -> None:
     view = f"{{poll_interval_s: {real}, requested_interval_s: {requested}}}"
-    assert evaluate(scripts, "format", f"m.slowInterval({view})") == expected
+    assert evaluate(scripts, "readings", f"m.slowInterval({view})") == expected
 
 
 @pytest.mark.parametrize(

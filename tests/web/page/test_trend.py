@@ -160,14 +160,15 @@ def test_a_fetched_window_serves_what_lies_within_it_unless_it_is_too_coarse(
 )
 def test_a_duration_is_shown_with_its_two_largest_units(scripts: Any, span: int, message: str) -> None:
     """Regression: a chart that two fingers brought back to ten minutes showed "9 min 60 s"."""
-    assert module(scripts, "labels", f"m.duration({span}, name => name)") == message
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    assert module(scripts, "../format", f"m.spanText({span})") == message
 
 
 def test_a_tick_of_a_window_dragged_to_a_part_of_a_millisecond_has_its_whole_second(scripts: Any) -> None:
     """Regression: after a zoom the ticks of 13:00:00 were named 12:59:59."""
     at = "new Date(2026, 10, 26, 13).getTime() - 0.4"
-    assert module(scripts, "labels", f"m.timeLabel({at}, 60_000, 'en-GB')") == "13:00:00"
-    assert module(scripts, "labels", f"m.dayLine({at.replace('13', '0')}, 60_000, 'en-GB')") == "26 Nov"
+    assert module(scripts, "time-labels", f"m.timeLabel({at}, 60_000, 'en-GB')") == "13:00:00"
+    assert module(scripts, "time-labels", f"m.dayLine({at.replace('13', '0')}, 60_000, 'en-GB')") == "26 Nov"
 
 
 LINES = [
@@ -206,9 +207,9 @@ def test_a_fault_word_has_steps_and_values_but_no_mean(scripts: Any) -> None:
     window = "{from: 0, to: 9000}"
     assert module(scripts, "lines", f"m.valuesOfWord({json.dumps(FAULT_WORD)}, {window})") == [0, None, 64]
     word = json.dumps(LINES[-1])
-    assert module(scripts, "readout", f"m.near({word}, {json.dumps(FAULT_WORD)}, 1000)")["value"] is None
+    assert module(scripts, "readout", f"m.sampleAt({word}, {json.dumps(FAULT_WORD)}, 1000)")["value"] is None
     hertz = json.dumps(LINES[0])
-    assert module(scripts, "readout", f"m.near({hertz}, {json.dumps(FAULT_WORD)}, 1000)")["value"] == 32
+    assert module(scripts, "readout", f"m.sampleAt({hertz}, {json.dumps(FAULT_WORD)}, 1000)")["value"] == 32
 
 
 # --- on the screen ------------------------------------------------------------------------------------------------

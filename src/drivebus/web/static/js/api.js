@@ -17,8 +17,7 @@ class ApiError extends Error {
     this.params = error.params ?? {};
     this.outcome = error.outcome ?? null;
     this.text = error.text ?? null;
-    /** 0: no answer came. */
-    this.status = status;
+    this.status = status; // 0: no answer came
   }
 
   /** No answer came: the outcome of the request is unknown. */
@@ -52,28 +51,29 @@ function urlOf(path, query) {
   return `${API_ROOT}${path}${search.size ? `?${search}` : ""}`;
 }
 
-async function send(method, path, { body, query, timeout_ms = REQUEST_TIMEOUT_MS, signal: given } = {}) {
+async function send(method, path, { body, query, timeout_ms = REQUEST_TIMEOUT_MS, signal: abortSignal } = {}) {
   const headers = { Accept: "application/json" };
   if (body !== undefined) headers["Content-Type"] = "application/json";
   if (method !== "GET" && session.peek()?.csrf) headers["X-Drivebus-CSRF"] = session.peek().csrf;
-  const limit = AbortSignal.timeout(timeout_ms);
-  const stop = given ? AbortSignal.any([limit, given]) : limit;
-  const asking = session.peek();
-  const how = {
-    method, headers, signal: stop, credentials: "same-origin", cache: "no-store", redirect: "error",
+  const timeout = AbortSignal.timeout(timeout_ms);
+  const sessionBefore = session.peek();
+  const request = {
+    method, headers, signal: abortSignal ? AbortSignal.any([timeout, abortSignal]) : timeout,
+    credentials: "same-origin", cache: "no-store", redirect: "error",
     body: body === undefined ? undefined : JSON.stringify(body),
   };
-  const answer = await fetch(urlOf(path, query), how).catch(() => { throw unreachableError(method); });
-  if (!answer.ok) throw followSession(await errorFrom(answer), asking);
+  const answer = await fetch(urlOf(path, query), request).catch(() => { throw unreachableError(method); });
+  if (!answer.ok) throw followSession(await errorFrom(answer), sessionBefore);
   return answer;
 }
 
 /**
- * Show the login page on any 401, and the form that unlocks on the refusal of an idle session. A refusal of a request
- * that was sent before the session changed does not count: unlocking replaces the cookie.
+ * Change the session by the error of a request, and return the error: any 401 shows the login page, the refusal of an
+ * idle session the form that unlocks it. A request that was sent before the session changed does not count: unlocking
+ * replaces the cookie.
  */
-function followSession(error, asking) {
-  if (!session.peek()?.user || session.peek() !== asking) return error;
+function followSession(error, sessionBefore) {
+  if (!session.peek()?.user || session.peek() !== sessionBefore) return error;
   if (error.status === 401) session.value = { ...session.peek(), user: null, rights: [] };
   else if (error.code === "auth.idle") session.value = { ...session.peek(), idle: true };
   return error;
@@ -88,11 +88,13 @@ async function sendJson(method, path, options) {
 export const api = {
   get: (path, query, options) => sendJson("GET", path, { ...options, query }),
   post: (path, body = {}, options) => sendJson("POST", path, { ...options, body }),
-  put: (path, body = {}, options) => sendJson("PUT", path, { ...options, body }),
-  patch: (path, body = {}, options) => sendJson("PATCH", path, { ...options, body }),
-  remove: (path, body, options) => sendJson("DELETE", path, { ...options, body }),
+  put: (path, body) => sendJson("PUT", path, { body }),
+  patch: (path, body) => sendJson("PATCH", path, { body }),
+  remove: (path) => sendJson("DELETE", path),
   /** The answer itself, for downloads. */
   raw: (path, query, options) => send("GET", path, { ...options, query }),
 };
 
-export const drivePath = (drive, rest = "") => `/drives/${encodeURIComponent(drive)}${rest}`;
+export const drivePath = (id, rest) => `/drives/${encodeURIComponent(id)}${rest}`;
+
+export const groupPath = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;

@@ -5,7 +5,7 @@ import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
 import { openAlarms, unacknowledged } from "./alarms/alarm-list.js";
 import { startAlarmSound } from "./alarms/alarm-sound.js";
-import { connection, isLive, start } from "./live.js";
+import { isLive, startLiveConnection } from "./live.js";
 import { startLeaseRenewal } from "./control/leases.js";
 import { keepFocus } from "./focus.js";
 import { loadHistoryTags } from "./history-tags.js";
@@ -16,7 +16,7 @@ import { Shell } from "./shell.js";
 import { ErrorNote, Loading, Notice } from "./ui.js";
 import { Login } from "./pages/login.js";
 
-/** Page → its module; each exports Page({id, query}). Loaded when first opened. */
+/** Names of the modules in pages/; each exports Page({id, query}) and is loaded when first opened. */
 const PAGES = new Set(["fleet", "drive", "buses", "alarms", "history", "audit", "settings", "incidents", "models"]);
 const loaded = new Map();
 const loadProblem = signal(null);
@@ -32,12 +32,12 @@ function CurrentPage() {
     if (!exists || Page) return;
     loadPage(page).then(
       () => redraw((n) => n + 1),
-      () => { loadProblem.value = { wasLost: connection.peek() !== "live" }; },
+      () => { loadProblem.value = { wasOffline: !isLive.peek() }; },
     );
   }, [page]);
   // A browser caches the failure to fetch a module; only a reload of the page retries it.
-  const isOver = Boolean(loadProblem.value?.wasLost) && connection.value === "live";
-  useEffect(() => { if (isOver) location.reload(); }, [isOver]);
+  const canRetry = Boolean(loadProblem.value?.wasOffline) && isLive.value;
+  useEffect(() => { if (canRetry) location.reload(); }, [canRetry]);
   if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
   if (!Page && loadProblem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
   if (!Page) return html`<${Loading} />`;
@@ -79,9 +79,7 @@ async function connectToServer() {
 /** Load the names of the signals after each login, once the drives are shown. */
 function loadSignalNames() {
   const isReady = computed(() => loggedIn.value && isLive.value);
-  isReady.subscribe((isIn) => {
-    if (isIn) loadHistoryTags();
-  });
+  effect(() => { if (isReady.value) loadHistoryTags(); });
 }
 
 effect(() => { if (loggedIn.value) startError.value = null; });
@@ -89,10 +87,10 @@ effect(() => { if (loggedIn.value) startError.value = null; });
 effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titleOf(plant) : "drivebus";
-  const way = `page.nav_${route.value.page}`;
+  const titleKey = `page.nav_${route.value.page}`;
   const waiting = loggedIn.value ? unacknowledged(openAlarms()).length : 0;
   const count = waiting > 0 ? `(${waiting}) ` : "";
-  document.title = count + (language.value && loggedIn.value && hasKey(way) ? `${t(way)} · ${name}` : name);
+  document.title = count + (language.value && loggedIn.value && hasKey(titleKey) ? `${t(titleKey)} · ${name}` : name);
 });
 
 // The first page, the texts and the session are requested at the same time.
@@ -103,7 +101,7 @@ render(html`<${App} />`, document.getElementById("page"));
 await connected;
 await tryLoginWithCode();
 addEventListener("hashchange", tryLoginWithCode); // an address with a code may be pasted into the open page
-start();
+startLiveConnection();
 watchActivity();
 loadSignalNames();
 startLeaseRenewal();

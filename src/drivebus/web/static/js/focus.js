@@ -6,7 +6,7 @@ const SECTIONS = "section, article, dialog, main";
 /** The focused element and the sections around it, nearest first. */
 let path = [];
 
-/** Can the element still have the focus? */
+/** Whether the element can still have the focus. */
 const isUsable = (element) => element.isConnected && !element.disabled
   && (element.tabIndex >= 0 || element.hasAttribute("tabindex"));
 

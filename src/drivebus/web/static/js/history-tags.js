@@ -1,6 +1,6 @@
 // Tags that the historian has, and their names. A request of the history with an unknown tag is refused as a whole.
 import { api } from "./api.js";
-import { addSignalNames } from "./format.js";
+import { addSignalNames } from "./signal-names.js";
 import { nowMs } from "./store.js";
 
 /** New tags appear when a drive answers for the first time: the list is loaded again at most this often. */
@@ -20,7 +20,13 @@ export function loadHistoryTags() {
   return loading;
 }
 
-/** Those of the tags that the historian has. */
+/** Drive and signal of a tag, "fan-1.output_frequency". */
+export function splitTag(tag) {
+  const dot = tag.indexOf(".");
+  return [tag.slice(0, dot), tag.slice(dot + 1)];
+}
+
+/** Return those of the tags that the historian has. */
 export async function withHistory(tags) {
   const isOld = nowMs() - loadedAt > MIN_AGE_MS;
   if (isOld && !tags.every((tag) => known.has(tag))) await loadHistoryTags();

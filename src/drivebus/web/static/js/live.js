@@ -3,7 +3,7 @@
 import { computed, signal } from "./lib.js";
 import { loadSession, loggedIn, session } from "./session.js";
 import { loadPreference } from "./preferences.js";
-import { applyDelta, noticeSleep, nowMs, applySnapshot } from "./store.js";
+import { applyDelta, applySnapshot, noticeSleep, nowMs, serviceNow } from "./store.js";
 
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
 /** The server sends at least every 1.7 s; soon after that no value counts as live. */
@@ -18,7 +18,7 @@ const INTERVAL_S = loadPreference("interval_s", 0.25);
 
 /** "starting", "live", or "lost". */
 export const connection = signal("starting");
-/** Are the values of the store live? Where not, every surface shows them as stale and only stops are offered. */
+/** Whether the values of the store are live. Where not, they are shown as stale and only stops are offered. */
 export const isLive = computed(() => connection.value === "live");
 /** Time of the last message of a lost connection (`nowMs`), else null. */
 export const lostAt = signal(null);
@@ -27,13 +27,19 @@ export const closedText = signal(null);
 /** Ticks twice a second: ages on the page follow it. */
 export const now = signal(nowMs());
 
+/** The plant's time; what shows it is drawn again at every tick. */
+export function tickingServiceNow() {
+  now.value;
+  return serviceNow();
+}
+
 const subscriptions = new Map();
 let socket = null;
 let lastMessageAt = 0;
 let openedAt = 0;
 let snapshotTimeout_ms = SNAPSHOT_TIMEOUT_MS;
 let reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
-let timer = null;
+let reconnectTimer = null;
 
 const patterns = () => [...new Set([...DEFAULT_TOPICS, ...subscriptions.keys()])];
 
@@ -41,7 +47,7 @@ function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
-/** Subscribe to a topic pattern (frames/bus-1, events). Returns the function that unsubscribes. */
+/** Subscribe to a topic pattern (frames/bus-1, events); returns the function that unsubscribes. */
 export function subscribe(pattern) {
   subscriptions.set(pattern, (subscriptions.get(pattern) ?? 0) + 1);
   send({ subscribe: patterns() });
@@ -63,7 +69,7 @@ export function renewMessages(drives) {
 }
 
 /** Renew control leases; false without a connection. */
-export function renew(drives) {
+export function renewLeases(drives) {
   renewMessages(drives).forEach(send);
   return socket?.readyState === WebSocket.OPEN;
 }
@@ -96,82 +102,80 @@ function markLost() {
   connection.value = "lost";
 }
 
-/** Close the socket and schedule a reconnect. */
 function closeSocket() {
-  const old = socket;
+  if (!socket) return;
+  socket.onmessage = null;
+  socket.onclose = null;
+  socket.close();
   socket = null;
-  if (old) {
-    old.onmessage = null;
-    old.onclose = null;
-    old.close();
-  }
+}
+
+/** Close a connection that was lost, and schedule a reconnect. */
+function onLost() {
+  closeSocket();
   markLost();
   scheduleReconnect();
 }
 
 function scheduleReconnect() {
-  clearTimeout(timer);
+  clearTimeout(reconnectTimer);
   if (!loggedIn.peek()) return;
-  timer = setTimeout(open, reconnectDelay_ms * (0.75 + Math.random() / 2));
+  reconnectTimer = setTimeout(openSocket, reconnectDelay_ms * (0.75 + Math.random() / 2));
   reconnectDelay_ms = Math.min(reconnectDelay_ms * 2, MAX_RECONNECT_DELAY_MS);
 }
 
-/** Whether the server answers; if not, schedule a reconnect. */
+/** Return whether the server answers; if not, schedule a reconnect. */
 async function probe() {
-  const found = await loadSession().then(() => true, () => false);
-  if (!found) scheduleReconnect();
-  return found;
+  const answers = await loadSession().then(() => true, () => false);
+  if (!answers) scheduleReconnect();
+  return answers;
 }
 
-async function open() {
-  clearTimeout(timer);
+async function openSocket() {
+  clearTimeout(reconnectTimer);
   // The session may be over, or the server another one: a refused WebSocket has no reason.
   if (connection.peek() === "lost" && !(await probe())) return;
   if (!loggedIn.peek() || socket) return;
   openedAt = nowMs();
   socket = new WebSocket(liveUrl());
   socket.onmessage = onMessage;
-  socket.onclose = closeSocket;
+  socket.onclose = onLost;
 }
 
 /** Reconnect at once, after a user's request or when the network is back. */
 export function reconnect() {
   reconnectDelay_ms = MIN_RECONNECT_DELAY_MS;
-  if (connection.peek() !== "live" && !socket) open();
+  if (!isLive.peek() && !socket) openSocket();
 }
 
 function tick() {
   noticeSleep();
   now.value = nowMs();
   if (!socket) return;
-  if (connection.peek() === "live") {
-    if (nowMs() - lastMessageAt > MESSAGE_TIMEOUT_MS) closeSocket();
+  if (isLive.peek()) {
+    if (nowMs() - lastMessageAt > MESSAGE_TIMEOUT_MS) onLost();
   } else if (nowMs() - openedAt > snapshotTimeout_ms) {
     snapshotTimeout_ms = Math.min(snapshotTimeout_ms * 2, MAX_SNAPSHOT_TIMEOUT_MS);
-    closeSocket();
+    onLost();
   }
 }
 
 /** Follow the session: connected while a user is logged in. */
-export function start() {
+export function startLiveConnection() {
   setInterval(tick, 500);
   addEventListener("online", reconnect);
   document.addEventListener("visibilitychange", () => { if (!document.hidden) reconnect(); });
   session.subscribe(() => {
-    if (loggedIn.peek() && !socket && connection.peek() === "starting") open();
+    if (loggedIn.peek() && !socket && connection.peek() === "starting") openSocket();
     if (!loggedIn.peek()) disconnect();
   });
 }
 
 /** Close the connection of a session that has ended, and drop its values. */
 function disconnect() {
-  clearTimeout(timer);
+  clearTimeout(reconnectTimer);
   applySnapshot({ topics: {} });
-  if (socket) {
-    socket.onclose = null;
-    socket.close();
-  }
-  socket = null;
+  closeSocket();
   lastMessageAt = 0;
   connection.value = "starting";
 }

@@ -29,7 +29,7 @@ export function go(page, id = null, query = {}) {
   location.hash = href(page, id, query);
 }
 
-/** Changes the query of the address without a new entry in the browser's history. */
+/** Change the query of the address without a new entry in the browser's history. */
 export function replaceQuery(query) {
   const { page, id } = route.peek();
   history.replaceState(null, "", href(page, id, query));

@@ -1,15 +1,16 @@
 // Session and rights of the user. The server checks every right again; here they only shape the page.
 import { computed } from "./lib.js";
 import { api, session } from "./api.js";
+import { nowMs } from "./store.js";
 
 export { session };
 
 export const loggedIn = computed(() => Boolean(session.value?.user));
 
-/** `may("operate")`: is the user allowed to? Rights are those of the server's table. */
+/** Whether the user has a right of the server's table: `may("operate")`. */
 export const may = (right) => (session.value?.rights ?? []).includes(right);
 
-/** Is this lease (of a drive's view) held by this very session? */
+/** Whether a lease, or a request for control, is of this session. */
 export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
 
 /** Load the session. Raises ApiError when the server cannot be reached. */
@@ -46,6 +47,9 @@ export async function unlock(password) {
   return true;
 }
 
+const ACTIVITY_INTERVAL_MS = 60_000;
+let activitySentAt = 0;
+
 /** Report activity to the server at most once a minute. It does not unlock an idle session. */
 async function onActivity() {
   if (!loggedIn.peek() || idle.peek() || nowMs() - activitySentAt < ACTIVITY_INTERVAL_MS) return;
@@ -53,10 +57,6 @@ async function onActivity() {
   const found = await api.post("/session/activity").catch(() => null);
   if (found) session.value = found;
 }
-
-const nowMs = () => performance.now();
-const ACTIVITY_INTERVAL_MS = 60_000;
-let activitySentAt = 0;
 
 /** Report the user's activity, and reload the rights every minute. */
 export function watchActivity() {

@@ -1,15 +1,17 @@
 // Current state of the plant: one signal per topic, so that a change redraws only what shows that topic.
 import { batch, computed, signal } from "./lib.js";
 
-/** Topics drawn in one frame of the screen: 300 drives change in one message and the page stays smooth. */
+/** Topics published to their signals in one frame of the screen: 300 drives change in one message, and the page stays
+ * smooth. */
 const TOPICS_PER_FRAME = 40;
 /** Newest items kept of a feed (frames, events). */
 const MAX_FEED_ITEMS = 500;
 
 const topics = new Map();
 const names = signal([]);
+/** Newest values that are not in their signals yet, oldest change first. */
 const pending = new Map();
-let scheduled = false;
+let isScheduled = false;
 
 /** The signal of a topic: its object, or null while (or after) there is none. */
 export function topic(name) {
@@ -17,17 +19,17 @@ export function topic(name) {
   return topics.get(name);
 }
 
+const idLists = new Map();
+
 /** A signal of the ids under "drives", "buses" or "groups"; changes only when one comes or goes. */
 export function idsOf(kind) {
-  if (!lists.has(kind)) {
+  if (!idLists.has(kind)) {
     const start = `${kind}/`;
-    lists.set(kind, computed(() => names.value.filter((name) => name.startsWith(start))
+    idLists.set(kind, computed(() => names.value.filter((name) => name.startsWith(start))
       .map((name) => name.slice(start.length))));
   }
-  return lists.get(kind);
+  return idLists.get(kind);
 }
-const lists = new Map();
-
 export const drive = (id) => topic(`drives/${id}`);
 export const bus = (id) => topic(`buses/${id}`);
 export const group = (id) => topic(`groups/${id}`);
@@ -77,8 +79,8 @@ export function mergeTopic(name, old, change, at, time_ms) {
   return now;
 }
 
-function draw() {
-  scheduled = false;
+function publishPending() {
+  isScheduled = false;
   const slice = document.hidden ? pending.size : TOPICS_PER_FRAME;
   batch(() => {
     for (const [name, value] of [...pending].slice(0, slice)) {
@@ -87,10 +89,10 @@ function draw() {
     }
     updateNames();
   });
-  if (pending.size) schedule();
+  if (pending.size) schedulePublish();
 }
 
-/** Topic → its place in the configuration; topics may be requested before the first snapshot. */
+/** Topic → its place in the configuration. A topic without one, because it was requested before the first snapshot, is last. */
 let topicOrder = new Map();
 const orderOf = (name) => topicOrder.get(name) ?? topicOrder.size;
 
@@ -100,20 +102,20 @@ function updateNames() {
   if (now.length !== names.peek().length || now.some((name, n) => name !== names.peek()[n])) names.value = now;
 }
 
-function schedule() {
-  if (scheduled) return;
-  scheduled = true;
-  if (document.hidden) setTimeout(draw, 0);
-  else requestAnimationFrame(draw);
+function schedulePublish() {
+  if (isScheduled) return;
+  isScheduled = true;
+  if (document.hidden) setTimeout(publishPending, 0);
+  else requestAnimationFrame(publishPending);
 }
 
 // A hidden page gets no animation frames: pending topics are drawn at once.
-document.addEventListener("visibilitychange", () => { if (scheduled) draw(); });
+document.addEventListener("visibilitychange", () => { if (isScheduled) publishPending(); });
 
 function queueTopic(name, value) {
   pending.delete(name);
   pending.set(name, value);
-  schedule();
+  schedulePublish();
 }
 
 const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
@@ -125,7 +127,7 @@ export function applySnapshot(message) {
   addTopics(message, () => null);
 }
 
-/** Apply a delta. */
+/** Apply a delta: changed topics, numbers of missed feed items, and removed topics. */
 export function applyDelta(message) {
   addTopics(message, newest);
   for (const [name, n] of Object.entries(message.missed ?? {})) {

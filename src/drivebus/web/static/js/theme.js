@@ -1,4 +1,4 @@
-// Light, dark, or as the system has it. The resolved theme stands on <html data-theme>; charts listen to `theme`.
+// Light, dark, or as the system has it. The resolved theme stands on <html data-theme>; charts follow `theme`.
 import { computed, effect, signal } from "./lib.js";
 import { loadPreference, savePreference } from "./preferences.js";
 
@@ -20,6 +20,3 @@ export function chooseTheme(name) {
   themeChoice.value = name;
   savePreference("theme", name);
 }
-
-/** The value of a colour of css/base.css as it is now, e.g. `colour("--ink")`. */
-export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

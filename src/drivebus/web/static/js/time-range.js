@@ -3,7 +3,6 @@ import { html } from "./lib.js";
 import { t } from "./i18n.js";
 import { idsOf, serviceNow } from "./store.js";
 import { Field } from "./ui.js";
-import { forInput } from "./trend/labels.js";
 import { driveTitle } from "./titles.js";
 
 const HOUR_MS = 3_600_000;
@@ -19,7 +18,7 @@ export function timeRangeQuery({ span = "all", from = null, to = null, drive: id
 }
 
 /** `value` is the choice that `timeRangeQuery` takes; `onChange` gets the changed choice. */
-export function TimeRange({ value, onChange, withDrive = true, children }) {
+export function TimeRange({ value, onChange, children }) {
   const set = (change) => onChange({ ...value, ...change });
   const begin = (span) => set(span === "own" ? { span, from: serviceNow() - HOUR_MS, to: serviceNow() } : { span,
     from: null, to: null });
@@ -27,13 +26,18 @@ export function TimeRange({ value, onChange, withDrive = true, children }) {
     <${Field} label=${t("page.time_range")}><select value=${value.span ?? "all"}
       onChange=${(event) => begin(event.target.value)}>
       ${[...Object.keys(SPANS), "own"].map((name) => html`<option key=${name}
-        value=${name}>${t(`page.period_${name}`)}</option>`)}
-    </select><//>
+        value=${name}>${t(`page.period_${name}`)}</option>`)}</select><//>
     ${value.span === "own" && html`<${Moment} label=${t("page.from")} value=${value.from}
       onChange=${(from) => set({ from })} />
       <${Moment} label=${t("page.to")} value=${value.to} onChange=${(to) => set({ to })} />`}
-    ${withDrive && html`<${DriveChoice} value=${value.drive ?? ""} onChange=${(id) => set({ drive: id })} />`}
+    <${DriveChoice} value=${value.drive ?? ""} onChange=${(id) => set({ drive: id })} />
     ${children}</div>`;
+}
+
+/** Text of a moment for an input of type datetime-local, in local time. */
+function forInput(at) {
+  const local = new Date(at - new Date(at).getTimezoneOffset() * 60_000);
+  return local.toISOString().slice(0, 19);
 }
 
 /** A date and time of this browser's zone, as UTC milliseconds. */
@@ -50,6 +54,5 @@ function DriveChoice({ value, onChange }) {
   return html`<${Field} label=${t("page.drive")}><select value=${value}
     onChange=${(event) => onChange(event.target.value)}>
     <option value="">${t("page.every_drive")}</option>
-    ${idsOf("drives").value.map((id) => html`<option key=${id} value=${id}>${driveTitle(id)}</option>`)}
-  </select><//>`;
+    ${idsOf("drives").value.map((id) => html`<option key=${id} value=${id}>${driveTitle(id)}</option>`)}</select><//>`;
 }

@@ -1,6 +1,6 @@
-// Title of each drive as its own signal, so that lists of names are not redrawn with every value.
+// Titles of drives, alone and as lists. Each is a signal of its own: a list is not redrawn with every value of a drive.
 import { computed } from "./lib.js";
-import { titleOf } from "./i18n.js";
+import { t, titleOf } from "./i18n.js";
 import { drive } from "./store.js";
 
 /** Order of names: motor 9 before motor 10. */
@@ -14,7 +14,19 @@ export function driveTitle(id) {
   return titles.get(id).value;
 }
 
-/** Letters that fit on a line of Latin text in the place of one. */
+/** Names of drives in one sentence; more are counted. */
+const MAX_NAMES = 8;
+
+/** Titles of drives as a list; of many the first ones and the number of the others. */
+export const listDrives = (ids) => shortList(ids.map(driveTitle));
+
+/** Items as a list; of many the first ones and the number of the others. */
+export function shortList(items, most = MAX_NAMES) {
+  const names = items.slice(0, most).join(t("language.between_items"));
+  return items.length > most ? t("page.names_more", { names, n: items.length - most }) : names;
+}
+
+/** Width of a letter in Latin letters. */
 const widthOf = (letter) => (letter > "\u2E7F" ? 2 : 1);
 
 /** A name of at most `most` letters; a longer one without its middle, because names of many drives differ at the end.

@@ -17,11 +17,16 @@ export function Button({ kind = "plain", busy = false, disabled = false, icon, c
     ${icon && html`<${Icon} name=${icon} />`}${children}</button>`;
 }
 
-/** A label, its input (the child), help, and what is wrong with it. */
+/** Label and input (the child) of a value, with its help or its error `wrong`. */
 export function Field({ label, help, wrong, children, class: more = "" }) {
   return html`<label class=${`field ${more}`}><span class="label">${label}</span>${children}
-    ${help && !wrong && html`<span class="help">${help}</span>`}
-    ${wrong && html`<span class="wrong" role="alert">${wrong}</span>`}</label>`;
+    <${FieldNote} help=${help} wrong=${wrong} /></label>`;
+}
+
+/** Error of a field, else its help. */
+function FieldNote({ id, help, wrong }) {
+  if (wrong) return html`<span class="wrong" id=${id} role="alert">${wrong}</span>`;
+  return help && html`<span class="help" id=${id}>${help}</span>`;
 }
 
 /** A password: hidden until its button is pressed, because a mistyped one cannot be used again. */
@@ -33,9 +38,15 @@ export function PasswordField({ label, help, wrong, ...input }) {
     type=${shown ? "text" : "password"} spellcheck="false" autocapitalize="none" aria-describedby=${note} />
     <${Button} icon=${shown ? "eye_off" : "eye"} title=${t("page.show_password")} aria-label=${t("page.show_password")}
       aria-pressed=${shown ? "true" : "false"} aria-controls=${id} onClick=${() => setShown(!shown)} /></div>
-    ${help && !wrong && html`<span class="help" id=${note}>${help}</span>`}
-    ${wrong && html`<span class="wrong" id=${note} role="alert">${wrong}</span>`}</div>`;
+    <${FieldNote} id=${note} help=${help} wrong=${wrong} /></div>`;
 }
+
+/** End of a form in a dialog: the error of its request, the button that closes the dialog, and the one that sends. */
+export const FormEnd = ({ error, onClose, submit, ...rest }) => html`<${ErrorNote} error=${error} /><div class="row end">
+  <${Button} onClick=${onClose}>${t("page.cancel")}<//><button type="submit" class="button main" ...${rest}>${submit}</button></div>`;
+
+/** The list without an item that it has, else with it. */
+export const toggled = (list, item) => (list.includes(item) ? list.filter((one) => one !== item) : [...list, item]);
 
 /** Buttons of which one is chosen: `options` is [[value, text], …]. */
 export function Choice({ label, value, options, onChange, disabled = false }) {
@@ -62,6 +73,7 @@ const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", 
 
 /** Outcome of a command: status, sentence, notes, and the frames on demand. */
 export function OutcomeNote({ outcome }) {
+  if (!outcome) return null;
   return html`<${Notice} kind=${OUTCOME_KIND[outcome.status] ?? "info"} live title=${t(`page.outcome_${outcome.status}`)}>
     <p>${localized(outcome.text)}</p>
     ${outcome.notes?.map((note) => localized(note.text)).filter((text) => text !== localized(outcome.text))
@@ -83,7 +95,7 @@ function QualityNote({ found, why }) {
   return html`<span class="doubt"><${Icon} name="unknown" size=${14} />${word}<span class="sr">${why}</span></span>`;
 }
 
-/** A number with its unit, marked where its quality is not good. `found` comes from format.reading; `brief` leaves
+/** A number with its unit, marked where its quality is not good. `found` comes from `reading`; `brief` leaves
  * the reason to the title. */
 export function Value({ found, big = false, brief = false, digits }) {
   const style = big ? "big" : "";
@@ -156,7 +168,7 @@ export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
     </tr>`}</tbody></table></div>`;
 }
 
-/** Runs one request at a time for a part of the page: `[run, busy, error, result, clear]`. */
+/** Run one request at a time for a part of the page: `[run, busy, error, result, clear]`. */
 export function useRequest() {
   const [state, setState] = useState({ busy: false, error: null, result: null });
   const alive = useRef(true);
@@ -176,8 +188,8 @@ export function useRequest() {
   return [run, state.busy, state.error, state.result, () => set({ busy: false, error: null, result: null })];
 }
 
-/** Loads once and again whenever `what` changes: `[value, error, reload]`. */
-export function useLoaded(load, what) {
+/** Load now and again whenever one of `inputs` changes: `[value, error, reload]`. */
+export function useLoaded(load, inputs) {
   const [state, setState] = useState({ value: null, error: null });
   const [round, setRound] = useState(0);
   useEffect(() => {
@@ -187,7 +199,7 @@ export function useLoaded(load, what) {
       (error) => current && setState((old) => ({ value: old.value, error })),
     );
     return () => { current = false; };
-  }, [...what, round]);
+  }, [...inputs, round]);
   const again = () => setRound((n) => n + 1);
   useReloadOnReconnect(state.error, again);
   return [state.value, state.error, again];

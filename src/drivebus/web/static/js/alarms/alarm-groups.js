@@ -4,11 +4,11 @@ import { hasKey, t, titleOf } from "../i18n.js";
 import { unacknowledged } from "./alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
-import { collator, driveTitle } from "../titles.js";
+import { collator, driveTitle, shortList } from "../titles.js";
 
 /** Fewer equal alarms are rows of their own: a group would need as much room. */
 const MIN_EQUAL = 3;
-const NAMES_SHOWN = 6;
+const MAX_NAMES = 6;
 /** The service's limit of the alarms of one request. */
 const MAX_SELECTED = 1000;
 
@@ -23,7 +23,7 @@ function busTitle(id) {
   return buses.get(id).value;
 }
 
-/** What equal alarms have in common. The value of a fault is its code, that of a threshold only a number. Shelved
+/** Key of a group: equal alarms have the same. The value of a fault is its code, that of a threshold only a number. Shelved
  * alarms are equal where they were shelved together: their group has one author, reason and end. */
 const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.setting, alarm.priority, alarm.subject,
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
@@ -45,13 +45,8 @@ export function alarmSubject(alarm) {
   return name ? name + t("page.colon") : "";
 }
 
-/** Names of the drives of these alarms in their order, each once; of many the first ones and the number of the others. */
-export function subjectNames(alarms) {
-  const names = [...new Set(alarms.map(nameOf))].sort(collator.compare);
-  const rest = names.length - NAMES_SHOWN;
-  const first = names.slice(0, NAMES_SHOWN).join(t("language.between_items"));
-  return rest > 0 ? t("page.names_more", { names: first, n: rest }) : first;
-}
+/** Names of the drives or buses of these alarms, sorted, each once. */
+export const subjectNames = (alarms) => shortList([...new Set(alarms.map(nameOf))].sort(collator.compare), MAX_NAMES);
 
 /** Bus and names of a group's drives. */
 export function groupSubject(alarms) {

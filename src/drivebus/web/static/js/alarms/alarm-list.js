@@ -3,7 +3,7 @@ import { computed } from "../lib.js";
 import { serviceNow, topic } from "../store.js";
 
 const RANK = { critical: 0, high: 1, medium: 2, low: 3 };
-const isAcknowledged = (alarm) => alarm.acknowledged_ms !== null;
+export const isAcknowledged = (alarm) => alarm.acknowledged_ms !== null;
 export const isCleared = (alarm) => alarm.cleared_ms !== null;
 const byUrgency = (one, other) => isCleared(one) - isCleared(other) || RANK[one.priority] - RANK[other.priority]
   || isAcknowledged(one) - isAcknowledged(other) || other.raised_ms - one.raised_ms;

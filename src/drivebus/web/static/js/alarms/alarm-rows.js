@@ -1,18 +1,17 @@
 // Rows of active alarms: one for each alarm, or one for a group of equal ones that opens.
 import { html, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { isCleared, isShelved, unacknowledged, uncleared } from "./alarm-list.js";
+import { isAcknowledged, isCleared, isShelved, unacknowledged, uncleared } from "./alarm-list.js";
 import { api } from "../api.js";
 import { duration, moment } from "../format.js";
-import { now, isLive } from "../live.js";
+import { isLive, tickingServiceNow } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
-import { bus, serviceNow } from "../store.js";
+import { bus } from "../store.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
 import { acknowledgeAll, groupAlarms, groupSubject, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
-import { AlarmState } from "./alarm-state.js";
+import { AlarmState, PriorityMark } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve-dialog.js";
-import { PriorityMark } from "../drive/state-mark.js";
 import { driveTitle } from "../titles.js";
 
 /** `alarms` in their order; equal ones as one row. */
@@ -27,15 +26,9 @@ const rowClass = (priority, acknowledged, cleared) => `alarmrow ${priority} ${ac
   : "unacknowledged"} ${cleared ? "cleared" : ""}`;
 
 const raisedAgo = (alarm) => t("page.raised_ago", {
-  age: duration(Math.max(0, plantNowTicking() - alarm.raised_ms) / 1000), time: moment(alarm.raised_ms) });
+  age: duration(Math.max(0, tickingServiceNow() - alarm.raised_ms) / 1000), time: moment(alarm.raised_ms) });
 
-/** The plant's time, following the page's tick, so that "3 min ago" is updated. */
-function plantNowTicking() {
-  now.value;
-  return serviceNow();
-}
-
-/** How many alarms of a group still hold and which, and how many are cleared. */
+/** Number and names of the alarms of a group that still hold, and the number of the cleared ones. */
 function groupState(alarms) {
   const active = uncleared(alarms);
   const [n, cleared] = [active.length, alarms.length - active.length];
@@ -79,7 +72,7 @@ function AlarmRow({ alarm }) {
   const path = `/alarms/${encodeURIComponent(alarm.id)}`;
   const able = may("operate");
   const off = !isLive.value;
-  const acknowledged = alarm.acknowledged_ms !== null;
+  const acknowledged = isAcknowledged(alarm);
   return html`<li class=${rowClass(alarm.priority, acknowledged, isCleared(alarm))}>
     <${PriorityMark} priority=${alarm.priority} />
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
@@ -103,7 +96,7 @@ const ShelvedNote = ({ alarm }) => isShelved(alarm) && html`
   <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
   ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}</span>`}`;
 
-/** What to do about an alarm; closed until the user asks. */
+/** Remedy of an alarm, closed until the user opens it. */
 export function AlarmRemedy({ alarm }) {
   const remedy = localized(alarm.remedy);
   return remedy && html`<details class="remedy"><summary>${t("page.alarm_remedy")}</summary><p>${remedy}</p></details>`;

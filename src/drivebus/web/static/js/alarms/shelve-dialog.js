@@ -2,12 +2,12 @@
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { Button, Choice, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
+import { ReasonField, isLongEnough } from "../control/reason-field.js";
+import { Choice, Dialog, FormEnd, useRequest } from "../ui.js";
 import { groupSubject, shelveAll } from "./alarm-groups.js";
 import { driveTitle } from "../titles.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
-const MIN_REASON_LENGTH = 3;
 
 export function ShelveDialog({ alarms, onClose }) {
   const [alarm] = alarms;
@@ -28,12 +28,7 @@ export function ShelveDialog({ alarms, onClose }) {
     <form class="stack" onSubmit=${send}>
       <${Choice} label=${t("page.shelve_for")} value=${minutes} onChange=${setMinutes}
         options=${MINUTES.map((one) => [one, t(`page.minutes_${one}`)])} />
-      <${Field} label=${t("page.reason")} help=${t("page.reason_help")}><input value=${reason}
-        maxlength="500" data-first
-        onInput=${(event) => setReason(event.target.value)} /><//>
-      <${ErrorNote} error=${error} />
-      <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-        <button class="button main" type="submit" disabled=${busy
-          || reason.trim().length < MIN_REASON_LENGTH}>${t("page.shelve")}</button></div>
+      <${ReasonField} label=${t("page.reason")} help=${t("page.reason_help")} value=${reason} onChange=${setReason} data-first />
+      <${FormEnd} error=${error} onClose=${onClose} submit=${t("page.shelve")} disabled=${busy || !isLongEnough(reason)} />
     </form><//>`;
 }

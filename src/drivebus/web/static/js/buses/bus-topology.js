@@ -31,7 +31,7 @@ function StationNode({ station }) {
       : t(`page.presence_${station.presence}`)}</span></a></li>`;
 }
 
-/** The same as a table, with all figures. */
+/** Stations of a bus as a table, with all figures. */
 export function Stations({ stations }) {
   const slowest = Math.max(0.001, ...stations.map((one) => one.reply_p95_s ?? 0));
   const columns = [

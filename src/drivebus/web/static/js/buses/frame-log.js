@@ -2,13 +2,13 @@
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
 import { localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
-import { NO_VALUE } from "../format.js";
+import { NO_VALUE, clock } from "../format.js";
 import { subscribe } from "../live.js";
 import { topic } from "../store.js";
+import { SearchField } from "../search.js";
 import { Button, Choice, Field } from "../ui.js";
 import { saveText } from "../save.js";
 import { driveTitle } from "../titles.js";
-import { clock } from "../trend/labels.js";
 
 const MAX_ROWS = 300;
 const INITIAL_ROWS = 100;
@@ -31,7 +31,7 @@ function useFrames(bus) {
   return { frames, missed: feed.missed };
 }
 
-/** Does a frame pass the filter? Text is searched in the bytes, with or without blanks, and in their description. */
+/** Whether a frame passes the filter. Text is searched in the bytes, with or without blanks, and in their description. */
 function matchesFilter(frame, { kind, station, search }) {
   if (!KINDS[kind](frame) || (station !== null && frame.station !== station)) return false;
   const text = search.trim().toLowerCase();
@@ -69,10 +69,8 @@ function Filters({ filter, onChange, stations }) {
       set({ station: event.target.value === "" ? null : Number(event.target.value) })}>
       <option value="">${t("page.every_station")}</option>
       ${stations.map((one) => html`<option key=${one.address}
-        value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}
-    </select><//>
-    <${Field} label=${t("page.search")}><input type="search" value=${filter.search} spellcheck="false"
-      onInput=${(event) => set({ search: event.target.value })} /><//></div>`;
+        value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}</select><//>
+    <${SearchField} value=${filter.search} onChange=${(search) => set({ search })} /></div>`;
 }
 
 /** Follow the newest row unless the user has scrolled up. */

@@ -1,5 +1,5 @@
 // A start in two steps: the first gets an arm token from the server, the second starts with it before it expires.
-// Every start of a motor on the page uses this component.
+// Every start of a motor on the page begins with such a token; a jog has its own second step.
 import { html, useEffect, useId, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
@@ -8,6 +8,23 @@ import { now } from "../live.js";
 
 /** Options of a request that starts a drive: it is answered after the reads that confirm the start. */
 export const START_OPTIONS = { timeout_ms: 60_000 };
+
+/**
+ * Arm token of a start, which expires: `{armed, left_s, arm, disarm, run, busy, error, clear}`. `request` gets one from the
+ * server; `run` is that of `useRequest`, for the request that uses the token.
+ */
+export function useArmToken(request) {
+  const [run, busy, error, , clear] = useRequest();
+  const [armed, setArmed] = useState(null);
+  const arm = async () => {
+    // Counted from the request: the server counts from its answer, which is later.
+    const requestedAt = nowMs();
+    const found = await run(request);
+    if (found) setArmed({ token: found.arm_token, until: requestedAt + found.expires_s * 1000 });
+  };
+  const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
+  return { armed, left_s, arm, disarm: () => setArmed(null), run, busy, error, clear };
+}
 
 /**
  * @param arm the first step: a promise of {arm_token, expires_s}
@@ -20,30 +37,22 @@ export const START_OPTIONS = { timeout_ms: 60_000 };
 export function ArmStart({
   arm, act, first, second, title = t("page.step_two"), disabled, why, children, onDone, kind = "main",
 }) {
-  const [run, busy, error, , clear] = useRequest();
-  const [armed, setArmed] = useState(null);
+  const { armed, left_s, arm: begin, disarm, run, busy, error, clear } = useArmToken(arm);
   const confirm = useRef(null);
   const note = useId();
-  const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const isVoid = disabled || (armed !== null && left_s <= 0);
 
   // Focus the text, not the button: a second press of the same key must not start the motor.
   useEffect(() => { if (armed) confirm.current?.focus(); }, [armed]);
-  useEffect(() => { if (armed && isVoid) setArmed(null); }, [armed, isVoid]);
+  useEffect(() => { if (armed && isVoid) disarm(); }, [armed, isVoid]);
 
-  const begin = async () => {
-    // Counted from the request: the server counts from its answer, which is later.
-    const requestedAt = nowMs();
-    const found = await run(arm);
-    if (found) setArmed({ token: found.arm_token, until: requestedAt + found.expires_s * 1000 });
-  };
   const go = async () => {
     const { token } = armed;
-    setArmed(null);
+    disarm();
     const found = await run(() => act(token));
     if (found) onDone?.(found);
   };
-  const cancel = () => { setArmed(null); clear(); };
+  const cancel = () => { disarm(); clear(); };
   const key = (event) => { if (event.key === "Escape") cancel(); };
 
   // The effect comes after the screen was drawn: a void start offers no second button until then either.

@@ -1,6 +1,6 @@
 // Control leases: taken by the user, renewed while a tab of this session is open.
 import { api, drivePath } from "../api.js";
-import { connection, renew } from "../live.js";
+import { isLive, renewLeases } from "../live.js";
 import { isMine, may, session } from "../session.js";
 import { drive, idsOf } from "../store.js";
 import { ownReleases, releasing } from "./takeovers.js";
@@ -15,7 +15,7 @@ export function takeControl(id) {
 
 export const releaseControl = (id) => releasing(id, () => api.remove(drivePath(id, "/lease")));
 
-/** May the user command this drive now? */
+/** Whether the user may command this drive now. */
 export const hasControl = (view) => isMine(view.lease) && may("operate");
 
 const ownDrives = () => idsOf("drives").peek().filter((id) => isMine(drive(id).peek()?.lease));
@@ -25,7 +25,7 @@ function renewAll() {
   const drives = ownDrives();
   if (drives.length === 0) return;
   // Without a live connection the leases are renewed by REST; the result shows after the reconnect.
-  if (connection.peek() === "live" && renew(drives)) return;
+  if (isLive.peek() && renewLeases(drives)) return;
   for (const id of drives) api.post(drivePath(id, "/lease/renew"), {}, { timeout_ms: 2500 }).catch(() => null);
 }
 

@@ -3,19 +3,18 @@ import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { declineRequests, grantRequests, incomingRequests, markRead, secondsLeft, unreadAnswers } from "./requests.js";
 import { Icon } from "../icons.js";
-import { isLive, now } from "../live.js";
+import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { Button, ErrorNote, useRequest } from "../ui.js";
-import { listed } from "./selection.js";
+import { listDrives } from "../titles.js";
 
 /** The drive of a notice, or the fleet where it is about several. */
 const hrefOf = (ids) => (ids.length > 1 ? href("fleet") : href("drive", ids[0]));
 
 function IncomingRequest({ ids, request }) {
   const [run, busy, error] = useRequest();
-  now.value; // counts down
   const off = busy || !isLive.value;
-  const params = { user: request.user, name: listed(ids), reason: request.reason };
+  const params = { user: request.user, name: listDrives(ids), reason: request.reason };
   return html`<div class="banner medium" data-request=${ids[0]}><${Icon} name="warning" /><a href=${hrefOf(ids)}>
       ${t(request.reason ? "page.control_incoming_for" : "page.control_incoming", params)}</a>
     <span role="timer">${t("page.control_left", { s: secondsLeft(request) })}</span>
@@ -27,7 +26,7 @@ function IncomingRequest({ ids, request }) {
 }
 
 function Answer({ ids, request }) {
-  const text = t(`page.control_answer_${request.state}`, { by: request.answered_by ?? "", name: listed(ids) });
+  const text = t(`page.control_answer_${request.state}`, { by: request.answered_by ?? "", name: listDrives(ids) });
   return html`<div class=${`banner ${request.state === "granted" ? "info" : "medium"}`} data-answer=${request.state}>
     <a href=${hrefOf(ids)}>${text}</a>
     <${Button} onClick=${() => markRead(request)} data-do="read">${t("page.taken_read")}<//></div>`;

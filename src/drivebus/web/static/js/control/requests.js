@@ -1,9 +1,10 @@
 // Requests for control: those of other users for drives of this session, and the answers to its own.
 import { computed, signal } from "../lib.js";
 import { api, drivePath } from "../api.js";
+import { tickingServiceNow } from "../live.js";
 import { releasing } from "./takeovers.js";
 import { isMine } from "../session.js";
-import { drive, idsOf, serviceNow } from "../store.js";
+import { drive, idsOf } from "../store.js";
 
 const requests = new Map();
 
@@ -43,8 +44,11 @@ export function markRead(request) {
   readAnswers.value = new Set(readAnswers.peek()).add(answerKey(request));
 }
 
-/** Seconds until an open request ends. */
-export const secondsLeft = (request) => Math.max(0, Math.ceil((request.expires_ms - serviceNow()) / 1000));
+/** Open request for control of a drive, else null. */
+export const openRequest = (view) => (view.control_request?.state === "open" ? view.control_request : null);
+
+/** Seconds until an open request ends; counts down. */
+export const secondsLeft = (request) => Math.max(0, Math.ceil((request.expires_ms - tickingServiceNow()) / 1000));
 
 export const askForControl = (id, reason) => api.post(drivePath(id, "/control-request"), reason ? { reason } : {});
 

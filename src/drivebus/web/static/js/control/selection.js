@@ -1,65 +1,17 @@
-// A command to selected drives: its dialog, and results in which equal refusals are one sentence.
+// A command to selected drives: its dialog, its results, and a button for each such command.
 import { html, useState } from "../lib.js";
-import { localized, replaced, t, titleOf } from "../i18n.js";
+import { t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
 import { isMine } from "../session.js";
-import { drive } from "../store.js";
-import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
+import { listDrives } from "../titles.js";
+import { Button, Dialog, ErrorNote, Notice, toggled, useRequest } from "../ui.js";
+import { mergeSentences } from "./merge-sentences.js";
+import { ReasonField } from "./reason-field.js";
+import { openRequest } from "./requests.js";
 
-const MIN_REASON_LENGTH = 3;
 /** More drives have buttons that choose all or none. */
 const FEW = 3;
-
-export const nameOf = (id) => (drive(id).value ? titleOf(drive(id).value) : id);
-
-/** Parameters of a sentence that name the drive. */
-const OWN = ["drive", "station", "address"];
-/** Measured values: of several drives the lowest and the highest are shown. All others must be equal for sentences to be one. */
-const MEASURED = ["error_percent"];
-
-/** Names of drives in one sentence; more are counted. */
-const MAX_NAMES = 8;
-
-/** Names of drives as a list; of many the first ones and the number of the others. */
-export const listed = (ids) => shortList(ids, nameOf);
-
-function shortList(items, text) {
-  const names = items.slice(0, MAX_NAMES).map(text).join(t("language.between_items"));
-  return items.length > MAX_NAMES ? t("page.names_more", { names, n: items.length - MAX_NAMES }) : names;
-}
-
-/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, text, isNamed}], and
- * `isNamed` says that the text has the names of the drives. */
-export function mergeSentences(items) {
-  const groups = new Map();
-  for (const one of items) {
-    const others = Object.entries(one.params ?? {}).filter(([name]) => ![...OWN, ...MEASURED].includes(name));
-    const alike = JSON.stringify([one.key, others]);
-    groups.set(alike, [...(groups.get(alike) ?? []), one]);
-  }
-  return [...groups.values()].map((alike) => ({ ids: alike.map(({ id }) => id), ...mergedText(alike) }));
-}
-
-function mergedText(alike) {
-  const [{ params }] = alike;
-  const text = MEASURED.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
-  const found = OWN.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
-  if (!found) return { text, isNamed: false };
-  const isNamed = found === "drive";
-  const own = isNamed ? listed(alike.map(({ id }) => id)) : shortList(alike, (one) => one.params[found]);
-  return { text: replaced(text, String(params[found]), own), isNamed };
-}
-
-/** The sentence of the first drive with the lowest and the highest of the measured values. */
-function withRange(sentence, alike, name) {
-  const values = alike.map(({ params }) => params?.[name]);
-  const [least, most] = [Math.min(...values), Math.max(...values)].map(decimal);
-  return least === most ? sentence : replaced(sentence, decimal(values[0]), t("page.value_range", { least, most }));
-}
-
-/** A measured value as the service writes it: "3.0", "3.12". */
-const decimal = (value) => (Number.isInteger(value) ? value.toFixed(1) : String(value));
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
 function SelectionResults({ outcomes }) {
@@ -67,7 +19,7 @@ function SelectionResults({ outcomes }) {
   const done = entries.filter(([, one]) => one.status === "done").map(([id]) => id);
   const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
   return html`<${Notice} live kind=${refused.length ? "warning" : undefined}><ul>
-    ${done.length > 0 && html`<li>${t("page.selection_done", { names: listed(done) })}</li>`}
+    ${done.length > 0 && html`<li>${t("page.selection_done", { names: listDrives(done) })}</li>`}
     ${refused.map((one) => html`<li key=${one.ids[0]}>${one.text}</li>`)}
     ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
 }
@@ -80,7 +32,6 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
   const [reason, setReason] = useState("");
   const [run, busy, error, result] = useRequest();
   const drives = offered.map((view) => view.id).filter((id) => !left.includes(id));
-  const toggle = (id) => setLeft(left.includes(id) ? left.filter((one) => one !== id) : [...left, id]);
   const given = reason.trim();
   const send = (event) => {
     event.preventDefault();
@@ -92,9 +43,9 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
       data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
     ${!result && html`<div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
-      checked=${!left.includes(view.id)} onChange=${() => toggle(view.id)} />${titleOf(view)}</label>`)}</div>`}
-    ${!result && reasonLabel && html`<${Field} label=${reasonLabel}><input value=${reason} maxlength="500" required=${!optional}
-      minlength=${MIN_REASON_LENGTH} onInput=${(event) => setReason(event.currentTarget.value)} /><//>`}
+      checked=${!left.includes(view.id)} onChange=${() => setLeft(toggled(left, view.id))} />${titleOf(view)}</label>`)}</div>`}
+    ${!result && reasonLabel && html`<${ReasonField} label=${reasonLabel} value=${reason} onChange=${setReason}
+      required=${!optional} />`}
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${SelectionResults} outcomes=${result.outcomes} />`}
     <div class="row end"><${Button} onClick=${onClose}>${t(result ? "page.close" : "page.cancel")}<//>
       ${!result && html`<button type="submit" class="button main" disabled=${off} data-do="selection">${act}</button>`}
@@ -126,7 +77,7 @@ export function WaiverButton({ views }) {
 
 /** Request for control of those of these drives that another session controls and for which no request is open. */
 export function AskForControlButton({ views }) {
-  const others = views.filter(({ lease, control_request }) => lease && !isMine(lease) && control_request?.state !== "open");
+  const others = views.filter((view) => view.lease && !isMine(view.lease) && !openRequest(view));
   return html`<${SelectionButton} views=${others} text="page.control_ask_all" title=${t("page.control_ask")}
     ask=${t("page.control_ask_all_how")} path="/control-requests" act=${t("page.control_ask_send")}
     reasonLabel=${t("page.control_ask_reason")} optional />`;

@@ -9,7 +9,7 @@ import { route } from "../router.js";
 import { may } from "../session.js";
 import { usePublishedHeight } from "../published-height.js";
 import { drive, group, idsOf } from "../store.js";
-import { dismissStop, nameOf, shownStops, stop } from "./stops.js";
+import { dismissStop, shownStops, stop, targetName } from "./stops.js";
 import { ReleaseButton } from "./selection.js";
 import { StopAnyway } from "./stop-anyway.js";
 import { Button } from "../ui.js";
@@ -51,7 +51,7 @@ function GroupStop({ groups }) {
 }
 
 function stopText(entry) {
-  const what = nameOf(entry.what);
+  const what = targetName(entry.target);
   if (entry.phase === "sending") return t(isLive.value ? "page.stop_sending" : "page.stop_waiting", { what });
   if (entry.phase === "trying") return t("page.stop_trying", { what });
   const key = entry.phase === "failed" ? "page.stop_failed" : entry.good ? "page.stop_done" : "page.stop_not_sure";

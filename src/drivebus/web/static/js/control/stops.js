@@ -1,11 +1,12 @@
 // Stops: by REST alone, so that they work without a live connection. No lease, no second step, no dialog. The outcome
 // of each is shown.
-import { batch, effect, signal } from "../lib.js";
-import { api } from "../api.js";
+import { effect, signal } from "../lib.js";
+import { api, drivePath, groupPath } from "../api.js";
+import { OFF_STATES } from "../drive-states.js";
 import { loadSession } from "../session.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { drive, group, idsOf, nowMs, serviceNow } from "../store.js";
-import { listed } from "./selection.js";
+import { listDrives } from "../titles.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
@@ -14,29 +15,23 @@ const RETRY_WINDOW_MS = 30_000;
 const RETRY_PAUSE_MS = 700;
 /** A read this long after the answer is not one that the stop itself had: the service's clock is known to a message's delay. */
 const CONFIRM_AFTER_MS = 1000;
-/** States in which the output of a drive is off. */
-export const OFF_STATES = ["stopped", "emergency_stopped", "fault", "not_ready"];
 
-/** Newest first: {id, what, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged, text(unconfirmed),
- * time_ms, unconfirmed, acknowledgedDrives, withheld, answered_ms}. `unconfirmed`: the drives whose stop is not confirmed;
- * `withheld`: those to which nothing was sent because they did not answer as their model. An older stop stays in the list
- * until it is confirmed, dismissed, or sent again. */
+/** Stops of this page, newest first: {id, target, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged,
+ * text(unconfirmed), time_ms, unconfirmed, acknowledgedDrives, withheld, answered_ms}. `target`: {kind, id} as for `stop`;
+ * `unconfirmed`: the drives whose stop is not confirmed; `withheld`: those to which nothing was sent because they did not
+ * answer as their model. An older stop stays in the list until it is confirmed, dismissed, or sent again. */
 export const stops = signal([]);
 let count = 0;
 
-const PATHS = {
-  drive: (id) => `/drives/${encodeURIComponent(id)}/stop`,
-  group: (id) => `/groups/${encodeURIComponent(id)}/stop`,
-  all: () => "/stop",
-};
+const PATHS = { drive: (id) => drivePath(id, "/stop"), group: (id) => groupPath(id, "/stop"), all: () => "/stop" };
 
-export function nameOf({ kind, id }) {
+export function targetName({ kind, id }) {
   if (kind === "all") return t("page.stop_scope_all");
   const found = (kind === "drive" ? drive(id) : group(id)).value;
   return found ? titleOf(found) : id;
 }
 
-/** Does a new stop replace the result of an older one? It stops at least the same drives. */
+/** Whether a new stop replaces the result of an older one: it stops at least the same drives. */
 function covers(newer, older) {
   if (newer.kind === "all" || (newer.kind === older.kind && newer.id === older.id)) return true;
   return newer.kind === "group" && older.kind === "drive" && (group(newer.id).peek()?.drives.includes(older.id) ?? false);
@@ -58,16 +53,16 @@ function change(id, fields) {
 /** Stop a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
  * "quick_stop". `assume_model` sends it also to a station that has not answered as its model. Never raises. */
 export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
-  const mine = ++count;
-  const entry = { id: mine, what: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: Date.now() };
-  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !covers(entry.what, one.what))];
+  const entryId = ++count;
+  const entry = { id: entryId, target: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: Date.now() };
+  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !covers(entry.target, one.target))];
   const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
-  const result = await sendUntilAnswered(mine, entry.what, body);
-  batch(() => change(mine, { ...result, answered_ms: serviceNow() }));
+  const result = await sendUntilAnswered(entryId, entry.target, body);
+  change(entryId, { ...result, answered_ms: serviceNow() });
 }
 
-/** Has a read after the answer shown the output off, and is the stop no longer repeated? Reads of a station that does not
- * answer as its model show nothing. */
+/** Whether a read after the answer has shown the output off, and the stop is no longer repeated. Reads of a station that
+ * does not answer as its model show nothing. */
 function isConfirmedSince(id, { answered_ms, withheld }) {
   const view = drive(id).value;
   return view?.presence === "online" && !view.stop_pending && OFF_STATES.includes(view.state)
@@ -89,16 +84,16 @@ effect(() => {
   }
 });
 
-/** No answer, no service process, or the CSRF token of an earlier server process: the stop is repeated. */
+/** Whether a stop is repeated after an error: no answer, no service process, or the CSRF token of an earlier server process. */
 const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
-async function sendUntilAnswered(mine, what, body) {
-  const path = PATHS[what.kind](what.id);
+async function sendUntilAnswered(entryId, target, body) {
+  const path = PATHS[target.kind](target.id);
   const until = nowMs() + RETRY_WINDOW_MS;
   let renewed = false;
   for (;;) {
     try {
-      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }), what);
+      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }), target);
     } catch (error) {
       // Another tab logged in meanwhile: the request was denied before it had any effect.
       if (error.code === "auth.csrf" && !renewed) {
@@ -106,8 +101,8 @@ async function sendUntilAnswered(mine, what, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!isTransient(error) || nowMs() > until) return failed(error, what);
-      change(mine, { phase: "trying" });
+      if (!isTransient(error) || nowMs() > until) return failed(error, target);
+      change(entryId, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
       // Another server process may need another CSRF token.
       await loadSession().catch(() => null);
@@ -116,8 +111,8 @@ async function sendUntilAnswered(mine, what, body) {
 }
 
 /** An error with an outcome: sent and not confirmed. Without one it is unknown whether the stop was sent. */
-function failed(error, what) {
-  const named = what.kind === "drive" ? [what.id] : [];
+function failed(error, target) {
+  const named = target.kind === "drive" ? [target.id] : [];
   const withheld = isWithheld(error) ? named : [];
   const text = () => error.sentence ?? String(error);
   return { phase: error.outcome ? "done" : "failed", good: false, unconfirmed: named, withheld, text };
@@ -125,12 +120,12 @@ function failed(error, what) {
 
 const WITHHELD_KEYS = new Set(["drives.stop_withheld", "drives.stop_withheld_silent"]);
 
-/** Was nothing sent because the station did not answer as its model? */
+/** Whether nothing was sent because the station did not answer as its model. */
 const isWithheld = (found) => WITHHELD_KEYS.has(found.outcome?.key ?? found.key);
 
 const classOf = (found) => (["confirmed", "acknowledged"].includes(found.status) ? found.status : "unconfirmed");
 
-const countAndNames = (ids) => ({ n: ids.length, names: listed(ids) });
+const countAndNames = (ids) => ({ n: ids.length, names: listDrives(ids) });
 
 const acknowledgedBy = (ids) => ({ acknowledged: true, text: () => t("page.stop_acknowledged", countAndNames(ids)) });
 
@@ -142,11 +137,11 @@ function drivesOfBus(id) {
 
 /** Result of a stop from any of the three shapes of an answer: one outcome, outcomes by drive, buses. `good`: no drive
  * is left unconfirmed; `acknowledged`: a drive accepted the stop and cannot report standstill. */
-export function evaluateStop(answer, what) {
+export function evaluateStop(answer, target) {
   if (answer.outcome) {
     const found = classOf(answer.outcome);
     const text = () => localized(answer.outcome.text);
-    const unconfirmed = found === "unconfirmed" && what?.kind === "drive" ? [what.id] : [];
+    const unconfirmed = found === "unconfirmed" && target?.kind === "drive" ? [target.id] : [];
     return { phase: "done", good: found !== "unconfirmed", acknowledged: found === "acknowledged", unconfirmed, text };
   }
   const drives = { confirmed: new Set(), acknowledged: new Set(), unconfirmed: new Set() };

@@ -5,8 +5,7 @@ import { api, drivePath } from "../api.js";
 import { Button, Dialog, ErrorNote, Field, Notice, useRequest } from "../ui.js";
 import { number, numberOf } from "../format.js";
 import { may } from "../session.js";
-import { isLive, now } from "../live.js";
-import { serviceNow } from "../store.js";
+import { isLive, tickingServiceNow } from "../live.js";
 import { hasControl } from "../control/leases.js";
 import { ArmStart, START_OPTIONS } from "../control/arm-start.js";
 import { Frequency, frequencyError } from "../control/frequency.js";
@@ -43,8 +42,7 @@ function TestForm({ view, onClose }) {
 
 function Progress({ view, test }) {
   const [run, busy, error] = useRequest();
-  void now.value; // counts down with the page's clock
-  const seconds = test.until_ms === null ? 0 : Math.max(0, Math.ceil((test.until_ms - serviceNow()) / 1000));
+  const seconds = test.until_ms === null ? 0 : Math.max(0, Math.ceil((test.until_ms - tickingServiceNow()) / 1000));
   return html`<${Notice} kind="warning" live title=${t("page.comm_loss_test")}>
     <p>${t(`page.comm_loss_phase_${test.phase}`, { seconds })}</p>
     ${test.phase === "silent" && hasControl(view) && html`<${Button} busy=${busy} data-do="read-now"

@@ -2,14 +2,11 @@
 import { html, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { releaseControl, takeControl } from "../control/leases.js";
-import { askForControl, secondsLeft, withdrawRequest } from "../control/requests.js";
-import { isLive, now } from "../live.js";
+import { ReasonField, isLongEnough } from "../control/reason-field.js";
+import { askForControl, openRequest, secondsLeft, withdrawRequest } from "../control/requests.js";
+import { isLive } from "../live.js";
 import { idle, isMine, may, session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, useRequest } from "../ui.js";
-
-const MIN_REASON_LENGTH = 3;
-
-const openRequest = (view) => (view.control_request?.state === "open" ? view.control_request : null);
+import { Button, Dialog, ErrorNote, FormEnd, useRequest } from "../ui.js";
 
 function TakeOver({ view, onClose }) {
   const [run, busy, error] = useRequest();
@@ -36,18 +33,14 @@ function AskForControl({ view, onClose }) {
   return html`<${Dialog} title=${t("page.control_ask_title", { name: titleOf(view) })} onClose=${onClose}>
     <p>${t("page.control_ask_how", { owner: view.lease?.owner ?? "" })}</p>
     <form class="stack" onSubmit=${send}>
-      <${Field} label=${t("page.control_ask_reason")}><input value=${reason} maxlength="500" data-first
-        onInput=${(event) => setReason(event.target.value)} /><//>
-      <${ErrorNote} error=${error} />
-      <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-        <button class="button main" type="submit" data-do="send-request" disabled=${busy
-          || (given !== "" && given.length < MIN_REASON_LENGTH)}>${t("page.control_ask_send")}</button></div></form><//>`;
+      <${ReasonField} label=${t("page.control_ask_reason")} value=${reason} onChange=${setReason} data-first />
+      <${FormEnd} error=${error} onClose=${onClose} submit=${t("page.control_ask_send")} data-do="send-request"
+        disabled=${busy || (given !== "" && !isLongEnough(given))} /></form><//>`;
 }
 
 /** State of the open request for control: of this session with the seconds left, or of another user. */
 function OpenRequest({ view, request }) {
   const [run, busy, error] = useRequest();
-  now.value; // counts down
   if (!isMine(request)) return html`<span class="soft">${t("page.control_asked_other", { user: request.user })}</span>`;
   return html`<span role="timer">${t("page.control_asked_own", { s: secondsLeft(request) })}</span>
     <${Button} busy=${busy} onClick=${() => run(() => withdrawRequest(view.id))} data-do="withdraw">
@@ -73,8 +66,7 @@ export function ControlLease({ view }) {
   return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${holderText(view)}
     ${!isLive.value && html` <span class="outdated">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
-      onClick=${() => run(() => takeControl(view.id))}
-      data-do="take">${t("page.lease_take")}<//>`}
+      onClick=${() => run(() => takeControl(view.id))} data-do="take">${t("page.lease_take")}<//>`}
     ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}
       title=${t("page.lease_every_tab")}>${t("page.lease_give")}<//>`}
     ${others && request && html`<${OpenRequest} view=${view} request=${request} />`}

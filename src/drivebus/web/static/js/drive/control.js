@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
+import { TURNING_STATES } from "../drive-states.js";
 import { isLive } from "../live.js";
 import { idle, may } from "../session.js";
 import { hasControl } from "../control/leases.js";
@@ -10,11 +11,9 @@ import { stop } from "../control/stops.js";
 import { moment, number, numberOf } from "../format.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart, START_OPTIONS } from "../control/arm-start.js";
-import { mergeSentences } from "../control/selection.js";
+import { mergeSentences } from "../control/merge-sentences.js";
 import { ControlLease } from "./control-lease.js";
 import { JogPanel } from "./jog.js";
-
-const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "restarting"]);
 
 /** Reason why only stops are possible now; null where commands are. */
 export function controlBlocker(view) {
@@ -34,7 +33,7 @@ function Motion({ view, disabled }) {
   const [isOver, setOver] = useState(false);
   const isWrong = frequencyError(hertz, view) !== null;
   const cannotSet = disabled || refusesFrequency(view);
-  const turning = MOVING_STATES.has(view.state);
+  const turning = TURNING_STATES.includes(view.state);
   const reversible = view.capabilities.includes("reverse");
   const chosen = view.directions.includes(selectedDirection) ? selectedDirection : view.directions[0] ?? "forward";
   // The outcome of a start stays until the motor is at rest, its place until the next start: no button moves meanwhile.
@@ -45,7 +44,7 @@ function Motion({ view, disabled }) {
   const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? chosen : null;
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
-  const known = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
+  const params = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
   return html`<div class="stack"><${Frequency} label=${t("page.setpoint")} value=${hertz} onChange=${setHertz}
     limits=${view} disabled=${disabled} onEnter=${() => !busy && !cannotSet && set()} />
     <div class="row">${reversible && html`<${Choice} label=${t("page.direction")} value=${chosen} onChange=${setSelectedDirection}
@@ -55,8 +54,8 @@ function Motion({ view, disabled }) {
     <${ArmStart} arm=${() => api.post(drivePath(view.id, "/arm"))} act=${begin} onDone=${(found) => { setStarted(found); setOver(false); }}
       kind=${turning ? "plain" : "main"} disabled=${disabled || isWrong || view.start_blockers.length > 0}
       first=${t("page.run")} second=${t("page.run_now")}>
-      <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", known)}</p><p>${t("page.run_watch")}</p><//>
-    <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
+      <p>${t(reversible ? "page.run_ask" : "page.run_ask_plain", params)}</p><p>${t("page.run_watch")}</p><//>
+    <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} />
     ${started?.outcome && html`<div class=${isOver ? "past-outcome" : ""}><${OutcomeNote} outcome=${started.outcome} /></div>`}</div>`;
 }
 
@@ -71,9 +70,8 @@ function Stops({ view }) {
 function SingleAction({ path, text, note, disabled, name }) {
   const [run, busy, error, result] = useRequest();
   return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy}
-    onClick=${() => run(() => api.post(path))}
-    data-do=${name}>${text}<//></div>
-    <${ErrorNote} error=${error} />${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
+    onClick=${() => run(() => api.post(path))} data-do=${name}>${text}<//></div>
+    <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} /></div>`;
 }
 
 const BLOCKERS_ID = "start-blockers";
@@ -94,7 +92,7 @@ function StartBlockers({ view }) {
     ${needsWaiver && html`<div><${Button} onClick=${showSafety} data-do="show-safety">${t("page.safety")}…<//></div>`}`;
 }
 
-/** Who stopped the drive, and how, until it is started again. Its place is reserved: a start moves no button that is held. */
+/** Last stop of the drive, with its user and kind, until the next start. Its place is reserved: a start moves no button that is held. */
 function LastStop({ view: { last_stop } }) {
   if (!last_stop) return html`<p class="last-stop"></p>`;
   const { kind, actor, time_ms } = last_stop;
@@ -113,9 +111,7 @@ export function ControlPanel({ view }) {
     <${LastStop} view=${view} />
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
-      note=${t("page.release_note")}
-      text=${t("page.release")} disabled=${disabled} />`}
+      note=${t("page.release_note")} text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}
-      disabled=${disabled || view.start_blockers.length > 0} /></details>`}
-  </section>`;
+      disabled=${disabled || view.start_blockers.length > 0} /></details>`}</section>`;
 }

@@ -43,15 +43,22 @@ function Fault({ view }) {
       ${incident && html`<a class="button" data-do="incident" href=${href("incidents", incident)}>${t("page.open_incident")}</a>`}
       </div>${note && html`<p class="small">${note}</p>`}</div>
     ${(error || result?.outcome) && html`<div class="fault-outcome"><${ErrorNote} error=${error} />
-      ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}
+      <${OutcomeNote} outcome=${result?.outcome} />
       <${Button} kind="quiet" icon="close" onClick=${clear} aria-label=${t("page.close")} /></div>`}</div>
     ${isOpen && html`<${FaultDialog} fault=${fault} note=${note} incident=${incident} onClose=${() => setOpen(false)} />`}`;
 }
 
+function NoFault({ view }) {
+  const isKnown = isLive.value && view.presence === "online" && view.state !== "unknown";
+  const text = isKnown ? t("page.no_present_fault") : t("page.fault") + t("page.colon") + t("page.not_known");
+  return html`<p class="soft"><${Icon} name=${isKnown ? "check" : "unknown"} /><span>${text}${isKnown && hasOnlyClearedAlarms(view.id)
+    && html`<br /><a href=${href("alarms")}>${t("page.alarms_to_acknowledge")}</a>`}</span></p>`;
+}
+
+/** Place of the fault; a drive that reports neither state nor fault has none. */
 export function CurrentFault({ view }) {
   const isFaulty = view.fault || view.state === "fault";
-  const isCalm = isLive.value && view.presence === "online" && view.state !== "unknown";
-  return html`<section class="fault-place" aria-label=${t("page.fault")}>${isFaulty ? html`<${Fault} view=${view} />`
-    : isCalm && html`<p class="soft"><${Icon} name="check" /><span>${t("page.no_present_fault")}${hasOnlyClearedAlarms(view.id)
-      && html`<br /><a href=${href("alarms")}>${t("page.alarms_to_acknowledge")}</a>`}</span></p>`}</section>`;
+  if (!isFaulty && view.state === "unknown" && !view.capabilities.includes("status")) return null;
+  return html`<section class="fault-place" aria-label=${t("page.fault")}>
+    <${isFaulty ? Fault : NoFault} view=${view} /></section>`;
 }

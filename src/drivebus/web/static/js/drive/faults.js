@@ -3,7 +3,8 @@ import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment } from "../format.js";
-import { ErrorNote, Field, Table, useLoaded } from "../ui.js";
+import { SearchField } from "../search.js";
+import { ErrorNote, Table, useLoaded } from "../ui.js";
 
 const PAST_FAULT_COUNT = 50;
 
@@ -19,7 +20,7 @@ export function namesFault(sentence, { label, text }) {
   return sentence.includes(label ?? "") && sentence.includes(meaning);
 }
 
-/** What to do about a fault: `[name, text]` of its cause and its remedy, where the model's manual has them. */
+/** Cause and remedy of a fault as `[name, text]`, where the model's manual has them. */
 export const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.remedy"), fault?.remedy]]
   .filter(([, text]) => text).map(([name, text]) => [name, localized(text)]);
 
@@ -37,18 +38,18 @@ function PastFaults({ id }) {
 
 export function FaultsTab({ view, profile }) {
   return html`<div class="stack"><${PastFaults} id=${view.id} /><h3>${t("page.all_faults")}</h3>
-    ${profile.faults.length > 0 ? html`<${KnownFaults} view=${view} profile=${profile} />`
-      : html`<p>${t("page.no_fault_table")}</p>`}</div>`;
+    <${KnownFaults} view=${view} profile=${profile} /></div>`;
 }
 
+/** Fault codes of a model; that of the present fault of `view`, where one is given, is marked. */
 export function KnownFaults({ view, profile }) {
   const [search, setSearch] = useState("");
   const rows = useMemo(() => {
     const word = search.trim().toLowerCase();
     return profile.faults.filter((one) => !word || JSON.stringify(one).toLowerCase().includes(word));
   }, [profile, search]);
-  return html`<div class="stack"><${Field} label=${t("page.search")}><input type="search" value=${search}
-      onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
+  if (profile.faults.length === 0) return html`<p>${t("page.no_fault_table")}</p>`;
+  return html`<div class="stack"><${SearchField} value=${search} onChange=${setSearch} />
     <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view?.fault?.code === one.code ? "changed" : undefined)} columns=${[
         [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],

@@ -4,10 +4,9 @@ import { html, useEffect, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Icon } from "../icons.js";
-import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
+import { Button, ErrorNote, Notice } from "../ui.js";
 import { numberOf } from "../format.js";
-import { now } from "../live.js";
-import { nowMs } from "../store.js";
+import { useArmToken } from "../control/arm-start.js";
 import { Frequency, frequencyError } from "../control/frequency.js";
 import { JogSession } from "./jog-session.js";
 
@@ -68,17 +67,15 @@ function JogFrequency({ view, ...rest }) {
 
 /** `disabled`: the drive may not be commanded now. */
 export function JogPanel({ view, disabled }) {
-  const [run, busy, error] = useRequest();
-  const [armed, setArmed] = useState(null);
+  const { armed, left_s, arm, disarm, busy, error } = useArmToken(() => api.post(drivePath(view.id, "/arm")));
   const [hertz, setHertz] = useState("");
   const [status, setStatus] = useState({ phase: null, detail: null });
   const [chosen, setChosen] = useState(null);
   const jog = useRef(null);
   const release = useRef(() => jog.current?.release()).current;
   useEffect(() => release, []);
-  useEffect(() => { if (disabled) { release(); setArmed(null); } }, [disabled]);
+  useEffect(() => { if (disabled) { release(); disarm(); } }, [disabled]);
 
-  const left_s = armed ? Math.floor((armed.until - now.value) / 1000) : 0;
   const isEmpty = hertz.trim() === "";
   const wrong = isEmpty ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
   const isHeld = status.phase === "starting" || status.phase === "turning";
@@ -86,15 +83,10 @@ export function JogPanel({ view, disabled }) {
   const isReady = armed !== null && left_s > 0 && !disabled && !isEnding && !wrong;
 
   const directions = [...view.directions].reverse();
-  const arm = async () => {
-    const requestedAt = nowMs();
-    const found = await run(() => api.post(drivePath(view.id, "/arm")));
-    if (found) setArmed({ token: found.arm_token, until: requestedAt + found.expires_s * 1000 });
-  };
   const hold = (direction) => () => {
     if (!isReady || isHeld) return;
     const frequency_hz = isEmpty ? null : numberOf(hertz);
-    setArmed(null);
+    disarm();
     setChosen(direction);
     jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.token }, (phase, detail = null) => {
       setStatus({ phase, detail });

@@ -8,7 +8,8 @@ import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { hasControl } from "../control/leases.js";
-import { Button, ErrorNote, Field, Table } from "../ui.js";
+import { SearchField, hasWords } from "../search.js";
+import { Button, ErrorNote, Table } from "../ui.js";
 import { EvidenceNote } from "./evidence.js";
 import { rangeText, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
@@ -95,20 +96,13 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
   }
   if (canEdit) {
     shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
-      value=${edits[one.notation] ?? ""}
-      onChange=${(text) => edit(one.notation, text)} />`]);
+      value=${edits[one.notation] ?? ""} onChange=${(text) => edit(one.notation, text)} />`]);
   }
   return shown;
 }
 
-function matching(profile, text) {
-  const words = text.toLowerCase().split(/\s+/).filter(Boolean);
-  if (words.length === 0) return profile.parameters;
-  return profile.parameters.filter((one) => {
-    const where = `${one.notation} ${one.address_hex} ${one.text?.en} ${one.text?.zh}`.toLowerCase();
-    return words.every((word) => where.includes(word));
-  });
-}
+const matching = (profile, search) => profile.parameters.filter(({ notation, address_hex, text }) => (
+  hasWords(`${notation} ${address_hex} ${text?.en} ${text?.zh}`, search)));
 
 export function ParametersTab({ view, profile }) {
   const [search, setSearch] = useState("");
@@ -128,9 +122,7 @@ export function ParametersTab({ view, profile }) {
     return { parameter, text, value: allowedValue(parameter, text), before: values[notation] ?? null };
   });
   const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
-  return html`<div class="stack"><div class="row"><${Field} label=${t("page.search")}><input type="search"
-    value=${search}
-      onInput=${(event) => setSearch(event.currentTarget.value)} /><//>
+  return html`<div class="stack"><div class="row"><${SearchField} value=${search} onChange=${setSearch} />
       ${left > 0 ? html`<${Button} onClick=${stop}>${t("page.read_stop", { n: left })}<//>`
         : html`<${Button} disabled=${!canRead || names.length === 0} onClick=${() => read(names)} data-do="read">
         ${t("page.read_shown", { n: names.length })}<//>`}

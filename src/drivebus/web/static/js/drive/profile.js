@@ -2,6 +2,7 @@
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
+import { NO_VALUE } from "../format.js";
 import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
@@ -17,7 +18,7 @@ function Facts({ profile }) {
   const { serial, limits } = profile;
   const can = CAPABILITIES.filter((name) => profile.capabilities.includes(name));
   const not = CAPABILITIES.filter((name) => !profile.capabilities.includes(name));
-  const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || "–";
+  const listed = (names) => names.map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || NO_VALUE;
   return html`<dl class="facts"><dt>${t("page.model")}</dt><dd>${localized(profile.title)} (<code>${profile.model}
     </code>)</dd>
     <dt>${t("page.maker")}</dt><dd>${localized(profile.maker)}</dd>
@@ -28,7 +29,9 @@ function Facts({ profile }) {
     <dt>${t("page.can")}</dt><dd>${listed(can)}</dd><dt>${t("page.can_not")}</dt><dd>${listed(not)}</dd></dl>`;
 }
 
-/** What the drive itself reports: it is read on demand, because reading takes bus time. */
+const yesOrNo = (value) => (value === null ? NO_VALUE : t(value ? "page.yes" : "page.no"));
+
+/** Identity that the drive itself reports: read on demand, because reading takes bus time. */
 function Identity({ id }) {
   const [found, setFound] = useState(null);
   const [run, busy, error] = useRequest();
@@ -37,12 +40,11 @@ function Identity({ id }) {
     ["page.identity_rating", [found.voltage_class_v && `${found.voltage_class_v} V`,
       found.power_kw !== null && `${found.power_kw} kW`].filter(Boolean).join(t("language.between_items"))],
     ...Object.entries(found.digits).map(([part, digits]) => [`page.identity_${part}`, html`<code>${digits}</code>`]),
-    ["page.identity_host_controls", found.host_controls === null ? "–" : t(found.host_controls ? "page.yes" : "page.no")],
-    ["page.identity_host_frequency",
-      found.host_sets_frequency === null ? "–" : t(found.host_sets_frequency ? "page.yes" : "page.no")],
+    ["page.identity_host_controls", yesOrNo(found.host_controls)],
+    ["page.identity_host_frequency", yesOrNo(found.host_sets_frequency)],
   ];
   return html`<h3>${t("page.identity")}</h3>${facts && html`<dl class="facts" data-text="identity">
-    ${facts.map(([key, value]) => html`<dt>${t(key)}</dt><dd>${value || "–"}</dd>`)}</dl>`}<${ErrorNote} error=${error} />
+    ${facts.map(([key, value]) => html`<dt>${t(key)}</dt><dd>${value || NO_VALUE}</dd>`)}</dl>`}<${ErrorNote} error=${error} />
     <div class="row"><${Button} busy=${busy} disabled=${!isLive.value} onClick=${read} data-do="read-identity">
       ${t("page.identity_read")}<//></div>`;
 }

@@ -35,11 +35,10 @@ function Step({ view, changes, save, text, disabled, onWritten, kind = "main" })
     if (found && isWritten(found.outcome)) onWritten();
   };
   return html`<div class="stack"><div class="row end"><${Button} kind=${kind} busy=${busy} disabled=${disabled}
-    onClick=${() => write(false)}
-    data-do=${save ? "save" : "write"}>${text}<//></div><${ErrorNote} error=${error} />
+    onClick=${() => write(false)} data-do=${save ? "save" : "write"}>${text}<//></div><${ErrorNote} error=${error} />
     ${error?.kind === "ConfirmationRequired" && html`<div class="row end"><${Button} kind="plain"
       onClick=${() => write(true)} data-do="write-force">${t("page.write_force")}<//></div>`}
-    ${result?.outcome && html`<${OutcomeNote} outcome=${result.outcome} />`}</div>`;
+    <${OutcomeNote} outcome=${result?.outcome} /></div>`;
 }
 
 export function Review({ view, profile, changes: given, onClose, onDone }) {
@@ -55,8 +54,7 @@ export function Review({ view, profile, changes: given, onClose, onDone }) {
     changes=${changes} />
     <p class="soft">${t("page.write_moves")}</p>
     ${ram && html`<${Step} view=${view} changes=${changes} save=${false} text=${t("page.write_ram")}
-      disabled=${isWrong || isWritten}
-      onWritten=${() => setWritten(true)} />`}
+      disabled=${isWrong || isWritten} onWritten=${() => setWritten(true)} />`}
     ${!ram && !profile.can_save && html`<${Notice} kind="warning">${t("page.not_writable")}<//>`}
     ${profile.can_save && (!ram || isWritten) && html`<${Notice} kind="warning" title=${t("page.save_title")}>
       ${t(ram ? "page.save_note" : "page.save_only")}<//>

@@ -29,23 +29,3 @@ export function StateMark({ known, direction, size = 22 }) {
       <span class="sr">${t(`drives.direction_${direction}`)}</span>`}
     ${isOutdated && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
 }
-
-const PRIORITY_ICONS = { critical: "fault", high: "warning", medium: "warning", low: "low" };
-
-/** An alarm's priority by shape, word and colour; of a cleared alarm without the colour. */
-export function PriorityMark({ priority, cleared = false, word = true, size = 18 }) {
-  const clearedText = cleared ? t("page.alarm_cleared_unacknowledged") : undefined;
-  return html`<span class=${`priority ${priority} ${cleared ? "cleared" : ""}`} title=${clearedText}><${Icon}
-    name=${PRIORITY_ICONS[priority] ?? "warning"} size=${size} />
-    <span class=${word ? "word" : "sr"}>${t(`page.priority_${priority}`)}</span>${cleared && html`<span class="sr">
-      ${clearedText}</span>`}</span>`;
-}
-
-/** Badge: what the drive does at a communication loss. */
-export function CommLossBadge({ badge }) {
-  const calm = badge.kind === "trips";
-  const kind = badge.tested?.holds ? `tested_${badge.tested.result}` : badge.kind;
-  const words = t(`page.comm_loss_${kind}`, { after: badge.after_s ?? "?" });
-  return html`<span class=${`badge ${calm ? "calm" : "warn"}`}><${Icon} name=${calm ? "check" : "warning"} size=${16} />
-    <span>${words}${badge.waiver && ` · ${t("page.waived")}`}</span></span>`;
-}

@@ -2,9 +2,9 @@
 import { html, useEffect, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
-import { signalName, signalRank } from "../format.js";
-import { firstLines } from "../trend/lines.js";
-import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
+import { signalName, signalRank } from "../signal-names.js";
+import { HUES, firstLines } from "../trend/lines.js";
+import { ErrorNote, Loading, Notice, toggled, useLoaded } from "../ui.js";
 
 /** Signals shown at first. */
 const DEFAULT_SIGNAL_COUNT = 3;
@@ -15,11 +15,10 @@ async function tagsOf(id) {
 }
 
 function Pick({ tags, chosen, onChange }) {
-  const toggle = (tag) => onChange(chosen.includes(tag) ? chosen.filter((one) => one !== tag) : [...chosen, tag]);
   return html`<details><summary>${t("page.signals_chosen", { n: `${chosen.length}/${tags.length}` })}</summary>
     <fieldset class="row trendpick"><legend class="sr">${t("page.signals")}</legend>${tags.map((one) => html`
       <label class="check" key=${one.tag}><input type="checkbox" checked=${chosen.includes(one.tag)}
-        onChange=${() => toggle(one.tag)} />${signalName(one.signal)}</label>`)}</fieldset></details>`;
+        onChange=${() => onChange(toggled(chosen, one.tag))} />${signalName(one.signal)}</label>`)}</fieldset></details>`;
 }
 
 export function TrendTab({ view }) {
@@ -38,7 +37,7 @@ export function TrendTab({ view }) {
   if (tags.length === 0) return html`<p class="loading">${t("page.no_history")}</p>`;
   const chosen = picked ?? firstLines(tags).slice(0, DEFAULT_SIGNAL_COUNT).map((one) => one.tag);
   const lines = tags.map((one, hue) => ({
-    tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % 8,
+    tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % HUES,
   })).filter((line) => chosen.includes(line.tag));
   return html`<${Pick} tags=${tags} chosen=${chosen} onChange=${setPicked} /><${part.Trend} lines=${lines} />`;
 }

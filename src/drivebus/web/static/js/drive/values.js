@@ -1,7 +1,9 @@
 // Live values of one drive, the most used first, each with its age.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
-import { duration, number, reading, signalName, signalRank, slowInterval } from "../format.js";
+import { duration, number } from "../format.js";
+import { reading, slowInterval } from "../readings.js";
+import { signalName, signalRank } from "../signal-names.js";
 import { isLive } from "../live.js";
 import { bus } from "../store.js";
 import { Value } from "../ui.js";
@@ -31,7 +33,7 @@ function Rows({ view, names }) {
     <tbody>${names.map((name) => html`<${Row} key=${name} view=${view} name=${name} />`)}</tbody></table>`;
 }
 
-/** Why the values are older than the model's own poll interval. */
+/** Note where the bus polls the drive less often than its model asks for. */
 function SlowPolling({ view }) {
   const slow = slowInterval(view);
   if (slow === null) return null;
@@ -50,8 +52,7 @@ export function Values({ view }) {
       <figure><figcaption>${t("page.commanded")}</figcaption><span
         class=${`value big ${isLive.value ? "" : "bad"}`}><span class="number">${
         number(view.commanded_hz, "Hz")}</span><span class="unit">${view.commanded_hz === null ? "" : "Hz"}</span>
-        </span>
-      </figure></div>
+        </span></figure></div>
     <${SlowPolling} view=${view} /><${Rows} view=${view} names=${names.slice(0, DEFAULT_ROW_COUNT)} />
     ${more.length > 0 && html`<details><summary>${t("page.more_values", { n: more.length })}</summary>
       <${Rows} view=${view} names=${more} /></details>`}</section>`;

@@ -1,10 +1,12 @@
 // Filter and order of the fleet's drives: strings and numbers only, so that equal values redraw nothing.
 import { computed, signal } from "../lib.js";
 import { titleOf } from "../i18n.js";
+import { TURNING_STATES } from "../drive-states.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { now, isLive } from "../live.js";
 import { hasUnacknowledgedAlarm } from "../alarms/alarm-list.js";
 import { route } from "../router.js";
+import { hasWords } from "../search.js";
 import { drive, group, idsOf, bus } from "../store.js";
 import { collator } from "../titles.js";
 
@@ -24,15 +26,13 @@ export function savePreferences() {
   savePreference("fleet", { sort: sort.value, by: groupBy.value, size: size.value });
 }
 
-export const MOVING_STATES = new Set(["running", "accelerating", "decelerating", "jogging", "braking", "restarting", "paused"]);
-
 /** The kinds that a drive belongs to. A drive whose alarms are all cleared is not abnormal, but they wait for their
  * acknowledgement. */
 export function kindsOf(view) {
   const found = new Set(["all"]);
   if (view.presence !== "online") found.add("offline");
   else if (view.state === "fault" || view.fault) found.add("fault");
-  else if (MOVING_STATES.has(view.state)) found.add("running");
+  else if (TURNING_STATES.includes(view.state)) found.add("running");
   else if (view.state === "stopped" || view.state === "unknown") found.add(view.state);
   if (found.has("offline") || found.has("fault") || Object.keys(view.alarms ?? {}).length) found.add("abnormal");
   if (hasUnacknowledgedAlarm(view.id)) found.add("unacknowledged");
@@ -71,15 +71,12 @@ const ORDERS = {
   current: (a, b) => valueOf(b, "output_current") - valueOf(a, "output_current"),
 };
 
-function matches(view, words) {
-  const where = `${view.id} ${view.title?.en ?? ""} ${view.title?.zh ?? ""} ${view.bus} ${view.model} ${view.address}`;
-  return words.every((word) => where.toLowerCase().includes(word));
-}
+const searchedText = ({ id, title, bus: busId, model, address }) => (
+  `${id} ${title?.en ?? ""} ${title?.zh ?? ""} ${busId} ${model} ${address}`);
 
 function filteredDrives(inGroup) {
-  const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
   return shownDrives.value.filter((view) => (
-    kindsOf(view).has(kind.value) && within(inGroup)(view) && matches(view, words)
+    kindsOf(view).has(kind.value) && within(inGroup)(view) && hasWords(searchedText(view), search.value)
   ));
 }
 

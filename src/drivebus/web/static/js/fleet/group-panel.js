@@ -1,20 +1,21 @@
 // A group: progress, start in two steps, setpoint. Its stop is in the stop bar.
 import { html, useEffect, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
-import { api } from "../api.js";
+import { api, groupPath } from "../api.js";
+import { TURNING_STATES } from "../drive-states.js";
 import { number, numberOf } from "../format.js";
-import { isLive, now } from "../live.js";
+import { isLive } from "../live.js";
 import { hasControl, takeControl } from "../control/leases.js";
-import { secondsLeft, withdrawRequests } from "../control/requests.js";
+import { openRequest, secondsLeft, withdrawRequests } from "../control/requests.js";
 import { isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
-import { MOVING_STATES } from "./fleet-filter.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart } from "../control/arm-start.js";
-import { AskForControlButton, ReleaseButton, WaiverButton, listed, mergeSentences, nameOf } from "../control/selection.js";
+import { mergeSentences } from "../control/merge-sentences.js";
+import { AskForControlButton, ReleaseButton, WaiverButton } from "../control/selection.js";
+import { driveTitle, listDrives } from "../titles.js";
 
-const path = (id, rest) => `/groups/${encodeURIComponent(id)}${rest}`;
 const GROUP_TIMEOUT_MS = 300_000;
 
 function commonLimits(views) {
@@ -24,8 +25,8 @@ function commonLimits(views) {
   };
 }
 
-const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(nameOf).join(t("language.between_items"))}>${!isNamed && html`<b>
-  ${listed(ids)}</b>${t("page.colon")}`}${text}</li>`;
+const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
+  ${listDrives(ids)}</b>${t("page.colon")}`}${text}</li>`;
 
 /** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {
@@ -57,8 +58,7 @@ function Blocked({ views }) {
 /** Open requests of this session for drives of the group, which one press withdraws. */
 function OwnRequests({ views }) {
   const [run, busy, error] = useRequest();
-  now.value; // counts down
-  const open = views.filter(({ control_request }) => control_request?.state === "open" && isMine(control_request));
+  const open = views.filter((view) => isMine(openRequest(view)));
   if (open.length === 0) return html`<${ErrorNote} error=${error} />`;
   const s = Math.max(...open.map((view) => secondsLeft(view.control_request)));
   return html`<div class="row"><span role="timer">${t("page.control_asked_all", { n: open.length, s })}</span>
@@ -77,10 +77,10 @@ function Controls({ id, views }) {
   const leader = views.find((view) => view.id === group(id).value.leader);
   // Without its leader's frequency no drive of a group gets one.
   const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
-  const turning = views.some((view) => MOVING_STATES.has(view.state));
+  const turning = views.some((view) => TURNING_STATES.includes(view.state));
   useEffect(() => { if (!turning) setStarted(null); }, [turning]); // at rest the outcome of a start is outdated
   const frequency_hz = numberOf(hertz);
-  const send = (rest, body) => api.post(path(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
+  const send = (rest, body) => api.post(groupPath(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
   const set = () => run(() => send("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_controlled", { n: others })}</span>
@@ -89,13 +89,11 @@ function Controls({ id, views }) {
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
     <${Blocked} views=${blocked} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
-      limits=${limits} onEnter=${() => !cannotSet && !busy && set()}
-        disabled=${!isLive.value} />
+      limits=${limits} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
       <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${ArmStart} disabled=${off || blocked.length > 0}
       why=${blocked.length > 0 && t("page.group_start_blocked", { n: blocked.length, of: views.length })}
-      first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")}
-      onDone=${setStarted}
+      first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")} onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
         <//>
@@ -109,7 +107,7 @@ export function GroupPanel({ id }) {
   const views = found.drives.map((name) => drive(name).value).filter(Boolean);
   const leader = found.leader && drive(found.leader).value;
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
-  const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${nameOf(name)} × ${ratio}`);
+  const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${driveTitle(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
       <h2 id="group-title">${titleOf(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
         ${!isLive.value && ` ${t("page.state_was")}`}</span></div>

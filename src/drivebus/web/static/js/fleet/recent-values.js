@@ -23,7 +23,7 @@ export function mainSignal(view) {
 }
 
 /** Recent values of one drive, while its tile exists. */
-class Recent {
+export class RecentValues {
   constructor(id) {
     this.id = id;
     this.points = [];
@@ -39,7 +39,7 @@ class Recent {
     return name && `${this.id}.${name}`;
   }
 
-  /** Take in the drive's newest value. */
+  /** Add the drive's newest value. */
   add(view) {
     const found = view?.signals?.[mainSignal(view)];
     if (!found || (isLive.peek() && found === this.lastReading)) return;
@@ -62,7 +62,8 @@ class Recent {
     this.request();
   }
 
-  take(series) {
+  /** Put the historian's answer before the live values. */
+  addHistory(series) {
     this.points = joined(series, this.points);
     this.answers.value += 1;
   }
@@ -82,7 +83,7 @@ async function fetchWaiting() {
     const from = (pointNumber(to) - POINT_COUNT + 1) * POINT_MS;
     const query = { tags, from_ms: from, to_ms: to, points: POINT_COUNT + 1 };
     const answer = await api.get("/history/trend", query).catch(() => null);
-    for (const one of some) if (answer?.series?.[one.tag]) one.take(answer.series[one.tag]);
+    for (const one of some) if (answer?.series?.[one.tag]) one.addHistory(answer.series[one.tag]);
   }
   timer = null;
 }
@@ -95,8 +96,6 @@ const inView = new IntersectionObserver((changes) => {
     recent.request();
   }
 }, { rootMargin: VIEW_MARGIN });
-
-export const recentOf = (id) => new Recent(id);
 
 /** Follow whether a tile is in view; returns the function that ends it. */
 export function watchTile(tile, recent) {

@@ -59,7 +59,7 @@ function usualStep(points) {
   return steps[Math.floor(steps.length / 2)] ?? 1;
 }
 
-/** Was the value known all the time from one point to the next? */
+/** Whether the value was known all the time from one point to the next. */
 function isConnected(one, next, usual) {
   if (one.endsBad || next.startsBad || !one.count || !next.count) return false;
   const isDoubtful = one.q !== GOOD || next.q !== GOOD;

@@ -1,10 +1,12 @@
 // Sparkline of a drive's main signal, and its bar between the limits.
 import { html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { t } from "../i18n.js";
-import { number, readingWithoutAge, signalName } from "../format.js";
-import { isLive, now } from "../live.js";
-import { drive, serviceNow } from "../store.js";
-import { mainSignal, recentOf, watchTile } from "./recent-values.js";
+import { number } from "../format.js";
+import { readingWithoutAge } from "../readings.js";
+import { signalName } from "../signal-names.js";
+import { isLive, tickingServiceNow } from "../live.js";
+import { drive } from "../store.js";
+import { RecentValues, mainSignal, watchTile } from "./recent-values.js";
 import { HEIGHT, POINT_COUNT, POINT_MS, WIDTH, paths, pointNumber, rangeOf } from "./spark-points.js";
 
 const MINUTES = (POINT_COUNT * POINT_MS) / 60_000;
@@ -20,9 +22,9 @@ function scaleOf(view, unit, range) {
 
 export function Sparkline({ id }) {
   const host = useRef(null);
-  const recent = useMemo(() => recentOf(id), [id]);
+  const recent = useMemo(() => new RecentValues(id), [id]);
   const phase = useMemo(() => phaseOf(id), [id]);
-  const end = useComputed(() => { now.value; return pointNumber(serviceNow() - phase); });
+  const end = useComputed(() => pointNumber(tickingServiceNow() - phase));
   const drawing = useComputed(() => {
     if (!recent.isInView.value) return null;
     recent.answers.value;

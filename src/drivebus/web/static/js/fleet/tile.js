@@ -1,8 +1,10 @@
 // Tile of one drive. Each tile subscribes to its own drive only.
 import { html, useComputed } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
-import { ageOf, duration, readingWithoutAge, slowInterval, stateOf } from "../format.js";
+import { NO_VALUE, duration } from "../format.js";
+import { ageOf, readingWithoutAge, slowInterval, stateOf } from "../readings.js";
 import { isCleared, mostUrgentAlarm } from "../alarms/alarm-list.js";
+import { PriorityMark } from "../alarms/alarm-state.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
 import { Value } from "../ui.js";
@@ -13,7 +15,7 @@ import { stop } from "../control/stops.js";
 import { faultText } from "../drive/faults.js";
 import { size } from "./fleet-filter.js";
 import { LimitBar, Sparkline } from "./sparkline.js";
-import { PriorityMark, StateMark, appearanceOf } from "../drive/state-mark.js";
+import { StateMark, appearanceOf } from "../drive/state-mark.js";
 import { shortened } from "../titles.js";
 
 /** Letters of a name on the two lines of a dense tile. */
@@ -76,7 +78,7 @@ export function Tile({ id }) {
         digits=${isDense ? 1 : undefined} />
         <${Sparkline} id=${id} /></span><${LimitBar} view=${view} />
       <span class="tilerow">${current(view)}<span class="tileset">${t("page.set_short")}
-        ${" "}<span class="number">${view.commanded_hz === null ? "–" : view.commanded_hz.toFixed(1)}</span></span>
+        ${" "}<span class="number">${view.commanded_hz === null ? NO_VALUE : view.commanded_hz.toFixed(1)}</span></span>
         <span class="tileage" title=${slowInterval(view) === null ? undefined
           : t("page.age_of_interval_is")}>${age}</span></span>
       ${view.fault && html`<${Fault} fault=${view.fault} />`}

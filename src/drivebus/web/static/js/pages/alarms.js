@@ -6,16 +6,16 @@ import { duration, moment } from "../format.js";
 import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
-import { styled } from "../stylesheet.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
 import { acknowledgeAll } from "../alarms/alarm-groups.js";
 import { AlarmDetails, AlarmRemedy, AlarmRows } from "../alarms/alarm-rows.js";
 import { IncidentList } from "../alarms/incident-list.js";
 import { PagedEnd, usePaged } from "../paged.js";
-import { PriorityMark } from "../drive/state-mark.js";
+import { PriorityMark } from "../alarms/alarm-state.js";
 import { TimeRange, timeRangeQuery } from "../time-range.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 export function Page({ query }) {
   const [open, shelved] = [openAlarms(), shelvedAlarms()];
@@ -24,8 +24,7 @@ export function Page({ query }) {
   const activeTab = cleared > 0 ? t("page.alarms_active_cleared", { n, cleared }) : t("page.alarms_active", { n });
   const tabs = [
     ["active", activeTab, () => html`<${Active} alarms=${open} />`],
-    ["shelved", t("page.alarms_shelved", { n: shelved.length }), () => html`<${Shelved}
-      alarms=${shelved} />`],
+    ["shelved", t("page.alarms_shelved", { n: shelved.length }), () => html`<${Shelved} alarms=${shelved} />`],
     ["history", t("page.alarms_history"), () => html`<${AlarmHistory} />`],
     ["incidents", t("page.incidents"), () => html`<${IncidentList} />`],
   ];

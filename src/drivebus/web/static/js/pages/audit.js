@@ -2,18 +2,18 @@
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { moment } from "../format.js";
+import { NO_VALUE, moment } from "../format.js";
 import { may } from "../session.js";
-import { styled } from "../stylesheet.js";
-import { Button, ErrorNote, Field, Notice, useRequest } from "../ui.js";
+import { loadStylesheet } from "../stylesheet.js";
+import { SearchField } from "../search.js";
+import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { PagedEnd, usePaged } from "../paged.js";
 import { TimeRange, timeRangeQuery } from "../time-range.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 export function Page() {
-  if (!may("audit")) return html`<h1>${t("page.nav_audit")}</h1><${Notice}
-    kind="warning">${t("page.no_right")}<//>`;
+  if (!may("audit")) return html`<h1>${t("page.nav_audit")}</h1><${Notice} kind="warning">${t("page.no_right")}<//>`;
   return html`<h1>${t("page.nav_audit")}</h1><${Verify} /><${Trail} />`;
 }
 
@@ -39,8 +39,7 @@ function Trail() {
   const actions = useMemo(() => joinRecords(list.items), [list.items]);
   const shown = actions.filter((action) => matches(action, search.trim().toLowerCase()));
   return html`<section class="stack"><${TimeRange} value=${period} onChange=${setPeriod}>
-      <${Field} label=${t("page.search_loaded")}><input type="search" value=${search}
-        onInput=${(event) => setSearch(event.target.value)} /><//><//>
+      <${SearchField} label=${t("page.search_loaded")} value=${search} onChange=${setSearch} /><//>
     <ol class="audit">${shown.map((action) => html`<${ActionRow} key=${action.entry.n} action=${action} />`)}</ol>
     ${shown.length === 0 && actions.length > 0 && html`<p class="nothing" role="status">${t("page.search_none")}</p>`}
     <${PagedEnd} list=${list} /></section>`;
@@ -96,7 +95,7 @@ function Record({ entry }) {
       <dt>${t("page.params")}</dt><dd><code>${JSON.stringify(entry.params)}</code></dd>
       ${entry.frames?.length > 0 && html`<dt>${t("page.frames_title")}</dt><dd><ol
         class="plain">${entry.frames.map((frame, n) => html`<li key=${n}>
-        <code>${frame.sent ?? ""} → ${frame.received || frame.error || "–"}</code></li>`)}</ol></dd>`}
+        <code>${frame.sent ?? ""} → ${frame.received || frame.error || NO_VALUE}</code></li>`)}</ol></dd>`}
       <dt>${t("page.hash")}</dt><dd><code>${entry.hash}</code></dd></dl>`;
 }
 

@@ -5,13 +5,14 @@ import { href } from "../router.js";
 import { bus, drive, idsOf } from "../store.js";
 import { Icon } from "../icons.js";
 import { Notice } from "../ui.js";
-import { NO_VALUE, duration, slowInterval } from "../format.js";
-import { styled } from "../stylesheet.js";
+import { NO_VALUE, duration } from "../format.js";
+import { slowInterval } from "../readings.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { BusTopology, Stations } from "../buses/bus-topology.js";
 import { FrameLog } from "../buses/frame-log.js";
 import { classes, milliseconds, percent } from "../buses/bus-figures.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 export function Page({ id }) {
   const ids = idsOf("buses").value;
@@ -46,8 +47,7 @@ function Meter({ label, value }) {
   const known = typeof value === "number";
   const full = known && value >= 90;
   return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} title=${label}
-    aria-valuemin="0" aria-valuemax="100"
-    aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
+    aria-valuemin="0" aria-valuemax="100" aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
       ? `${value.toFixed(0)} %` : t("page.no_value")}>
     <span class="bar"><span style=${{ width: `${Math.min(100, known ? value : 0)}%` }}></span></span>
     <span class="number">${known ? `${value.toFixed(0)} %` : NO_VALUE}</span></span>`;

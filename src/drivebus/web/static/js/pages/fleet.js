@@ -12,8 +12,6 @@ import {
   GROUPINGS, KINDS, SIZES, SORTS, arrangement, groupBy, counts, savePreferences, kind, search, sectionTitle, size, sort,
 } from "../fleet/fleet-filter.js";
 
-const kindLabel = (names, start) => names.map((name) => [name, t(`page.${start}_${name}`)]);
-
 function Kinds() {
   const options = KINDS.map((name) => [name, html`${t(`page.kind_${name}`)} <b>${counts.value[name]}</b>`]);
   return html`<${Choice} label=${t("page.show")} value=${kind.value} options=${options}
@@ -24,7 +22,7 @@ function OptionSelect({ label, from, names, start }) {
   return html`<${Field} label=${label}><select value=${from.value} onChange=${(event) => {
     from.value = event.currentTarget.value;
     savePreferences();
-  }}>${kindLabel(names, start).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}</select>
+  }}>${names.map((name) => html`<option key=${name} value=${name}>${t(`page.${start}_${name}`)}</option>`)}</select>
     <//>`;
 }
 
@@ -35,8 +33,7 @@ function GroupPick({ chosen }) {
     onChange=${(event) => go("fleet", null, { group: event.currentTarget.value })}>
     <option value="">${t("page.every_group")}</option>
     ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titleOf(group(id).value) : id}
-      </option>`)}
-    </select><//>`;
+      </option>`)}</select><//>`;
 }
 
 /** On a small screen the drives come first: the filters open by a press. */
@@ -63,8 +60,7 @@ function Toolbar({ chosen }) {
     <button type="button" class="button morepicks" aria-expanded=${showsMore.value ? "true" : "false"} onClick=${toggle}>
       ${t("page.fleet_tools")}<${Icon} name="more" /></button>
     <div class=${`fleetpicks ${showsMore.value ? "open" : ""}`}><${Field} label=${t("page.search")}><input ref=${input}
-      type="search" value=${search.value}
-      onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
+      type="search" value=${search.value} onInput=${(event) => { search.value = event.currentTarget.value; }} /><//>
     <${GroupPick} chosen=${chosen} />
     <${OptionSelect} label=${t("page.sort")} from=${sort} names=${SORTS} start="sort" />
     <${OptionSelect} label=${t("page.sections")} from=${groupBy} names=${GROUPINGS} start="by" />

@@ -4,14 +4,14 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { replaceQuery } from "../router.js";
-import { styled } from "../stylesheet.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 import { Export } from "../trend/export.js";
 import { SignalPicker, labelOf } from "../trend/signal-picker.js";
+import { HUES } from "../trend/lines.js";
 import { Trend } from "../trend/trend.js";
-import { HUES } from "../trend/chart.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 /** Most signals of one chart; the historian accepts 50. */
 const MAX_SIGNALS = 16;

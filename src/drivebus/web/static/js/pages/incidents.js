@@ -2,25 +2,23 @@
 import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { NO_VALUE, moment, quantity, signalName } from "../format.js";
+import { NO_VALUE, clock, moment, quantity } from "../format.js";
+import { signalName } from "../signal-names.js";
 import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
-import { styled } from "../stylesheet.js";
-import { Button, ErrorNote, Field, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
+import { loadStylesheet } from "../stylesheet.js";
+import { Button, ErrorNote, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
+import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { adviceOf, faultText, namesFault } from "../drive/faults.js";
 import { IncidentList } from "../alarms/incident-list.js";
 import { saveText } from "../save.js";
 import { driveTitle } from "../titles.js";
-import { clock } from "../trend/labels.js";
-import { HUES } from "../trend/chart.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
-import { firstLines } from "../trend/lines.js";
+import { HUES, firstLines } from "../trend/lines.js";
 
-await styled("pages");
-
-const MIN_NOTE_LENGTH = 3;
+await loadStylesheet("pages");
 
 export function Page({ id }) {
   if (id === null) return html`<h1>${t("page.incidents")}</h1><${IncidentList} />`;
@@ -70,10 +68,8 @@ function Notes({ found }) {
     <ol class="plain">${notes.map((note, n) => html`<li key=${n}><b>${note.by}</b> <time>${moment(note.time_ms)}</time>
       <p>${note.text}</p></li>`)}</ol>
     ${may("operate") && html`<form class="row" onSubmit=${send}>
-      <${Field} label=${t("page.note_new")} help=${t("page.note_help")}><input value=${text} maxlength="500"
-        onInput=${(event) => setText(event.target.value)} /><//>
-      <button class="button main" type="submit" disabled=${busy || !isLive.value
-        || text.trim().length < MIN_NOTE_LENGTH}>${t("page.note_add")}</button></form>`}
+      <${ReasonField} label=${t("page.note_new")} help=${t("page.note_help")} value=${text} onChange=${setText} />
+      <button class="button main" type="submit" disabled=${busy || !isLive.value || !isLongEnough(text)}>${t("page.note_add")}</button></form>`}
     <${ErrorNote} error=${error} /></section>`;
 }
 

@@ -3,7 +3,7 @@ import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
-import { Preferences } from "../shell.js";
+import { PreferenceButtons } from "../preference-buttons.js";
 import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 
 /** `fields`: [name, autocomplete] of those above the password. */
@@ -30,8 +30,7 @@ function LoginNotice() {
 }
 
 const LoginForm = () => html`<${Form} title=${t("page.log_in")} submit=${t("page.log_in")} note=${html`<${LoginNotice} />`}
-  fields=${[["name", "username"]]}
-  send=${({ name, password }) => login(name, password)} />`;
+  fields=${[["name", "username"]]} send=${({ name, password }) => login(name, password)} />`;
 
 const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page.set_up_do")}
   note=${html`<${Notice}>${t("page.set_up_how")}<//>`}
@@ -47,5 +46,5 @@ export function Login({ error }) {
   return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
     ${session.value.users_missing ? html`<${UsersMissing} />`
       : session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
-    <div class="prefs"><${Preferences} /></div></main>`;
+    <div class="prefs"><${PreferenceButtons} /></div></main>`;
 }

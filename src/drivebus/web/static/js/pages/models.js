@@ -2,16 +2,15 @@
 import { html } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
-import { href } from "../router.js";
-import { styled } from "../stylesheet.js";
+import { href, replaceQuery } from "../router.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { ErrorNote, Loading, Tabs, useLoaded } from "../ui.js";
-import { replaceQuery } from "../router.js";
 import { KnownFaults } from "../drive/faults.js";
 import { ModelParameters } from "../drive/parameters.js";
 import { ModelProfile } from "../drive/profile.js";
 import { ModelList } from "../settings/model-list.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 export function Page({ id, query }) {
   return id === null ? html`<h1>${t("page.models")}</h1><${ModelList} />`
@@ -25,8 +24,7 @@ function Model({ id, query }) {
   const tabs = [
     ["profile", t("page.tab_profile"), () => html`<${ModelProfile} profile=${profile} />`],
     ["parameters", t("page.tab_parameters"), () => html`<${ModelParameters} profile=${profile} />`],
-    ["faults", t("page.tab_faults"), () => (profile.faults.length > 0 ? html`<${KnownFaults} profile=${profile} />`
-      : html`<p>${t("page.no_fault_table")}</p>`)],
+    ["faults", t("page.tab_faults"), () => html`<${KnownFaults} profile=${profile} />`],
   ];
   return html`${back}<h1>${localized(profile.maker)} ${localized(profile.title)}</h1><section class="panel">
     <${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "profile"}

@@ -6,7 +6,7 @@ import { THEMES, chooseTheme, themeChoice } from "../theme.js";
 import { replaceQuery } from "../router.js";
 import { may, session } from "../session.js";
 import { topic } from "../store.js";
-import { styled } from "../stylesheet.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { Choice, Tabs } from "../ui.js";
 import { Configuration } from "../settings/configuration.js";
 import { ModelList } from "../settings/model-list.js";
@@ -15,7 +15,7 @@ import { Password } from "../settings/password.js";
 import { Tokens } from "../settings/tokens.js";
 import { Users } from "../settings/users.js";
 
-await styled("pages");
+await loadStylesheet("pages");
 
 export function Page({ query }) {
   const tabs = [
@@ -34,11 +34,9 @@ export function Page({ query }) {
 function OwnAccount() {
   const { user, role, rights } = session.value;
   return html`<div class="stack"><section class="panel stack"><h2>${t("page.looks")}</h2>
-      <div class="row"><span>${t("page.language")}</span><${Choice} label=${t("page.language")}
-        value=${language.value}
+      <div class="row"><span>${t("page.language")}</span><${Choice} label=${t("page.language")} value=${language.value}
         options=${Object.entries(LANGUAGES)} onChange=${chooseLanguage} /></div>
-      <div class="row"><span>${t("page.theme")}</span><${Choice} label=${t("page.theme")}
-        value=${themeChoice.value}
+      <div class="row"><span>${t("page.theme")}</span><${Choice} label=${t("page.theme")} value=${themeChoice.value}
         options=${THEMES.map((name) => [name, t(`page.theme_${name}`)])} onChange=${chooseTheme} /></div></section>
     <section class="panel stack"><h2>${user}</h2><dl class="facts">
       ${role && html`<dt>${t("page.role")}</dt><dd>${t(`page.role_${role}`)}</dd>`}

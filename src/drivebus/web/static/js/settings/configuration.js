@@ -22,8 +22,7 @@ function Check({ text, onChange, isChanged, onBack }) {
   return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
     <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.post("/configuration/check", { text },
-      { timeout_ms: 60_000 }))}
-      data-configuration="check">${t("page.check")}<//>
+      { timeout_ms: 60_000 }))} data-configuration="check">${t("page.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("page.back_to_file")}<//></div>
     <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
 }

@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { loadSession } from "../session.js";
-import { Button, Dialog, ErrorNote, Loading, PasswordField, Table, useLoaded, useRequest } from "../ui.js";
+import { Button, Dialog, ErrorNote, FormEnd, Loading, PasswordField, Table, useLoaded, useRequest } from "../ui.js";
 
 export function OwnSessions() {
   const [found, error, reload] = useLoaded(() => api.get("/sessions"), []);
@@ -39,8 +39,6 @@ function EndSession({ ending, onClose }) {
     onSubmit=${send}>
     <${PasswordField} label=${t("page.own_password")} help=${t("page.end_session_help")} data-first
       autocomplete="current-password" value=${password} onInput=${(event) => setPassword(event.target.value)} />
-    <${ErrorNote} error=${error} />
-    <div class="row end"><${Button} onClick=${() => onClose(null)}>${t("page.cancel")}<//>
-      <button class="button main" type="submit" disabled=${busy || !password}>${t("page.end_session")}</button></div>
+    <${FormEnd} error=${error} onClose=${() => onClose(null)} submit=${t("page.end_session")} disabled=${busy || !password} />
     </form><//>`;
 }

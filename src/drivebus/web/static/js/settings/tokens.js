@@ -4,7 +4,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, Notice, Table, useRequest, useLoaded } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, FormEnd, Loading, Notice, Table, toggled, useLoaded, useRequest } from "../ui.js";
 
 const DAYS = [7, 30, 90, 365];
 
@@ -25,8 +25,7 @@ export function Tokens() {
   return html`<section class="panel stack"><div class="row between"><h2>${t("page.tokens")}</h2>
       <${Button} kind="main" onClick=${() => setOpen(true)}>${t("page.add_token")}<//></div>
     <p class="help">${t("page.tokens_help")}</p>
-    ${made && html`<${Notice} kind="good" live title=${t("page.token_made")}><code class="secret">${made}</code>
-      <//>`}
+    ${made && html`<${Notice} kind="good" live title=${t("page.token_made")}><code class="secret">${made}</code><//>`}
     <${Table} caption=${t("page.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
     ${open && html`<${NewToken} onClose=${close} />`}</section>`;
 }
@@ -44,29 +43,22 @@ function Remove({ token, onDone }) {
 function NewToken({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
   const [run, busy, error] = useRequest();
-  const toggle = (right) => setGiven({
-    ...given, rights: given.rights.includes(right) ? given.rights.filter((one) => one !== right) : [...given.rights,
-      right],
-  });
   const send = async (event) => {
     event.preventDefault();
     const found = await run(() => api.post("/tokens", given));
     if (found) onClose(found.secret);
   };
-  return html`<${Dialog} title=${t("page.add_token")} onClose=${() => onClose()}><form class="stack"
-    onSubmit=${send}>
+  return html`<${Dialog} title=${t("page.add_token")} onClose=${() => onClose()}><form class="stack" onSubmit=${send}>
     <${Field} label=${t("page.name")}><input value=${given.name} maxlength="64" autocomplete="off" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <fieldset class="checks"><legend>${t("page.rights")}</legend>${session.value.rights.map((right) => html`<label
       class="check" key=${right}>
       <input type="checkbox" checked=${given.rights.includes(right)}
-        onChange=${() => toggle(right)} />${t(`page.right_${right}`)}</label>`)}</fieldset>
+        onChange=${() => setGiven({ ...given, rights: toggled(given.rights, right) })} />${t(`page.right_${right}`)}</label>`)}</fieldset>
     <${Field} label=${t("page.expires_after")}><select value=${given.days}
       onChange=${(event) => setGiven({ ...given, days: Number(event.target.value) })}>
       ${DAYS.map((days) => html`<option key=${days} value=${days}>${t("page.days", { n: days })}</option>`)}</select>
         <//>
-    <${ErrorNote} error=${error} />
-    <div class="row end"><${Button} onClick=${() => onClose()}>${t("page.cancel")}<//>
-      <button class="button main" type="submit" disabled=${busy || !given.name
-        || given.rights.length === 0}>${t("page.add_token")}</button></div></form><//>`;
+    <${FormEnd} error=${error} onClose=${() => onClose()} submit=${t("page.add_token")}
+      disabled=${busy || !given.name || given.rights.length === 0} /></form><//>`;
 }

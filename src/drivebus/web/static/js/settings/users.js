@@ -5,7 +5,7 @@ import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { moment } from "../format.js";
 import { session } from "../session.js";
-import { Button, Dialog, ErrorNote, Field, Loading, PasswordField, Table, useRequest, useLoaded } from "../ui.js";
+import { Button, Dialog, ErrorNote, Field, FormEnd, Loading, PasswordField, Table, useLoaded, useRequest } from "../ui.js";
 import { passwordHelp } from "./password.js";
 
 const ROLES = ["viewer", "operator", "engineer", "administrator"];
@@ -37,8 +37,7 @@ export function Users() {
 const RoleChoice = ({ value, onChange, disabled }) => html`<${Field} label=${t("page.role")}
   help=${t(`page.role_${value}_may`)}>
   <select value=${value} disabled=${disabled} onChange=${(event) => onChange(event.target.value)}>
-    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select>
-      <//>`;
+    ${ROLES.map((role) => html`<option key=${role} value=${role}>${t(`page.role_${role}`)}</option>`)}</select><//>`;
 
 const OwnPassword = ({ value, onChange }) => html`<${PasswordField} label=${t("page.own_password")}
   autocomplete="current-password" value=${value} onInput=${(event) => onChange(event.target.value)} />`;
@@ -60,10 +59,8 @@ function NewUser({ onClose }) {
       ${t("page.first_password_help")}`} autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} />
     ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}
-    <${ErrorNote} error=${error} />
-    <div class="row end"><${Button} onClick=${onClose}>${t("page.cancel")}<//>
-      <button class="button main" type="submit" disabled=${busy || !given.name
-        || !given.password || (sensitive && !own)}>${t("page.add_user")}</button></div></form><//>`;
+    <${FormEnd} error=${error} onClose=${onClose} submit=${t("page.add_user")}
+      disabled=${busy || !given.name || !given.password || (sensitive && !own)} /></form><//>`;
 }
 
 function ChangeUser({ user, onClose }) {

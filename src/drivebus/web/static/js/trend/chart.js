@@ -4,12 +4,10 @@
 import uPlot from "../../../vendor/uplot.js";
 import { drawBands } from "./draw-bands.js";
 import { COLUMNS, indexAt } from "./columns.js";
-import { dayLine, timeLabel } from "./labels.js";
+import { dayLine, timeLabel } from "./time-labels.js";
 import { STATES_PX, drawEvents } from "./draw-events.js";
-import { axisUnits, isWord } from "./lines.js";
+import { HUES, axisUnits, isWord } from "./lines.js";
 
-/** Number of line colours; more lines share them. */
-export const HUES = 8;
 const AXIS_PX = 46;
 const THICK = 1.75;
 const THIN = 1;
@@ -63,7 +61,7 @@ export class Chart {
     });
   }
 
-  /** More than a point for two pixels: a thick line would hide details, and is slow without graphics hardware. */
+  /** Whether there is more than a point for two pixels: a thick line would hide details, and is slow without graphics hardware. */
   _isDense(data, { from, to }) {
     const times = data[0];
     const rows = indexAt(times, to) - indexAt(times, from);
@@ -115,19 +113,19 @@ export class Chart {
   _options(lines, width, height, locale, hasStates) {
     const units = [...new Set(lines.filter((line) => !isWord(line)).map((line) => line.unit))];
     return {
-      width, height, ms: 1, legend: { show: false }, padding: [hasStates ? STATES_PX : 10, rightEdge, 0, edge],
+      width, height, ms: 1, legend: { show: false }, padding: [hasStates ? STATES_PX : 10, rightEdge, 0, leftEdge],
       cursor: {
         y: false, points: { size: 7 }, drag: { x: true, y: false, setScale: false },
         dataIdx: nearest,
       },
-      scales: Object.fromEntries([["x", { time: true, auto: false }], ...lines.map((line) => [scale(line), Y])]),
+      scales: Object.fromEntries([["x", { time: true, auto: false }], ...lines.map((line) => [scale(line), VALUE_RANGE])]),
       axes: [this._timeAxis(locale), ...units.map((unit) => this._valueAxis(unit))],
       series: [{}, ...lines.flatMap((line) => this._series(line))],
       hooks: {
         drawAxes: [(plot) => this._bands(plot)],
         draw: [(plot) => { drawEvents(plot, this.extras, this.colours); this.hooks.drawn?.(plot); }],
         setSelect: [(plot) => this._selected(plot)],
-        setCursor: [(plot) => this.hooks.pointed?.(pointed(plot), this._place(plot))],
+        setCursor: [(plot) => this.hooks.pointed?.(momentAtPointer(plot), this._pointerPlace(plot))],
       },
     };
   }
@@ -182,7 +180,7 @@ export class Chart {
   }
 
   /** Place of the pointer within the host, in pixels. */
-  _place(plot) {
+  _pointerPlace(plot) {
     return { x: plot.over.offsetLeft + plot.cursor.left, width: this.host.clientWidth };
   }
 
@@ -198,7 +196,7 @@ export class Chart {
 /** Sides of an axis, as uPlot counts them. */
 const [RIGHT, LEFT] = [1, 3];
 const STEPS = uPlot.paths.stepped({ align: 1 });
-const Y = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
+const VALUE_RANGE = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
 /** Label of a tick, with enough decimals to distinguish it from the next. */
 function tick(value, splits) {
   const apart = Math.abs((splits[1] ?? 1) - (splits[0] ?? 0)) || 1;
@@ -206,12 +204,12 @@ function tick(value, splits) {
 }
 
 /** Padding of the left edge of an empty chart: uPlot draws no value axis where no value is known. */
-const edge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
+const leftEdge = (plot, side, axes) => (axes[side] ? 0 : HALF_LABEL_PX);
 const rightEdge = (plot, side, axes) => (axes[side] ? 0 : 12);
 const scaleOfUnit = (unit) => `y ${unit}`;
 const scale = (line) => scaleOfUnit(isWord(line) ? line.tag : line.unit);
 const translucent = (colour) => `color-mix(in srgb, ${colour} 22%, transparent)`;
-const pointed = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
+const momentAtPointer = (plot) => (plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null);
 
 /** The point under the cursor of a column: the nearest known one, since tags were not read at the same moments. */
 function nearest(plot, column, at) {
@@ -232,13 +230,13 @@ function isolatedPoints(plot, column, show) {
   const alone = [];
   for (let at = first; at <= last; at += 1) {
     const isKnown = values[at] !== null && values[at] !== undefined;
-    if (isKnown && beside(high, at, -1, isGap) && beside(high, at, 1, isGap)) alone.push(at);
+    if (isKnown && hasGapBeside(high, at, -1, isGap) && hasGapBeside(high, at, 1, isGap)) alone.push(at);
   }
   return alone;
 }
 
-/** Is the neighbour that belongs to this tag a gap? Times of other tags are undefined in its column of highest values. */
-function beside(high, at, way, isGap) {
+/** Whether the neighbour that belongs to this tag is a gap. Times of other tags are undefined in its column of highest values. */
+function hasGapBeside(high, at, way, isGap) {
   let other = at + way;
   while (other >= 0 && other < high.length && high[other] === undefined) other += way;
   return other < 0 || other >= high.length || isGap(other);

@@ -1,32 +1,33 @@
 // Table below a chart: each line's value at the pointer and the cursors, and its summary of the window.
 import { html, useComputed, useEffect, useRef } from "../lib.js";
 import { t } from "../i18n.js";
-import { NO_VALUE, reading } from "../format.js";
+import { NO_VALUE, moment, spanText } from "../format.js";
+import { reading } from "../readings.js";
+import { splitTag } from "../history-tags.js";
 import { drive } from "../store.js";
 import { Value } from "../ui.js";
 import { Icon } from "../icons.js";
 import { summary } from "./columns.js";
-import { duration, moment } from "./labels.js";
-import { near, shown } from "./readout.js";
+import { sampleAt, sampleText } from "./readout.js";
 import { isWhole, isWord, valuesOfWord } from "./lines.js";
 
-const WITHIN = ["page.lowest", "page.mean", "page.highest"];
-const BETWEEN = ["page.at_a", "page.at_b", "page.difference"];
+const WINDOW_HEADS = ["page.lowest", "page.mean", "page.highest"];
+const CURSOR_HEADS = ["page.at_a", "page.at_b", "page.difference"];
 
-export function CursorTable({ view, source, lines, onRemove }) {
-  const { a, b } = view.cursors.value ?? {};
-  const cursors = view.cursors.value !== null;
-  const heads = cursors ? BETWEEN : WITHIN;
+export function CursorTable({ trend, source, lines, onRemove }) {
+  const { a, b } = trend.cursors.value ?? {};
+  const cursors = trend.cursors.value !== null;
+  const heads = cursors ? CURSOR_HEADS : WINDOW_HEADS;
   const host = useRef(null);
   // The values at A and B are what the cursors were switched on for: they must not stand below the screen.
   useEffect(() => { if (cursors) host.current.scrollIntoView({ block: "nearest" }); }, [cursors]);
   return html`<div class="trend-readout" ref=${host}><table class="data">
-    <caption>${cursors ? cursorsText(a, b) : html`<${Where} view=${view} isFixed=${source.isFixed} />`}</caption>
+    <caption>${cursors ? cursorsText(a, b) : html`<${TableCaption} trend=${trend} isFixed=${source.isFixed} />`}</caption>
     <thead><tr><th scope="col">${t("page.signal")}</th><th scope="col" class="right">${t("page.value")}</th>
       ${heads.map((head, n) => html`<th key=${head} scope="col" class=${`right more ${n === 1 && !cursors
         ? "mid" : ""}`}>${t(head)}</th>`)}
       ${onRemove && html`<th><span class="sr">${t("page.remove")}</span></th>`}</tr></thead>
-    <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} view=${view} source=${source}
+    <tbody>${lines.map((line) => html`<${Row} key=${line.tag} line=${line} trend=${trend} source=${source}
       onRemove=${onRemove} />`)}</tbody></table></div>`;
 }
 
@@ -38,51 +39,50 @@ function valuesText(values) {
   return [...(values.length > MAX_VALUES ? ["…"] : []), ...shownValues].join(" → ") || NO_VALUE;
 }
 
-function Where({ view, isFixed }) {
-  const at = view.pointed.value;
+function TableCaption({ trend, isFixed }) {
+  const at = trend.pointed.value;
   if (at === null) return t(isFixed ? "page.values_within" : "page.values_now");
   return t("page.values_at", { time: moment(at, true) });
 }
 
 function cursorsText(a, b) {
-  const apart = duration(b - a, (unit) => t(`page.unit_${unit}`));
-  return t("page.cursors_at", { a: moment(a), b: moment(b), apart });
+  return t("page.cursors_at", { a: moment(a), b: moment(b), apart: spanText(b - a) });
 }
 
-function Row({ line, view, source, onRemove }) {
+function Row({ line, trend, source, onRemove }) {
   const figures = useComputed(() => {
     source.series.value;
-    const series = source.whole()[line.tag];
-    const { a, b } = view.cursors.value ?? {};
-    if (a === undefined && isWord(line) && series && isWhole(series)) return valuesOfWord(series, view.window.value);
+    const series = source.seriesWithLive()[line.tag];
+    const { a, b } = trend.cursors.value ?? {};
+    if (a === undefined && isWord(line) && series && isWhole(series)) return valuesOfWord(series, trend.window.value);
     if (a === undefined) {
-      const found = summary(series, view.window.value);
+      const found = summary(series, trend.window.value);
       return [found?.low, found?.mean, found?.high].map((value) => ({ value: value ?? null }));
     }
-    const [one, other] = [near(line, series, a), near(line, series, b)];
+    const [one, other] = [sampleAt(line, series, a), sampleAt(line, series, b)];
     const known = !isWord(line) && one?.value != null && other?.value != null;
     return [one, other, { value: known ? other.value - one.value : null }];
   });
-  const hidden = view.hidden.value.has(line.tag);
+  const hidden = trend.hidden.value.has(line.tag);
   const isValues = figures.value.every((one) => one === null || typeof one === "number");
   return html`<tr class=${hidden ? "off" : ""}>
     <th scope="row"><button type="button" class="trend-line" aria-pressed=${hidden ? "false" : "true"}
-      onClick=${() => view.toggleLine(line.tag)} title=${t("page.show_line")}>
+      onClick=${() => trend.toggleLine(line.tag)} title=${t("page.show_line")}>
       <span class=${`swatch hue-${line.hue + 1}`}></span><span>${line.label}</span></button></th>
-    <td class="right"><${Now} line=${line} view=${view} source=${source} /></td>
+    <td class="right"><${LineValue} line=${line} trend=${trend} source=${source} /></td>
     ${isValues ? html`<td class="right more" colspan="3">${valuesText(figures.value)}</td>`
-      : figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !view.cursors.value
-        ? "mid" : ""}`}>${shown(found, line.unit)}</td>`)}
+      : figures.value.map((found, n) => html`<td key=${n} class=${`right more ${n === 1 && !trend.cursors.value
+        ? "mid" : ""}`}>${sampleText(found, line.unit)}</td>`)}
     ${onRemove && html`<td><button type="button" class="button quiet" onClick=${() => onRemove(line.tag)}
       aria-label=${t("page.remove_line", { name: line.label })}><${Icon} name="close" size=${16} /></button>
         </td>`}</tr>`;
 }
 
 /** Value at the pointer, else at the trip of an incident, else the newest live value. */
-function Now({ line, view, source }) {
-  const at = view.pointed.value ?? source.trip_ms ?? null;
-  if (at !== null) return shown(near(line, source.whole()[line.tag], at), line.unit, true);
-  const dot = line.tag.indexOf(".");
-  const found = reading(drive(line.drive).value, line.tag.slice(dot + 1));
+function LineValue({ line, trend, source }) {
+  const at = trend.pointed.value ?? source.trip_ms ?? null;
+  if (at !== null) return sampleText(sampleAt(line, source.seriesWithLive()[line.tag], at), line.unit, true);
+  const [, name] = splitTag(line.tag);
+  const found = reading(drive(line.drive).value, name);
   return found ? html`<${Value} found=${found} />` : NO_VALUE;
 }

@@ -2,28 +2,28 @@
 import { html, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { driveTitle } from "../titles.js";
-import { moment } from "./labels.js";
+import { moment } from "../format.js";
 
 const MAX_EVENTS = 50;
 const EVENT_ICONS = { command: "▼", stop: "■", fault: "✕", alarm: "◆" };
 
-export function Events({ view, source }) {
+export function Events({ trend, source }) {
   const [isOpen, setOpen] = useState(false);
   const { items, isCut } = source.markers.value;
-  const { from, to } = view.window.value;
+  const { from, to } = trend.window.value;
   const inside = items.filter((event) => event.time_ms >= from && event.time_ms <= to);
   const newest = inside.slice(-MAX_EVENTS).reverse();
   return html`<details class="trend-events" open=${isOpen} onToggle=${(event) => setOpen(event.currentTarget.open)}>
     <summary>${t("page.events_in_view", { n: inside.length })}</summary>
-    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${EventRow} event=${event} view=${view} />
+    ${isOpen && html`<ol>${newest.map((event) => html`<li key=${event.id}><${EventRow} event=${event} trend=${trend} />
       </li>`)}</ol>`}
     ${isOpen && inside.length > MAX_EVENTS && html`<p class="help">${t("page.events_newest", { n: MAX_EVENTS })}</p>`}
     ${isCut && html`<p class="help">${t("page.events_cut")}</p>`}</details>`;
 }
 
 /** One event; pressing it puts it in the middle of the chart. */
-function EventRow({ event, view }) {
-  const centre = () => view.show({ from: event.time_ms - view.span / 2, to: event.time_ms + view.span / 2 },
+function EventRow({ event, trend }) {
+  const centre = () => trend.show({ from: event.time_ms - trend.span / 2, to: event.time_ms + trend.span / 2 },
     { isStep: true });
   return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
     <span class="sign" aria-hidden="true">${EVENT_ICONS[event.kind]}</span>

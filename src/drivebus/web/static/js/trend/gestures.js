@@ -9,55 +9,55 @@ const PAN_STEP = 0.1;
 /**
  * @param over the element above the plot
  * @param host the element that has the keyboard's focus
- * @param to `{window(), show(window), out(), live()}`
+ * @param trend the `TrendState` that they change
  * @returns a function that detaches them
  */
-export function attachGestures(over, host, to) {
+export function attachGestures(over, host, trend) {
   const detached = new AbortController();
   const on = (element, name, listener, options = {}) =>
     element.addEventListener(name, listener, { signal: detached.signal, ...options });
   const share = (x) => (x - over.getBoundingClientRect().left) / over.clientWidth;
   const momentAt = (x) => {
-    const { from, to: end } = to.window();
-    return from + share(x) * (end - from);
+    const { from, to } = trend.window.peek();
+    return from + share(x) * (to - from);
   };
 
   on(over, "wheel", (event) => {
     const sideways = event.shiftKey ? event.deltaY || event.deltaX : event.deltaX;
     if (event.ctrlKey || event.metaKey) {
-      to.show(zoomed(to.window(), Math.exp(event.deltaY * WHEEL_STEP * 3), momentAt(event.clientX)));
+      trend.show(zoomed(trend.window.peek(), Math.exp(event.deltaY * WHEEL_STEP * 3), momentAt(event.clientX)));
     } else if (Math.abs(sideways) > Math.abs(event.deltaY) || event.shiftKey) {
-      to.show(panned(to.window(), sideways / over.clientWidth));
+      trend.show(panned(trend.window.peek(), sideways / over.clientWidth));
     } else return;
     event.preventDefault();
   }, { passive: false });
 
-  drags(over, on, to, momentAt);
-  on(over, "dblclick", () => to.out());
+  attachDrags(over, on, trend, momentAt);
+  on(over, "dblclick", () => trend.back());
   on(host, "keydown", (event) => {
     if (event.target !== host || event.ctrlKey || event.metaKey || event.altKey) return;
     const act = KEYS[event.key];
     if (!act) return;
-    act(to);
+    act(trend);
     event.preventDefault();
   });
   return () => detached.abort();
 }
 
 const KEYS = {
-  ArrowLeft: (to) => to.show(panned(to.window(), -PAN_STEP)),
-  ArrowRight: (to) => to.show(panned(to.window(), PAN_STEP)),
-  PageUp: (to) => to.show(panned(to.window(), -1)),
-  PageDown: (to) => to.show(panned(to.window(), 1)),
-  "+": (to) => to.show(zoomed(to.window(), 0.5)),
-  "=": (to) => to.show(zoomed(to.window(), 0.5)),
-  "-": (to) => to.show(zoomed(to.window(), 2)),
-  Backspace: (to) => to.out(),
-  End: (to) => to.live(),
+  ArrowLeft: (trend) => trend.show(panned(trend.window.peek(), -PAN_STEP)),
+  ArrowRight: (trend) => trend.show(panned(trend.window.peek(), PAN_STEP)),
+  PageUp: (trend) => trend.show(panned(trend.window.peek(), -1)),
+  PageDown: (trend) => trend.show(panned(trend.window.peek(), 1)),
+  "+": (trend) => trend.show(zoomed(trend.window.peek(), 0.5)),
+  "=": (trend) => trend.show(zoomed(trend.window.peek(), 0.5)),
+  "-": (trend) => trend.show(zoomed(trend.window.peek(), 2)),
+  Backspace: (trend) => trend.back(),
+  End: (trend) => trend.follow(),
 };
 
 /** Pan with Shift or the middle mouse button, or one finger; zoom with two fingers. */
-function drags(over, on, to, momentAt) {
+function attachDrags(over, on, trend, momentAt) {
   const fingers = new Map();
   let last = null;
 
@@ -69,7 +69,7 @@ function drags(over, on, to, momentAt) {
   }, { capture: true });
   on(window, "mousemove", (event) => {
     if (last === null) return;
-    to.show(panned(to.window(), (last - event.clientX) / over.clientWidth));
+    trend.show(panned(trend.window.peek(), (last - event.clientX) / over.clientWidth));
     last = event.clientX;
   });
   on(window, "mouseup", () => { last = null; });
@@ -85,10 +85,10 @@ function drags(over, on, to, momentAt) {
     fingers.set(event.pointerId, event.clientX);
     const after = [...fingers.values()];
     if (after.length === 1) {
-      to.show(panned(to.window(), (before[0] - after[0]) / over.clientWidth));
+      trend.show(panned(trend.window.peek(), (before[0] - after[0]) / over.clientWidth));
     } else if (after.length === 2) {
       const wide = ([one, other]) => Math.max(20, Math.abs(one - other));
-      to.show(zoomed(to.window(), wide(before) / wide(after), momentAt((after[0] + after[1]) / 2)));
+      trend.show(zoomed(trend.window.peek(), wide(before) / wide(after), momentAt((after[0] + after[1]) / 2)));
     }
   });
   for (const name of ["pointerup", "pointercancel"]) on(over, name, (event) => fingers.delete(event.pointerId));

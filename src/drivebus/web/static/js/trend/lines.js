@@ -1,12 +1,14 @@
-// Units of a chart: which of them have an axis, which lines are words without a unit, and which are hidden at first. Pure.
+// Lines of a chart: their units, which of these have an axis, and which lines are hidden at first. Pure.
 //
 // A status or fault word, a list of terminals and a count have no unit: they are drawn as steps, each on its own scale
 // without an axis, and have no mean.
 
+/** Number of line colours; more lines share them. */
+export const HUES = 8;
 /** Axes of one chart: more can't be distinguished. */
 const MAX_AXES = 2;
 
-/** Does a line show a word: a value without a unit? */
+/** Whether a line shows a word: a value without a unit. */
 export const isWord = (line) => !line.unit;
 
 const unitsOf = (lines) => [...new Set(lines.filter((line) => !isWord(line)).map((line) => line.unit))];
@@ -27,7 +29,7 @@ export function firstLines(lines) {
   return lines.filter((line) => units.includes(line.unit));
 }
 
-/** Are all known values of a series whole numbers, as those of a word are? */
+/** Whether all known values of a series are whole numbers, as those of a word are. */
 export const isWhole = ({ min, max }) => min.every(isWholeOrUnknown) && max.every(isWholeOrUnknown);
 
 const isWholeOrUnknown = (value) => value == null || Number.isInteger(value);

@@ -1,4 +1,4 @@
-// Value of a line at a moment, as the table and the tooltip of a trend show it.
+// Sample of a line at a moment, as the table and the tooltip of a trend show it.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
 import { NO_VALUE, number } from "../format.js";
@@ -11,14 +11,14 @@ const MAX_REACH_STEPS = 3;
 
 /** Sample of a line's series at a moment, null where none is near. A point that stands for several values of a word has
  * none. */
-export function near(line, series, moment) {
+export function sampleAt(line, series, moment) {
   const found = valueAt(series, moment, Math.max(1500, MAX_REACH_STEPS * step(series)));
   const isMixed = found && isWord(line) && isWhole(series) && series.min[found.at] !== series.max[found.at];
   return isMixed ? { ...found, value: null } : found;
 }
 
 /** A sample as text, marked where it is uncertain; a dash where no value is known. */
-export function shown(found, unit, withUnit = false) {
+export function sampleText(found, unit, withUnit = false) {
   if (!found || found.value === null) return html`<span title=${found?.q === BAD
     ? t("page.not_known") : undefined}>${NO_VALUE}</span>`;
   const doubt = found.q === UNCERTAIN;

@@ -1,7 +1,8 @@
 // Samples of a trend: windows from the historian, and live values since.
 import { api } from "../api.js";
 import { signal } from "../lib.js";
-import { serviceNow, drive as driveTopic, topic } from "../store.js";
+import { splitTag } from "../history-tags.js";
+import { drive, serviceNow, topic } from "../store.js";
 import { subscribe, isLive } from "../live.js";
 import { BAD, QUALITIES } from "../quality.js";
 import { EMPTY_SERIES, extended } from "./columns.js";
@@ -25,14 +26,14 @@ export class TrendSource {
     this.state = signal("empty");
     this.error = signal(null);
     this.markers = signal({ items: [], isCut: false });
-    this.fetched = null;
+    this.fetchedWindow = null;
     this.tags = [];
     this.cache = new Map();
     this.joined = null;
     this.live = new Map();
     this.request = null;
     this.timer = null;
-    this.leave = subscribe("events");
+    this.unsubscribe = subscribe("events");
   }
 
   /** Select tags and drives; samples of tags that stay remain until the answer comes. */
@@ -40,7 +41,7 @@ export class TrendSource {
     this.tags = tags;
     this.drives = drives;
     this.cache.clear();
-    this.fetched = null;
+    this.fetchedWindow = null;
     this.joined = null;
   }
 
@@ -48,7 +49,7 @@ export class TrendSource {
    * a window without its events, which arrive live. */
   load(window, { again = false } = {}) {
     if (!this.tags.length) return;
-    if (!again && this.fetched && covers(this.fetched, window, serviceNow())) return;
+    if (!again && this.fetchedWindow && covers(this.fetchedWindow, window, serviceNow())) return;
     const cached = again ? null : this._cached(window);
     if (cached) { this._show(cached); return; }
     clearTimeout(this.timer);
@@ -58,15 +59,14 @@ export class TrendSource {
   /** Add the drives' newest values and events as samples and markers, where they changed. */
   takeLive() {
     for (const tag of this.tags) {
-      const dot = tag.indexOf(".");
-      const view = driveTopic(tag.slice(0, dot)).peek();
-      this._addLive(tag, view?.signals?.[tag.slice(dot + 1)]);
+      const [id, name] = splitTag(tag);
+      this._addLive(tag, drive(id).peek()?.signals?.[name]);
     }
     this._addEvents();
   }
 
   /** Series to draw: the historian's samples followed by live ones. */
-  whole() {
+  seriesWithLive() {
     this.joined ??= this._join();
     return this.joined;
   }
@@ -76,14 +76,14 @@ export class TrendSource {
     return Object.fromEntries(this.tags.map((tag) => {
       const series = this.series.peek()[tag] ?? EMPTY_SERIES;
       // A window of the past ends long before the live samples: they are not joined.
-      const isRecent = this.fetched !== null
-        && now - this.fetched.to < 60_000 + (this.fetched.to - this.fetched.from) / 4;
+      const isRecent = this.fetchedWindow !== null
+        && now - this.fetchedWindow.to < 60_000 + (this.fetchedWindow.to - this.fetchedWindow.from) / 4;
       return [tag, isRecent ? extended(series, this.live.get(tag) ?? []) : series];
     }));
   }
 
   close() {
-    this.leave();
+    this.unsubscribe();
     clearTimeout(this.timer);
     this.request?.abort();
   }
@@ -148,7 +148,7 @@ export class TrendSource {
   /** Commands, faults and alarms of the drives shown, oldest first; of a long window only the newest. */
   async _events(span, stop) {
     const query = { from_ms: span.from, to_ms: span.to, limit: EVENTS };
-    const requests = this.drives.map((drive) => api.get("/history/events", { ...query, drive }, { signal: stop }));
+    const requests = this.drives.map((id) => api.get("/history/events", { ...query, drive: id }, { signal: stop }));
     const found = await Promise.all(requests);
     const items = found.flatMap((answer) => answer.items.filter((event) => this._marks(event)));
     return {
@@ -164,7 +164,7 @@ export class TrendSource {
   }
 
   _show({ span, answer, markers }) {
-    this.fetched = span;
+    this.fetchedWindow = span;
     this.resolution.value = answer.resolution;
     this.markers.value = markers;
     this.joined = null;

@@ -1,6 +1,6 @@
 // Samples of an incident, which do not change, for the same trend as live ones.
 import { signal } from "../lib.js";
-import { signalRank } from "../format.js";
+import { signalRank } from "../signal-names.js";
 import { BAD } from "../quality.js";
 import { appearanceOf } from "../drive/state-mark.js";
 
@@ -30,7 +30,7 @@ export class StaticSource {
     this.resolution = signal("raw");
     this.state = signal("loaded");
     this.error = signal(null);
-    this.fetched = this.window;
+    this.fetchedWindow = this.window;
   }
 
   choose() {}
@@ -41,7 +41,7 @@ export class StaticSource {
 
   close() {}
 
-  whole() {
+  seriesWithLive() {
     return this.series.peek();
   }
 }

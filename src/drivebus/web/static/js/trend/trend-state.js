@@ -3,10 +3,10 @@ import { signal } from "../lib.js";
 import { serviceNow } from "../store.js";
 import { clamped, validWindow, zoomed } from "./window.js";
 
-const MAX_UNDO = 50;
+const MAX_PREVIOUS = 50;
 
 export class TrendState {
-  /** Follows the last `span_s` seconds, or shows a given window. The lines of the tags `hidden` are hidden at first. */
+  /** Follow the last `span_s` seconds, or show a given window. The lines of the tags `hidden` are hidden at first. */
   constructor(span_s, window = null, hidden = []) {
     const now = serviceNow();
     this.window = signal(window ?? { from: now - span_s * 1000, to: now });
@@ -20,9 +20,11 @@ export class TrendState {
     this.hidden = signal(new Set(hidden));
     /** Tags that the user has shown again, newest first: their units have the axes. */
     this.recent = [];
-    this.before = [];
+    /** Windows before each step, for `back`. */
+    this.previous = [];
   }
 
+  /** Length of the window in ms. */
   get span() {
     const { from, to } = this.window.peek();
     return to - from;
@@ -38,7 +40,7 @@ export class TrendState {
   }
 
   /** Change the length of the window: it still ends now while it follows, else its middle stays. */
-  span_s(seconds) {
+  setSpan(seconds) {
     this._remember();
     if (this.isLive.peek()) this.follow(seconds * 1000);
     else this.show(zoomed(this.window.peek(), (seconds * 1000) / this.span));
@@ -61,8 +63,8 @@ export class TrendState {
   }
 
   /** Return to the previous window, else double the length. */
-  out() {
-    const last = this.before.pop();
+  back() {
+    const last = this.previous.pop();
     if (!last) this.show(zoomed(this.window.peek(), 2));
     else if (last.isLive) this.follow(last.span);
     else this.show(last.window);
@@ -82,7 +84,7 @@ export class TrendState {
   }
 
   _remember() {
-    this.before.push({ window: this.window.peek(), isLive: this.isLive.peek(), span: this.span });
-    if (this.before.length > MAX_UNDO) this.before.shift();
+    this.previous.push({ window: this.window.peek(), isLive: this.isLive.peek(), span: this.span });
+    if (this.previous.length > MAX_PREVIOUS) this.previous.shift();
   }
 }

@@ -13,16 +13,16 @@ import { Events } from "./events.js";
 import { attachGestures } from "./gestures.js";
 import { GestureHelp } from "./gesture-help.js";
 import { CursorTable } from "./cursor-table.js";
-import { cursors } from "./cursors.js";
+import { addCursors } from "./cursors.js";
 import { TrendSource } from "./source.js";
-import { styled } from "../stylesheet.js";
+import { loadStylesheet } from "../stylesheet.js";
 import { Toolbar } from "./toolbar.js";
 import { Tooltip } from "./tooltip.js";
 import { TrendState } from "./trend-state.js";
 import { axisUnits, isWord, shownUnits } from "./lines.js";
 import { drawEvery, fetchEvery } from "./window.js";
 
-await Promise.all([styled("/vendor/uplot.css"), styled("trend")]);
+await Promise.all([loadStylesheet("/vendor/uplot.css"), loadStylesheet("trend")]);
 
 const LIVE_INTERVAL_MS = 250;
 
@@ -36,56 +36,55 @@ const LIVE_INTERVAL_MS = 250;
  * @param onRemove a line's × was pressed (tag); no × where left out
  */
 export function Trend({ lines, span_s = 600, window = null, hidden = [], source: given, onWindow, onRemove, height = 300 }) {
-  const view = useMemo(() => new TrendState(span_s, window, hidden), []);
+  const trend = useMemo(() => new TrendState(span_s, window, hidden), []);
   const source = useMemo(() => given ?? new TrendSource(), []);
   const host = useRef(null);
-  const scene = useMemo(() => new Scene(view, source), []);
+  const controller = useMemo(() => new ChartController(trend, source), []);
   const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((one) => one !== GOOD)));
   const tags = lines.map((line) => line.tag).join(" ");
 
   useEffect(() => {
     source.choose(lines.map((line) => line.tag), [...new Set(lines.map((line) => line.drive))]);
-    source.load(view.window.peek());
+    source.load(trend.window.peek());
   }, [tags]);
-  useEffect(() => scene.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
-  useEffect(() => scene.run(), []);
+  useEffect(() => controller.mount(host.current, lines, height), [tags, height, language.value, theme.value]);
+  useEffect(() => controller.run(), []);
   // Reload what was requested in vain or missed while disconnected.
   useEffect(() => {
-    if (isLive.value) source.load(view.window.peek(), { again: source.fetched !== null });
+    if (isLive.value) source.load(trend.window.peek(), { again: source.fetchedWindow !== null });
   }, [isLive.value]);
   useSignalEffect(() => {
-    onWindow?.(view.window.value, view.isLive.value);
-    source.load(view.window.value);
-    scene.scheduleDraw();
+    onWindow?.(trend.window.value, trend.isLive.value);
+    source.load(trend.window.value);
+    controller.scheduleDraw();
   });
-  useSignalEffect(() => { source.series.value; source.markers.value; scene.onSamples(); });
-  useSignalEffect(() => { view.cursors.value; view.hidden.value; scene.scheduleDraw(); });
+  useSignalEffect(() => { source.series.value; source.markers.value; controller.onSamples(); });
+  useSignalEffect(() => { trend.cursors.value; trend.hidden.value; controller.scheduleDraw(); });
 
   return html`<section class="trend" aria-label=${t("page.trend")}>
-    <${Toolbar} view=${view} source=${source} />
+    <${Toolbar} trend=${trend} source=${source} />
     <div class="trend-chart"><div class="trend-plot" ref=${host} tabindex="0" role="group"
-      aria-label=${t("page.trend_keys")}></div><${Tooltip} view=${view} source=${source} lines=${lines} /></div>
+      aria-label=${t("page.trend_keys")}></div><${Tooltip} trend=${trend} source=${source} lines=${lines} /></div>
     ${doubtful.value && html`<p class="help">${t("page.legend")}</p>`}
-    <${WithoutAxis} view=${view} lines=${lines} /><${GestureHelp} />
-    <${CursorTable} view=${view} source=${source} lines=${lines} onRemove=${onRemove} />
-    <${Events} view=${view} source=${source} />
-  </section>`;
+    <${WithoutAxis} trend=${trend} lines=${lines} /><${GestureHelp} />
+    <${CursorTable} trend=${trend} source=${source} lines=${lines} onRemove=${onRemove} />
+    <${Events} trend=${trend} source=${source} /></section>`;
 }
 
 /** Note that names the shown units without an axis. */
-function WithoutAxis({ view, lines }) {
-  const hidden = view.hidden.value;
-  const axes = axisUnits(lines, hidden, view.recent);
-  const others = shownUnits(lines, hidden, view.recent).filter((unit) => !axes.includes(unit));
+function WithoutAxis({ trend, lines }) {
+  const hidden = trend.hidden.value;
+  const axes = axisUnits(lines, hidden, trend.recent);
+  const others = shownUnits(lines, hidden, trend.recent).filter((unit) => !axes.includes(unit));
   if (others.length === 0) return null;
   return html`<p class="help">${t("page.axes_two", { axes: axes.join(t("language.between_items")),
     others: others.join(t("language.between_items")) })}</p>`;
 }
 
-/** Chart of a trend and its redrawing: imperative, beside the component's life. */
-class Scene {
-  constructor(view, source) {
-    this.view = view;
+/** Chart of a trend and its redrawing, outside of the component's rendering. */
+class ChartController {
+  constructor(trend, source) {
+    this.trend = trend;
     this.source = source;
     this.data = null;
     this.frame = 0;
@@ -93,24 +92,17 @@ class Scene {
 
   /** Replace the plot; returns the function that removes it. */
   mount(host, lines, height) {
-    const { view } = this;
+    const { trend } = this;
     this.lines = lines;
     this.data = null;
-    const tag = locale();
     this.chart = new Chart(host, {
-      selected: (window) => view.show(window, { isStep: true }),
-      pointed: (moment, place) => { batch(() => { view.pointed.value = moment; view.place.value = place; }); },
-      drawn: () => this.cursors?.place(),
+      selected: (window) => trend.show(window, { isStep: true }),
+      pointed: (moment, place) => { batch(() => { trend.pointed.value = moment; trend.place.value = place; }); },
+      drawn: () => this.placeCursors?.(),
     });
-    const plot = this.chart.build(lines, { height, locale: tag, hasStates: this.source.states?.length > 0 });
-    this.cursors = cursors(plot.over, {
-      window: () => view.window.peek(), cursors: () => view.cursors.peek(),
-      moved: (next) => { view.cursors.value = next; },
-    });
-    const detachGestures = attachGestures(plot.over, host, {
-      window: () => view.window.peek(), show: (next) => view.show(next),
-      out: () => view.out(), live: () => view.follow(),
-    });
+    const plot = this.chart.build(lines, { height, locale: locale(), hasStates: this.source.states?.length > 0 });
+    this.placeCursors = addCursors(plot.over, trend);
+    const detachGestures = attachGestures(plot.over, host, trend);
     const watch = new ResizeObserver(() => { this.chart.resize(height); });
     watch.observe(host);
     this.scheduleDraw();
@@ -127,15 +119,15 @@ class Scene {
     let [drawn, fetched] = [serviceNow(), serviceNow()];
     const timer = setInterval(() => {
       this.source.takeLive();
-      if (!this.view.isLive.peek() || document.hidden) return;
-      const [now, span] = [serviceNow(), this.view.span];
+      if (!this.trend.isLive.peek() || document.hidden) return;
+      const [now, span] = [serviceNow(), this.trend.span];
       if (now - drawn < drawEvery(span)) return;
       drawn = now;
       this.data = null;
-      this.view.follow();
+      this.trend.follow();
       if (now - fetched < fetchEvery(span)) return;
       fetched = now;
-      this.source.load(this.view.window.peek(), { again: true });
+      this.source.load(this.trend.window.peek(), { again: true });
     }, LIVE_INTERVAL_MS);
     return () => {
       clearInterval(timer);
@@ -157,18 +149,18 @@ class Scene {
 
   draw() {
     if (!this.chart) return;
-    if (!this.data) this._gather();
+    if (!this.data) this._prepare();
     const { items } = this.source.markers.peek();
     const markers = items.map((event) => ({ t: event.time_ms, shape: event.kind }));
-    const hidden = this.view.hidden.peek();
-    this.chart.show(hidden, this.view.recent);
-    this.chart.draw(this.data, this.view.window.peek(), {
+    const hidden = this.trend.hidden.peek();
+    this.chart.show(hidden, this.trend.recent);
+    this.chart.draw(this.data, this.trend.window.peek(), {
       markers, strips: this.strips.filter(({ tag }) => !hidden.has(tag)), states: this.source.states ?? [],
     });
   }
 
-  _gather() {
-    const series = this.source.whole();
+  _prepare() {
+    const series = this.source.seriesWithLive();
     this.data = table(this.lines.map((line) => line.tag), series, this.lines.filter(isWord).map((line) => line.tag));
     this.strips = this.lines
       .map((line) => ({ tag: line.tag, hue: line.hue, stretches: stretches(series[line.tag]) }))

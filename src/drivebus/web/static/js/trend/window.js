@@ -37,7 +37,7 @@ export function padded({ from, to }, now) {
   return { from: Math.max(0, Math.floor(from - more)), to: Math.ceil(Math.max(from + 1, Math.min(to + more, now))) };
 }
 
-/** Does a fetched window contain the shown one without being much longer, so that its points are fine enough? */
+/** Whether a fetched window contains the shown one without being much longer, so that its points are fine enough. */
 export function covers(fetched, { from, to }, now) {
   const needed = Math.min(to, now);
   return fetched.from <= from && fetched.to >= needed && fetched.to - fetched.from <= 2 * (to - from);

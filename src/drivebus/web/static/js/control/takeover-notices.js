@@ -1,0 +1,29 @@
+// Notices on every page: control of drives that this session has lost.
+import { html } from "../lib.js";
+import { t } from "../i18n.js";
+import { clock } from "../format.js";
+import { Icon } from "../icons.js";
+import { href } from "../router.js";
+import { session } from "../session.js";
+import { listDrives } from "../titles.js";
+import { Button } from "../ui.js";
+import { dismiss, groupTakeovers, takeovers } from "./takeovers.js";
+
+function takeoverKey({ owner, cause, time_ms }) {
+  if (cause === "tab" || cause === "ended") return time_ms === null ? "page.control_ended_unseen" : `page.control_ended_${cause}`;
+  if (owner === session.value?.user) return time_ms === null ? "page.taken_window_unseen" : "page.taken_window";
+  return time_ms === null ? "page.taken_unseen" : "page.taken";
+}
+
+/** Takeovers of drives, those of one kind by one user in one sentence with the time of the last. The live region exists
+ * before its text, so that screen readers announce it. */
+export function TakeoverNotices() {
+  return html`<div class="takeovers" role="status">${groupTakeovers(takeovers.value).map((equal) => {
+    const [one] = equal;
+    const ids = [...new Set(equal.map((other) => other.drive))];
+    const params = { owner: one.owner, name: listDrives(ids), time: clock(equal.at(-1).time_ms) };
+    return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
+      <a href=${ids.length > 1 ? href("fleet") : href("drive", one.drive)}>${t(takeoverKey(one), params)}</a>
+      <${Button} onClick=${() => dismiss(equal)} data-do="read">${t("page.taken_read")}<//></div>`;
+  })}</div>`;
+}

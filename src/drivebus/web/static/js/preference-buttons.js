@@ -1,0 +1,21 @@
+// Buttons of the language, the theme and the sound of alarms.
+import { html } from "./lib.js";
+import { chooseSound, isSoundOn } from "./alarms/alarm-sound.js";
+import { LANGUAGES, chooseLanguage, language, t } from "./i18n.js";
+import { session } from "./session.js";
+import { THEMES, chooseTheme, themeChoice } from "./theme.js";
+import { Button } from "./ui.js";
+
+export function PreferenceButtons() {
+  const other = language.value === "zh" ? "en" : "zh";
+  const next = THEMES[(THEMES.indexOf(themeChoice.value) + 1) % THEMES.length];
+  return html`<${Button} kind="quiet" lang=${other === "zh" ? "zh-CN" : "en"} onClick=${() => chooseLanguage(other)}>
+    ${LANGUAGES[other]}<//>
+    <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
+      aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>
+      ${t(`page.theme_${themeChoice.value}`)}<//>
+    ${session.value.user && html`<${Button} kind="quiet" icon=${isSoundOn.value ? "sound" : "silenced"} data-do="sound"
+      aria-pressed=${isSoundOn.value ? "true" : "false"} aria-label=${t("page.alarm_sound")}
+      title=${t(isSoundOn.value ? "page.alarm_sound_on" : "page.alarm_sound_off")}
+      onClick=${() => chooseSound(!isSoundOn.value)} />`}`;
+}
