@@ -43,6 +43,12 @@ async def begin(kit: ServiceKit, **params: Any) -> Json:
     return await kit.call("comm_loss.test", ENGINEER, **params)
 
 
+async def wait_for_silence(kit: ServiceKit) -> None:
+    while ((await comm_loss(kit))["test"] or {}).get("phase") != "silent":
+        await asyncio.sleep(0.5)
+        await kit.call("lease.renew", ENGINEER, drive="fan-1")
+
+
 async def wait_for_end(kit: ServiceKit, limit_s: float = 300.0) -> None:
     for _ in range(round(limit_s)):
         await asyncio.sleep(1)
@@ -155,9 +161,7 @@ def test_an_adapter_that_is_pulled_for_longer_than_the_silence_is_measured_until
             set_keypad(kit, TRIP, 5.0)
             await asyncio.sleep(8)
             await begin(kit, silence_s=6.0)
-            while ((await comm_loss(kit))["test"] or {}).get("phase") != "silent":
-                await asyncio.sleep(0.5)
-                await kit.call("lease.renew", ENGINEER, drive="fan-1")
+            await wait_for_silence(kit)
             adapter = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
             adapter.unplug()
             for _ in range(20):
@@ -198,9 +202,7 @@ def test_a_test_that_was_disturbed_records_nothing_and_stops_the_drive(what: str
             set_keypad(kit, TRIP, 60.0)
             await asyncio.sleep(8)
             await begin(kit, silence_s=30.0)
-            while ((await comm_loss(kit))["test"] or {}).get("phase") != "silent":
-                await asyncio.sleep(0.5)
-                await kit.call("lease.renew", ENGINEER, drive="fan-1")
+            await wait_for_silence(kit)
             await asyncio.sleep(3)
             if what == "read":
                 await kit.call("parameters.read", drive="fan-1", names=["F0.1"])
@@ -230,9 +232,7 @@ def test_a_drive_is_called_unanswering_after_the_silence_only_at_the_end_of_the_
             set_keypad(kit, TRIP, 3.0)
             await asyncio.sleep(8)
             await begin(kit, silence_s=6.0)
-            while ((await comm_loss(kit))["test"] or {}).get("phase") != "silent":
-                await asyncio.sleep(0.5)
-                await kit.call("lease.renew", ENGINEER, drive="fan-1")
+            await wait_for_silence(kit)
             adapter = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
             if gone_s is not None:
                 adapter.unplug()
