@@ -239,6 +239,7 @@ def test_a_viewer_can_only_read(plant: RunningService, monkeypatch: pytest.Monke
         (["status", "--service", "ftp://127.0.0.1", *FAN], "service.address"),
         (["status", "--service", "http://a:b@127.0.0.1", *FAN], "service.address"),
         (["status", "--service", "http://127.0.0.1:99999", *FAN], "service.address"),
+        (["stop", "--service", "state/stop.sock", *FAN], "service.address"),
         (["status", "--service", "http://10.0.0.7", *FAN], "service.not_secret"),
     ],
 )

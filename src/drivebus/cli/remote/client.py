@@ -58,10 +58,13 @@ class LocalClient:
     is_local = True
 
     def __init__(self, path: Path) -> None:
+        """Raises ConfigurationError for the socket of ``stop --all``."""
         from drivebus.service.auth.actor import local_actor, local_user
         from drivebus.service.ipc.client import SocketClient
-        from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
+        from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET, socket_path
 
+        if path.name == STOP_SOCKET:  # beside the socket of the service, and takes one request only
+            raise ConfigurationError("service.address", found=str(path))
         self._client = SocketClient(socket_path(path, SERVICE_SOCKET) if path.is_dir() else path)
         self._actor = local_actor(local_user(), f"cli-{os.getpid()}-{os.urandom(4).hex()}")
 
