@@ -36,7 +36,7 @@ class DriveAnswer:
     """Models that the bus can't tell from the one that the user stated."""
     is_doubtful: bool = False
     candidates: tuple[str, ...] = ()
-    """Models that the drive may be where nobody chose one: ``model`` is empty, and its table is commented out."""
+    """Models that the drive may be where none was chosen: ``model`` is empty, and its table is commented out."""
 
 
 @dataclass(frozen=True, slots=True)
