@@ -67,7 +67,7 @@ def _service_user(config: PlantConfig) -> int:
 
 
 def _check_folders(path: Path, user: int | None = None) -> None:
-    """Check that only this user and root can replace a file or a link to it: no other user may write a folder above them.
+    """Check that only this user and root can replace a file or a link to it, or write a folder above them.
 
     In a folder with the sticky bit, as /tmp, others can replace only links of their own, but create what is missing.
     Raises ConfigurationError, OSError.
