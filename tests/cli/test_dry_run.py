@@ -215,7 +215,8 @@ def test_the_plan_of_a_share_reads_the_maximum_frequency_and_says_which_one_it_a
     sent = [one["hex"].replace(" ", "") for one in document["frames"]]
     assert any(one.startswith("0303F00A0001") for one in sent)  # P0-10
     assert any(one.startswith("030610000FA0") for one in sent)  # 4000 of 10000
-    assert "P0-10, shown for 50 Hz" in " ".join(document["notes"])
+    notes = " ".join(document["notes"])
+    assert "P0-10, shown for 50 Hz" in notes and "a frequency above it is refused" in notes
 
 
 @pytest.mark.parametrize("command", ["stop", "coast"])
@@ -253,3 +254,32 @@ def test_the_plan_of_a_stop_names_the_unlock_of_a_drive_that_rejects_it() -> Non
         document = dry("stop", "--model", model, "--address", "3")
         assert any("is unlocked, and the stop is sent again" in note for note in document["notes"]) is named
         assert not any(one["hex"].startswith("03 06 00 30") for one in document["frames"])
+
+
+REFUSED_UNASKED = [
+    "run sim://c320@1 --model c320 --address 1 --frequency 80",
+    "run sim://c320@1 --model c320 --address 1 --frequency 80 --reverse",
+    "set-frequency sim://vc660@1 80 --model vc660 --address 1",
+    "run sim://dzb100@1 --model dzb100 --address 1 --frequency 20",
+]
+"""Command lines that the command refuses before it asks the drive."""
+
+
+@pytest.mark.parametrize("line", REFUSED_UNASKED)
+def test_a_dry_run_refuses_what_the_command_refuses_before_it_asks_the_drive(line: str) -> None:
+    """A start frame of 80 Hz was shown for a drive of at most 50 Hz."""
+    real, planned = (CliRunner().invoke(cli, [*line.split(), *more]) for more in ([], ["--dry-run"]))
+    assert (planned.exit_code, planned.output) == (real.exit_code, real.output)
+    assert (real.exit_code, planned.stdout) == (1, "")
+
+
+def test_a_dry_run_of_a_jog_refuses_a_frequency_above_the_maximum() -> None:
+    result = CliRunner().invoke(cli, ["jog", MISSING_PORT, *C320, "--frequency", "80", "--dry-run"])
+    assert (result.exit_code, "80.0 Hz is above the maximum of 50.0 Hz" in result.output) == (1, True), result.output
+
+
+def test_a_dry_run_of_a_stated_share_refuses_what_the_command_refuses_before_it_asks_the_drive() -> None:
+    """The plan took the stated maximum for one that the command reads."""
+    words = ["--model", "g120c", "--address", "1", "--frequency", "20"]
+    real, planned = (CliRunner().invoke(cli, ["run", "sim://c320@1", *words, *more]) for more in ([], ["--dry-run"]))
+    assert (real.exit_code, planned.exit_code, planned.output) == (1, 1, real.output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -79,8 +79,10 @@ class DryRun:
     """Frames that a command would send to one drive."""
 
     def __init__(self, target: Target) -> None:
+        from drivebus.drives.context import DriveContext, EepromBudget
         from drivebus.drives.dialects.create import create_dialect
         from drivebus.drives.drive import known_options
+        from drivebus.drives.store import MemoryStore
 
         port = target.open_port()
         known = known_options(port, target.profile, target.address)
@@ -89,36 +91,45 @@ class DryRun:
         self.dialect: Dialect = create_dialect(
             target.profile, target.address, encoding=target.encoding, options=known | target.drive_options()
         )
+        self.drive = DriveContext(dialect=self.dialect, eeprom_budget=EepromBudget(MemoryStore(), ""))
+        """For the checks that a command makes before it asks the drive."""
         self.frames: list[PlannedFrame] = []
         self._notes: list[tuple[str, dict[str, Any]]] = []
 
-    def assume_setpoint_scale(self) -> None:
-        """Show frequencies in the named model's step or share, with a note, where that of the drive is not stated."""
+    def check_then_assume_scale(self, check: Callable[[], object]) -> None:
+        """Check as the command does, and show frequencies in the named model's step or share where the drive's is open.
+
+        A note says which check needs the drive. Raises the errors of ``check``.
+        """
         from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_steps_hz
         from drivebus.profiles.model import SETPOINT_STEP
 
         profile = self.dialect.profile
         if profile.setpoint_share is not None:
+            check()
             self._assume_maximum(profile.setpoint_share)
             return
         steps_hz = possible_steps_hz(profile, self.dialect.options)
         if len(steps_hz) == 1:
+            check()
             return
         scale = profile.setpoint_scale
         cap = scale.value(highest_safe_word(steps_hz))
+        # The step may be stored for the adapter, which only an open port names: the cap is a note, no error.
         self.dialect.set_option(SETPOINT_STEP, f"{scale.factor:g}")
+        check()
         self._notes.append(("dry.note.step", {"model": profile.model, "step_hz": scale.factor, "cap_hz": cap}))
 
     def _assume_maximum(self, share: SetpointShare) -> None:
         """Show the share of a maximum frequency that a plan can't read."""
         from drivebus.profiles.model import MAXIMUM_FREQUENCY
 
-        if self.dialect.options.get(MAXIMUM_FREQUENCY):
+        if self.dialect.options.get(MAXIMUM_FREQUENCY) or share.maximum is None:
             return
-        factory = self.dialect.profile.parameters[share.maximum].factory if share.maximum else None
-        assumed_hz = share.maximum_hz or factory or self.dialect.profile.limits.maximum_hz
+        factory = self.dialect.profile.parameters[share.maximum].factory
+        assumed_hz = max(share.maximum_hz or factory or 0, self.dialect.profile.limits.maximum_hz)
         self.dialect.options[MAXIMUM_FREQUENCY] = assumed_hz
-        self._notes.append(("dry.note.maximum", {"notation": share.maximum or MAXIMUM_FREQUENCY, "hz": assumed_hz}))
+        self._notes.append(("dry.note.maximum", {"notation": share.maximum, "hz": assumed_hz}))
 
     def add(self, purpose: str, requests: Iterable[Any]) -> None:
         """Add requests in the order of sending."""

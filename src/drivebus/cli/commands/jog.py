@@ -121,11 +121,14 @@ def _print_jog_outcome(outcome: Outcome | None, bus: Bus, event: str) -> None:
 
 def _plan(dry: DryRun, frequency: float | None) -> ExitCode:
     from drivebus.drives.dialects.base import StopMode
+    from drivebus.drives.operations.jog import check_jog
     from drivebus.drives.state import Direction
 
     dialect: Any = dry.dialect
-    if frequency is not None:
-        dry.assume_setpoint_scale()
+    if frequency is None:
+        check_jog(dry.drive, None, Direction.FORWARD)
+    else:
+        dry.check_then_assume_scale(lambda: check_jog(dry.drive, frequency, Direction.FORWARD))
     word = None if frequency is None else dialect.setpoint_word(frequency)
     dry.add("jog", [frame.request for frame in dialect.jog(Direction.FORWARD, word)])
     dry.add("jog_stop", dialect.stop(StopMode.JOG_STOP))

@@ -208,8 +208,10 @@ async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
-    dialect = dry.dialect
-    dry.assume_setpoint_scale()
+    from drivebus.drives.operations.start import check_run
+
+    dialect, direction = dry.dialect, _direction(reverse)
+    dry.check_then_assume_scale(lambda: check_run(dry.drive, frequency, direction, will_wait=wait))
     share = dialect.profile.setpoint_share
     names = [one.notation for one in dialect.profile.preconditions]
     names += [share.maximum] if share is not None and share.maximum is not None else []
@@ -217,7 +219,7 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
     dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
     dry.add("state", dialect.state_reads())
     dry.add_start_preparation()
-    for purpose, frames in start_frames(dialect, frequency, _direction(reverse)):
+    for purpose, frames in start_frames(dialect, frequency, direction):
         dry.add(purpose, [frame.request for frame in frames])
     return dry.print("dry.note.fewer", "dry.note.confirm")
 

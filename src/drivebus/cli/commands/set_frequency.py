@@ -21,10 +21,11 @@ async def _set(target: Target, frequency_hz: float) -> ExitCode:
 
 def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
     """Print the frames for a stopped drive, or for a running one if the frequency needs a run command."""
+    from drivebus.drives.operations.setpoint import check_set_frequency
     from drivebus.drives.readings import ReadingPairs
     from drivebus.errors import StartInhibited
 
-    dry.assume_setpoint_scale()
+    dry.check_then_assume_scale(lambda: check_set_frequency(dry.drive, frequency_hz))
     word, as_if = dry.dialect.setpoint_word(frequency_hz), False
     try:
         frames = dry.dialect.set_frequency(word, ReadingPairs())

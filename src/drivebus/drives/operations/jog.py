@@ -5,6 +5,7 @@ These drives have no dead-man function of their own: a jog goes on until it is s
 
 from __future__ import annotations
 
+from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import check_readiness, send_frames
@@ -28,15 +29,23 @@ def check_jog_lease(lease_s: float) -> float:
 
 def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direction) -> DriveOperation[Outcome]:
     """Begin to jog from standstill. The frame is sent once; an unanswered jog is stopped at once."""
-    op.drive.require_capability("jog")
-    op.drive.check_direction(direction)
-    word = None if frequency_hz is None else op.check_frequency(frequency_hz)[0]
-    op.limits_checked = True  # without a frequency the drive uses its own, set on its keypad
-    frames = op.dialect.jog(direction, word)
+    frames = check_jog(op.drive, frequency_hz, direction)
+    op.limits_checked = True
     yield from op.start_clock()
     yield from check_readiness(op)
     yield from op.check_deadline()
     return (yield from send_jog(op, frames))
+
+
+def check_jog(drive: DriveContext, frequency_hz: float | None, direction: Direction) -> tuple[CommandFrame, ...]:
+    """Return the frames of a jog after what can be checked without a read of the drive.
+
+    Without a frequency the drive uses its own, set on its keypad. Raises CapabilityError, LimitError or StartInhibited.
+    """
+    drive.require_capability("jog")
+    drive.check_direction(direction)
+    word = None if frequency_hz is None else drive.check_frequency(frequency_hz)[0]
+    return drive.dialect.jog(direction, word)
 
 
 def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:

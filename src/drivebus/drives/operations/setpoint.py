@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency
@@ -19,8 +20,7 @@ MAXIMUM_CHANGES = 2  # a running drive gets a corrected word once where its maxi
 
 def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[Outcome]:
     """Change the set frequency. Raises LimitError, CapabilityError, PreflightError or StartInhibited before sending."""
-    op.drive.require_capability("set_frequency")
-    op.check_frequency(frequency_hz)
+    check_set_frequency(op.drive, frequency_hz)
     yield from op.start_clock()
     error = yield from op.read_verified_state()
     if error is not None and op.dialect.start_includes_setpoint:
@@ -44,6 +44,12 @@ def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[O
         else:
             return outcome
     return op.outcome(OutcomeStatus.FAILED, failure.key, **failure.params)
+
+
+def check_set_frequency(drive: DriveContext, frequency_hz: float) -> None:
+    """Check what forbids a frequency without a read of the drive. Raises CapabilityError or LimitError."""
+    drive.require_capability("set_frequency")
+    drive.check_frequency(frequency_hz)
 
 
 def write_setpoint(

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivebus.bus.messages import BusResult
+from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
@@ -54,13 +55,7 @@ def run(
 
     ``will_wait``: ``wait_at_speed`` follows, so a model that can't show its speed is rejected now.
     """
-    dialect = op.dialect
-    op.drive.require_capability("run")
-    op.drive.check_direction(direction)
-    word, actual_hz = op.check_frequency(frequency_hz)
-    dialect.start(direction, word)  # raises now where the model or a missing calibration forbids it
-    if will_wait and not dialect.can_confirm_speed():
-        raise CapabilityError("drives.cannot_wait", model=dialect.profile.model)
+    check_run(op.drive, frequency_hz, direction, will_wait=will_wait)
     yield from op.start_clock()
     try:
         yield from check_readiness(op)
@@ -74,6 +69,16 @@ def run(
             raise
         raise PortLost("drives.start_not_sent_port", why=Text.per_language(error.text)) from error
     return _note_unread_preconditions(op, outcome)
+
+
+def check_run(drive: DriveContext, frequency_hz: float, direction: Direction | None, *, will_wait: bool) -> None:
+    """Check what forbids a run without a read of the drive. Raises CapabilityError, LimitError or StartInhibited."""
+    drive.require_capability("run")
+    drive.check_direction(direction)
+    word, _ = drive.check_frequency(frequency_hz)
+    drive.dialect.start(direction, word)  # raises where the model or a missing calibration forbids it
+    if will_wait and not drive.dialect.can_confirm_speed():
+        raise CapabilityError("drives.cannot_wait", model=drive.dialect.profile.model)
 
 
 def check_readiness(op: OperationContext) -> DriveOperation[None]:
