@@ -30,6 +30,17 @@ def parse_decimal(text: str) -> float:
     return float(text)
 
 
+_HALF_WIDTH = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
+    ord(full): half for full, half in zip("\u3000。、“”‘’【】—–−", " .,\"\"''[]---", strict=True)
+}
+"""The signs of a Chinese input method, and their ASCII character where a command or a file needs that."""
+
+
+def half_width(text: str) -> str:
+    """Return a text with ASCII characters in place of the full-width ones that a Chinese input method types."""
+    return text.translate(_HALF_WIDTH)
+
+
 def parse_hex_word(text: str) -> int | None:
     """Return the 16-bit word of a hexadecimal notation; None for another notation or above FFFFH."""
     match = HEX_WORD.fullmatch(text)

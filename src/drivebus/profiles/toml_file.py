@@ -13,7 +13,8 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from drivebus.profiles.diagnostics import Issue, issue
+from drivebus.profiles.diagnostics import Issue, bilingual_text, issue
+from drivebus.values import half_width
 
 MAX_TOML_BYTES: Final = 1_000_000  # a profile or plant.toml has some kilobytes
 
@@ -31,6 +32,26 @@ _ASSIGN = re.compile(rf"\s*({_DOTTED})\s*=\s*")
 _INLINE = re.compile(rf"[{{,]\s*({_DOTTED})\s*=")
 _PART = re.compile(_KEY)
 _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
+
+
+_SYNTAX_FAULTS = (
+    ("Expected '=' after a key", "equals"),
+    ("Invalid value", "value"),
+    ("Invalid statement", "statement"),
+    ("Expected newline or end of document", "line_end"),
+    ("Invalid initial character for a key", "key"),
+    ("Cannot overwrite a value|Duplicate inline table key", "key_once"),
+    ("Cannot declare .* twice|Cannot redefine|Cannot mutate", "table_once"),
+    (r"Expected '\]\]'", "array_end"),
+    (r"Expected '\]'", "table_end"),
+    ("Unclosed array", "list_end"),
+    ("Unclosed inline table", "inline_end"),
+    (r"Unterminated string|Illegal character '\\[nr]|Expected \"", "quote"),
+    (r"Unescaped '\\\\?' in a string|Invalid hex value|Escaped character", "backslash"),
+    ("Illegal character", "character"),
+    ("Invalid date", "date"),
+)
+"""Patterns of the messages of ``tomllib``, and of each the text ``profiles.toml.<name>`` of what is expected."""
 
 
 class TomlFault(Exception):
@@ -60,16 +81,33 @@ def decode_toml(raw: bytes) -> tuple[str, dict[str, Any]]:
     except tomllib.TOMLDecodeError as error:
         raise syntax_fault(error, text) from None
     except RecursionError:
-        raise TomlFault(issue("toml", (), "[[[["), 1) from None
+        expected = bilingual_text("profiles.toml.nesting")
+        raise TomlFault(issue("toml", (), "[[[[", column=1, expected=expected), 1) from None
 
 
 def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
-    """Return the fault at the line of a syntax error; at the last line where ``tomllib`` gives none."""
-    at = re.search(r"line (\d+)", str(error))
+    """Return the fault at the line of a syntax error; at the last line where ``tomllib`` gives none.
+
+    Of the line only its first word is shown: the value may be a password.
+    """
+    at = re.search(r"line (\d+), column (\d+)", str(error))
     line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
-    if header := _BLANK_IN_TABLE.match(text.split("\n")[line - 1]):
+    content = text.split("\n")[line - 1]
+    if header := _BLANK_IN_TABLE.match(content):
         return TomlFault(issue("table_name_blank", (), header[1]), line)
-    return TomlFault(issue("toml", (), str(error).split(" (at ")[0]), line)
+    outside = _STRING.sub(_blank_match, text).split("\n")[line - 1]
+    for column, (full, half) in enumerate(zip(outside, half_width(outside), strict=True), 1):
+        if full != half:
+            return TomlFault(issue("full_width", (), full, column=column, half=half), line)
+    message = str(error).split(" (at ")[0]
+    name = next((name for pattern, name in _SYNTAX_FAULTS if re.match(pattern, message)), "other")
+    column = int(at[2]) if at else len(content) + 1
+    expected = bilingual_text(f"profiles.toml.{name}", message=message)
+    return TomlFault(issue("toml", (), _first_word(content), column=column, expected=expected), line)
+
+
+def _first_word(line: str) -> str:
+    return line.partition("=")[0].split("#")[0].strip().partition(" ")[0] or line.strip()[:1]
 
 
 def format_issue(data: Mapping[str, Any], newest: int) -> Issue | None:

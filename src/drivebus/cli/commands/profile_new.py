@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -68,11 +67,14 @@ def _read_answers(path: str) -> dict[str, str]:
     from drivebus.cli.errors import from_os_error
     from drivebus.commissioning.new_profile.questions import QUESTIONS, check_answer
     from drivebus.errors import ConfigurationError
+    from drivebus.profiles.diagnostics import error_params, to_diagnostic
+    from drivebus.profiles.toml_file import TomlFault, decode_toml
 
     try:
-        data: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError("profile_new.answers_toml", file=path, reason=str(error)) from error
+        _, data = decode_toml(Path(path).read_bytes())
+    except TomlFault as fault:
+        diagnostic = to_diagnostic(fault.issue, path, fault.line)
+        raise ConfigurationError("profile_new.answers_toml", **error_params([diagnostic])) from None
     except OSError as error:
         raise from_os_error(error) from error
     known = {question.name: question for question in QUESTIONS}

@@ -24,7 +24,7 @@ from drivebus.profiles.diagnostics import (
     to_diagnostic,
     unreadable_issue,
 )
-from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys, syntax_fault
+from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, iter_keys
 from drivebus.service.config import build, check, check_buses
 from drivebus.service.config.build import ParsedPlant, state_directory
 from drivebus.service.config.database import remote_hosts, unverified_sslmode
@@ -118,12 +118,6 @@ def _database_warnings(url: str | None) -> Iterator[Issue]:
     mode = None if url is None else unverified_sslmode(url)
     if url is not None and mode is not None:
         yield issue("unverified_database", ("history", "url"), f"sslmode={mode}", host=tuple(remote_hosts(url)))
-
-
-def syntax_diagnostic(source: str, error: tomllib.TOMLDecodeError, text: str) -> Diagnostic:
-    """Return the diagnostic of a TOML syntax error."""
-    fault = syntax_fault(error, text)
-    return to_diagnostic(fault.issue, source, fault.line, CATALOGUE)
 
 
 def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:

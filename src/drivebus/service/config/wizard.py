@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -14,11 +13,11 @@ from pydantic import Field, ValidationError
 from drivebus import i18n, profiles
 from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_steps_hz
 from drivebus.errors import ConfigurationError
-from drivebus.profiles.diagnostics import issue, issues_from_pydantic, to_diagnostic
+from drivebus.profiles.diagnostics import issues_from_pydantic, to_diagnostic
 from drivebus.profiles.model import SETPOINT_STEP
 from drivebus.profiles.schema import StrictTable
-from drivebus.profiles.toml_file import line_of, toml_string
-from drivebus.service.config.load import CATALOGUE, config_error, syntax_diagnostic, unreadable_file_diagnostic
+from drivebus.profiles.toml_file import TomlFault, decode_toml, line_of, toml_string
+from drivebus.service.config.load import CATALOGUE, config_error, unreadable_file_diagnostic
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText
 from drivebus.values import parse_addresses
 
@@ -78,16 +77,12 @@ def read_answers(path: str) -> PlantAnswers:
     It has ``title`` and tables ``[[bus]]`` with port, model, addresses (``1-3,7``) and names.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        found = _PlantAnswersIn.model_validate(tomllib.loads(text))
+        text, data = decode_toml(Path(path).read_bytes())
+        found = _PlantAnswersIn.model_validate(data)
     except OSError as error:
         raise config_error([unreadable_file_diagnostic(path, error)]) from None
-    except UnicodeDecodeError as error:
-        raise config_error(
-            [to_diagnostic(issue("encoding", (), f"{error.object[error.start]:02X}H"), path, 1, CATALOGUE)]
-        ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise config_error([syntax_diagnostic(path, error, text)]) from None
+    except TomlFault as fault:
+        raise config_error([to_diagnostic(fault.issue, path, fault.line, CATALOGUE)]) from None
     except ValidationError as error:
         faults = issues_from_pydantic(error, _PlantAnswersIn)
         raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
