@@ -205,3 +205,91 @@ def test_the_full_screen_view_names_the_missing_extra(
         extras.require_extra("tui")
     text = caught.value.text(language)
     assert expected in text and "'.[tui]'" in text and "--plain" in text
+
+
+FULL_WIDTH = [
+    ("status sim：//c320@1 --model c320 --address 1", "sim：//c320@1 → sim://c320@1"),
+    ("status tcp://127.0.0.1：4001 --model c320 --address 1", "tcp://127.0.0.1：4001 → tcp://127.0.0.1:4001"),
+    ("stop sim：//c320@1 --model c320 --address 1", "sim：//c320@1 → sim://c320@1"),
+    ("status sim://c320@1 －－model c320 --address 1", "－－model → --model"),
+    ("status sim://c320@1 ——model c320 --address 1", "——model → --model"),
+    ("status sim://c320@1 --model ｃ320 --address １", "ｃ320 → c320、１ → 1"),
+    ("read sim://c320@1 F0．1 --model c320 --address 1", "F0．1 → F0.1"),
+    ("write sim://c320@1 F0.1＝2 --model c320 --address 1", "F0.1＝2 → F0.1=2"),
+    ("write sim://c320@1 F0.1=２ --model c320 --address 1", "F0.1=２ → F0.1=2"),
+    ("run sim://c320@1 --model c320 --address 1 --frequency ２．５", "２．５ → 2.5"),
+    ("stop --all sim://c320@1 --model c320 --address 1，2", "1，2 → 1,2"),
+]
+
+
+@pytest.mark.parametrize(("line", "pair"), FULL_WIDTH, ids=[pair for _, pair in FULL_WIDTH])
+def test_full_width_characters_of_a_failed_command_line_are_named_with_what_to_type(line: str, pair: str) -> None:
+    result = run_words(line.split())
+    assert result.exit_code != 0
+    assert f"含有中文输入法的全角字符，请改用半角：{pair}\n" in result.output, result.output
+    items = pair.replace("、", ", ")
+    assert f"Full-width characters of a Chinese input method; type half-width ones: {items}\n" in (
+        run_words(line.split(), "en").output
+    )
+
+
+def test_the_full_width_signs_of_a_reason_and_of_a_file_name_are_not_named() -> None:
+    words = ["waive", "--service", "http://127.0.0.1:1", "--all", "--reason", "fan （2）： attended"]
+    assert "全角" not in run_words(words).output
+    assert "全角" not in run_words(["check", "风机（2）.toml"]).output
+
+
+def test_a_missing_service_says_that_the_command_takes_no_port() -> None:
+    """The sentence named the option only, and a PORT had been given."""
+    output_en, output_zh = (run_words(["waive", "sim://c320@1"], language).output for language in ("en", "zh"))
+    assert "works on a running service and takes no PORT" in output_en and "http://127.0.0.1:8080" in output_en
+    assert "作用于运行中的服务，不接受 PORT" in output_zh
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("status sim://c320@1", "`drivebus scan PORT` finds the models that fit"),
+        ("stop --all sim://c320@1", "`drivebus scan PORT` finds the models that fit"),
+        ("simulate --address 1", "`drivebus models` lists them"),
+        ("status sim://c320@1 --model c320", "`drivebus scan PORT` finds the station address"),
+        ("stop sim://c320@1 --model c320", "`drivebus scan PORT` finds the station address"),
+        ("status", "`drivebus ports` lists the serial ports"),
+    ],
+)
+def test_a_missing_value_says_where_it_is_found(line: str, hint: str) -> None:
+    result = run_words(line.split(), "en")
+    assert (result.exit_code, hint in result.output) == (2, True), result.output
+
+
+def test_a_simulated_drive_has_no_address_to_be_found_by_a_scan() -> None:
+    assert "drivebus scan" not in run_words(["simulate", "--model", "c320"], "en").output
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        ("vc660", "--option x: model vc660 has no such option; expected one of pulses"),
+        ("gd10", "--option x: model gd10 has no options; leave it out"),
+    ],
+)
+def test_simulate_refuses_an_option_that_the_model_does_not_have(model: str, message: str) -> None:
+    """It was ignored, and the drive was simulated without it."""
+    result = run_words(["simulate", "--model", model, "--address", "1", "--option", "x=1"], "en")
+    assert (result.exit_code, message in result.output) == (2, True), result.output
+
+
+def test_an_invalid_profile_option_is_explained_by_an_example_of_an_option() -> None:
+    """The example was one of a parameter to write."""
+    result = run_words(["status", "sim://c320@1", "--model", "c320", "--address", "1", "--option", "a"], "en")
+    assert "found a, expected NAME=VALUE, such as setpoint_coding=hex-0.1" in result.output
+
+
+@pytest.mark.parametrize("url", ["tcp://10.0.0.5", "rfc2217://10.0.0.5:", "tcp://[::1]"])
+def test_a_url_without_a_tcp_port_says_that_it_is_missing_with_an_example(url: str) -> None:
+    """The whole host was called "no address"."""
+    words = ["status", url, "--model", "c320", "--address", "1"]
+    example = f"{url.rstrip(':')}:4001"
+    assert "the TCP port after the host is missing" in run_words(words, "en").output
+    assert example in run_words(words, "en").output
+    assert "缺少 TCP 端口" in run_words(words).output and example in run_words(words).output

@@ -155,9 +155,16 @@ class LazyGroup(_LocalizedHelp, click.Group):
         sys.exit(copy_context().run(self._run_to_exit_code, arguments, *rest, **named))
 
     def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
+        output.parse_global_options(arguments)
+        code = self._run_with_errors(arguments, *rest, **named)
+        if code not in (errors.ExitCode.DONE, errors.ExitCode.INTERRUPTED):
+            errors.note_full_width(arguments)
+        return code
+
+    def _run_with_errors(self, arguments: list[str], *rest: Any, **named: Any) -> int:
+        """Run and report an error; return the exit code."""
         from drivebus.errors import DrivebusError
 
-        output.parse_global_options(arguments)
         named["standalone_mode"] = False
         try:
             return int(super().main(arguments, *rest, **named) or errors.ExitCode.DONE)

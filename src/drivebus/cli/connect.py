@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -58,14 +58,22 @@ class Target:
 def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     from drivebus.errors import ConfigurationError
 
-    if name not in profile.options:
-        known = tuple(sorted(profile.options)) or "–"
-        raise ConfigurationError("cli.option_unknown", model=profile.model, found=name, expected=known)
+    reject_unknown_option(profile.model, name, sorted(profile.options))
     question = profile.question(name)
     value = _convert_like(text, profile.options[name])
     if value is None or not question.allows(value):
         raise ConfigurationError("cli.option_value", name=name, found=text, expected=question.expected)
     return value
+
+
+def reject_unknown_option(model: str, name: str, known: Collection[str]) -> None:
+    """Raise ConfigurationError for an option that the model does not have."""
+    from drivebus.errors import ConfigurationError
+
+    if not known:
+        raise ConfigurationError("cli.option_none", model=model, found=name)
+    if name not in known:
+        raise ConfigurationError("cli.option_unknown", model=model, found=name, expected=tuple(known))
 
 
 _BOOLEANS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -20,7 +21,12 @@ from drivebus.errors import (
     StopUnconfirmed,
     SystemReason,
 )
+from drivebus.values import half_width
 
+_OF_A_TEXT = re.compile(r"[\s一-鿿]")
+"""What a reason or the name of a file has, and no option, number or port URL."""
+_PORT_ARGUMENTS = {"port", "source", "target"}
+"""Names of the arguments that a port may be given as."""
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 """Message of click for arguments beyond those of a command; it has no class or attribute of its own."""
 
@@ -115,9 +121,20 @@ def report_usage(error: click.ClickException) -> ExitCode:
     described = {"type": "UsageError", "key": "cli.usage", "text": sentence, "scope": "configuration"}
     with output.continue_without_output():
         _print_error_line(sentence)
+        if isinstance(error, click.MissingParameter) and (hint := _missing_hint(error)):
+            output.print_note(hint)
         output.echo(output.text("cli.try_help", command=path), err=True)
         output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
     return ExitCode.USAGE
+
+
+def note_full_width(arguments: Sequence[str]) -> None:
+    """Name the words of a failed command line with full-width characters, and what to type; not words of a text."""
+    wrong = [word for word in arguments if half_width(word) != word and _OF_A_TEXT.search(word) is None]
+    if wrong:
+        words = output.join([f"{word} → {half_width(word)}" for word in wrong], "items")
+        with output.continue_without_output():
+            output.print_note("cli.full_width", words=words)
 
 
 def usage_text(error: click.ClickException) -> str:
@@ -137,6 +154,16 @@ def usage_text(error: click.ClickException) -> str:
     if extra := _EXTRA_ARGUMENTS.fullmatch(error.message):
         return output.text("cli.extra_arguments", arguments=extra[1])
     return error.format_message()
+
+
+def _missing_hint(error: click.MissingParameter) -> str | None:
+    """Return the key of the sentence that says where a missing value is found; None without one."""
+    name = error.param.name if error.param is not None else ""
+    names = {param.name for param in error.ctx.command.params} if error.ctx is not None else set()
+    if name == "model" and not names & _PORT_ARGUMENTS:
+        return "cli.missing.simulated_model"
+    key = f"cli.missing.{'port' if name in _PORT_ARGUMENTS else 'address' if name == 'addresses' else name}"
+    return key if i18n.known(key) and (name != "address" or names & _PORT_ARGUMENTS) else None
 
 
 def _with_suggestions(key: str, name: str, possibilities: list[str] | None) -> str:

@@ -15,6 +15,8 @@ from functools import cache
 from typing import Any, Literal
 
 LANGUAGES = ("en", "zh")
+LANGUAGE_VARIABLE = "DRIVEBUS_LANG"
+"""Environment variable of the language of this process and its children."""
 ListParts = Literal["items", "phrases", "clauses", "sentences"]
 """Kind of the parts of a list: Chinese puts another mark between names than between phrases."""
 
@@ -124,6 +126,6 @@ def _localized(value: Any, language: str) -> Any:
 
 def preferred() -> str:
     """Return the user's language, "zh" or "en": DRIVEBUS_LANG, else the locale."""
-    names = (os.environ.get(name, "") for name in ("DRIVEBUS_LANG", "LC_ALL", "LC_MESSAGES", "LANG"))
+    names = (os.environ.get(name, "") for name in (LANGUAGE_VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"))
     chosen = next((name for name in names if name), "") or (locale.getlocale()[0] or "")
     return "zh" if chosen.lower().startswith(("zh", "chinese")) else "en"

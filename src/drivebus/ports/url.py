@@ -17,7 +17,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
-from drivebus.values import parse_decimal
+from drivebus.values import half_width, parse_decimal
 
 DEFAULT_SETTINGS = SerialSettings(9600)  # the factory setting of most models
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
@@ -160,7 +160,12 @@ def _is_path(path: str) -> bool:
     """Return whether a text is a path by its form. Whether it exists now is not asked: an adapter may be pulled."""
     if path.startswith(("/", "./", "../")):
         return True
-    return "/" in path and ":" not in path and not path.lower().endswith(".dbcap") and not _NAME_IN_DEV.match(path)
+    return (
+        "/" in path
+        and ":" not in half_width(path)
+        and not path.lower().endswith(".dbcap")
+        and not _NAME_IN_DEV.match(path)
+    )
 
 
 def _is_device(path: str) -> bool:
@@ -204,11 +209,15 @@ def _settings(text: str, baud: str, format: str) -> SerialSettings:
 
 
 def _address(text: str, scheme: str, target: str) -> tuple[str, int]:
+    if not target:
+        raise PortUrlError("ports.url_empty", port=text, scheme=scheme, examples=PORT_URL_EXAMPLES)
     try:
         parts = urlsplit(f"//{target}")
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
+    if host and port is None and not parts.path.strip("/") and "@" not in target and half_width(target) == target:
+        raise PortUrlError("ports.no_tcp_port", port=text, scheme=scheme, host=target.strip(":/"))
     if not host or not port or parts.path.strip("/") or "@" in target:
         raise PortUrlError("ports.address", port=text, scheme=scheme, found=target)
     return host, port

@@ -332,3 +332,22 @@ def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs(
     with pytest.raises(StopUnconfirmed) as caught:
         request_stop()
     assert caught.value.key == key and exit_code_of(caught.value) is ExitCode.UNKNOWN
+
+
+def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: Path) -> None:
+    """The process of the page took the language of the environment, whatever ``--lang`` said."""
+    file = write(tmp_path)
+    process = subprocess.Popen(
+        [*COMMAND, "serve", str(file), "--lang", "zh"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"DRIVEBUS_LANG": "en", "PYTHONIOENCODING": "utf-8"},
+    )
+    try:
+        assert process.stderr is not None
+        announced = next(line for line in process.stderr if "http://127.0.0.1" in line)
+        assert "输入此设置密钥" in announced
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)

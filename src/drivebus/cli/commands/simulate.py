@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Choice, CliCommand, Option
+from drivebus.cli.connect import reject_unknown_option
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -38,6 +39,11 @@ def _simulate(
     ramp: float,
     option: tuple[tuple[str, str], ...],
 ) -> ExitCode:
+    from drivebus.simulator.models.catalog import simulated_model
+
+    known = simulated_model(model).options
+    for name, _ in option:
+        reject_unknown_option(model, name, known)
     options = dict(option) | ({"encoding": encoding} if encoding else {})
     bus = make_bus(
         model,

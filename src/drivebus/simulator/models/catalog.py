@@ -30,14 +30,20 @@ def station_option_names() -> frozenset[str]:
     return frozenset(name for model in simulated_models().values() for name in model.options)
 
 
+def simulated_model(name: str) -> SimulatedModel:
+    """Return a simulated drive by the name of its model. Raises ConfigurationError."""
+    models = simulated_models()
+    found = models.get(name) or _simulated_from_profile(name)
+    if found is None:
+        raise ConfigurationError("sim.model", found=name, near=tuple(_similar_models(name) or list(models)[:4]))
+    return found
+
+
 def make_station(
     model: str, address: int, options: Mapping[str, str] | None = None, load: str = "constant"
 ) -> SimulatedStation:
     """Return one simulated drive; ``options`` of other models are ignored. Raises ConfigurationError."""
-    models = simulated_models()
-    chosen = models.get(model) or _simulated_from_profile(model)
-    if chosen is None:
-        raise ConfigurationError("sim.model", found=model, near=tuple(_similar_models(model) or list(models)[:4]))
+    chosen = simulated_model(model)
     addresses = chosen.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
