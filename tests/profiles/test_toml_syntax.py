@@ -41,7 +41,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("text", "place", "english", "chinese"), FAULTS, ids=[row[2] for row in FAULTS])
-def test_a_fault_of_the_syntax_is_told_in_both_languages_with_line_and_column(
+def test_a_syntax_fault_is_named_in_both_languages_with_line_and_column(
     text: str, place: str, english: str, chinese: str
 ) -> None:
     """The English message of tomllib stood within the Chinese sentence."""

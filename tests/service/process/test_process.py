@@ -335,7 +335,7 @@ def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs(
 
 
 def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: Path) -> None:
-    """The process of the page took the language of the environment, whatever ``--lang`` said."""
+    """The process of the page took the language of the environment and ignored ``--lang``."""
     file = write(tmp_path)
     process = subprocess.Popen(
         [*COMMAND, "serve", str(file), "--lang", "zh"],
