@@ -120,6 +120,12 @@ def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service
     assert (stopped["outcome"], state(plant)) == ("confirmed", DriveState.STOPPED)
 
 
+def test_a_drive_that_a_service_runs_is_not_called_unsupervised_after_detaching(service: str) -> None:
+    words = ["run", "--service", service, *FAN, "--frequency", "20", "--detach"]
+    text = CliRunner().invoke(cli, words, env={"COLUMNS": "300"}).output
+    assert i18n.text("run.detached_service", "en") in text and i18n.text("run.detached", "en") not in text
+
+
 def test_ctrl_c_stops_the_drive_of_an_attached_run_and_releases_its_lease(plant: RunningService, service: str) -> None:
     ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
     with running_command("run", "--service", service, *FAN, "--frequency", "20", "--json") as process:

@@ -71,6 +71,11 @@ def test_an_argument_too_many_is_named_in_the_language_of_the_user(language: str
     assert (result.exit_code, message.format(extra) in result.output) == (2, True), result.output
 
 
+@pytest.mark.parametrize("group", ["control", "profile", "capture", "user", "audit"])
+def test_a_missing_command_of_a_group_is_named_in_the_language_of_the_user(group: str) -> None:
+    assert "缺少 COMMAND。" in CliRunner().invoke(cli, [group, "--lang", "zh"]).output
+
+
 SERVER_COMMANDS = ["demo", "serve {plant}", "user add {plant} ann --role viewer"]
 
 

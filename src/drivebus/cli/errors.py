@@ -29,6 +29,8 @@ _PORT_ARGUMENTS = {"port", "source", "target"}
 """Names of the arguments that a port may be given as."""
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 """Message of click for arguments beyond those of a command; it has no class or attribute of its own."""
+_MISSING_COMMAND = "Missing command."
+"""Message of click for a group without a command; it has no class of its own either."""
 
 
 class ExitCode(IntEnum):
@@ -151,6 +153,8 @@ def usage_text(error: click.ClickException) -> str:
         return output.text("cli.bad_value", name=_parameter_name(error), problem=error.message)
     if isinstance(error, click.BadOptionUsage):
         return output.text("cli.needs_value", name=error.option_name)
+    if error.message == _MISSING_COMMAND:
+        return output.text("cli.missing", name="COMMAND")
     if extra := _EXTRA_ARGUMENTS.fullmatch(error.message):
         return output.text("cli.extra_arguments", arguments=extra[1])
     return error.format_message()

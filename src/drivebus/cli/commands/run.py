@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import click
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from drivebus.bus import Bus
     from drivebus.cli.dry_run import DryRun
+    from drivebus.cli.remote.drive import RemoteDrive
     from drivebus.cli.run_watch import Remark, RunWatch
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
@@ -62,7 +63,7 @@ async def _attached(
     """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``."""
     started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
     if detach and started is ExitCode.DONE and not shutdown.received:
-        output.print_message("run.detached")
+        output.print_message("run.detached_service" if _is_remote(drive) else "run.detached")
         return None
     if started is not ExitCode.DONE:
         return started
@@ -156,11 +157,16 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
     return ExitCode.INTERRUPTED
 
 
-def _stopped_by(drive: Drive) -> str | None:
-    """Return the user who requested a stop through the service after the start; None also without a service."""
+def _is_remote(drive: Drive) -> TypeGuard[RemoteDrive]:
+    """Return whether a service runs this drive."""
     from drivebus.cli.remote.drive import RemoteDrive
 
-    return drive.stopped_by if isinstance(drive, RemoteDrive) else None
+    return isinstance(drive, RemoteDrive)
+
+
+def _stopped_by(drive: Drive) -> str | None:
+    """Return the user who requested a stop through the service after the start; None also without a service."""
+    return drive.stopped_by if _is_remote(drive) else None
 
 
 def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
