@@ -60,6 +60,8 @@ def test_an_unknown_message_of_the_parser_is_marked_as_its_own_words(monkeypatch
 def test_a_fault_of_the_syntax_does_not_show_the_value_which_may_be_a_password() -> None:
     for text in ('password = "secret\n', "password 'secret'\n", 'password = "secret" x\n', 'password = "secret”\n'):
         assert not any("secret" in sentence for sentence in fault_texts(text))
+    for between in ("\t", ":", ": ", ""):
+        assert all("password" in one and "secret" not in one for one in fault_texts(f'password{between}"secret"\n'))
 
 
 @pytest.mark.parametrize(
@@ -74,6 +76,19 @@ def test_a_full_width_sign_outside_a_text_is_named_with_the_half_width_one(text:
 
 def test_a_full_width_sign_within_a_text_or_a_comment_is_not_the_fault() -> None:
     assert "full-width" not in fault_texts('a = "风机（１）" 7 # 注：')[0]
+
+
+UNCLOSED = ['a = "风机，一号\nb = 1', "a = '水泵（1）", 'a = "水泵" # 备\nb = """启动，\n停止（2）']
+
+
+@pytest.mark.parametrize("text", UNCLOSED)
+def test_a_full_width_sign_of_a_text_without_its_closing_quote_is_not_the_fault(text: str) -> None:
+    """The comma was named, and behind it the missing quote of the same line."""
+    assert "the closing quote of the text" in fault_texts(text)[0]
+
+
+def test_a_full_width_quote_at_the_end_of_a_text_is_named_rather_than_a_sign_before_it() -> None:
+    assert '"”" found, the half-width "' in fault_texts('a = "风机，一号”\n')[0]
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ _BLANK_IN_TABLE = re.compile(rf"\s*(\[{{1,2}}\s*{_DOTTED}[ \t]+[\w\-][^\]]*\]{{1
 _ASSIGN = re.compile(rf"\s*({_DOTTED})\s*=\s*")
 _INLINE = re.compile(rf"[{{,]\s*({_DOTTED})\s*=")
 _PART = re.compile(_KEY)
+_FIRST_WORD = re.compile(rf"""\s*(\[{{1,2}}{_DOTTED}\]{{0,2}}|"[^"]*"|'[^']*'|[^\s=:#"']+:?)""")
 _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
 
 
@@ -88,26 +89,29 @@ def decode_toml(raw: bytes) -> tuple[str, dict[str, Any]]:
 def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
     """Return the fault at the line of a syntax error; at the last line where ``tomllib`` gives none.
 
-    Of the line only its first word is shown: the value may be a password.
+    Of the line only its first word is shown: the value may be a password. Of a text without its closing quote only a
+    full-width quote is the fault: other full-width characters may stand in a text.
     """
     at = re.search(r"line (\d+), column (\d+)", str(error))
     line = int(at[1]) if at else text.rstrip("\n").count("\n") + 1
     content = text.split("\n")[line - 1]
     if header := _BLANK_IN_TABLE.match(content):
         return TomlFault(issue("table_name_blank", (), header[1]), line)
-    outside = _STRING.sub(_blank_match, text).split("\n")[line - 1]
-    for column, (full, half) in enumerate(zip(outside, half_width(outside), strict=True), 1):
-        if full != half:
-            return TomlFault(issue("full_width", (), full, column=column, half=half), line)
     message = str(error).split(" (at ")[0]
     name = next((name for pattern, name in _SYNTAX_FAULTS if re.match(pattern, message)), "other")
+    outside = _STRING.sub(_blank_match, text).split("\n")[line - 1]
+    for column, (full, half) in enumerate(zip(outside, half_width(outside), strict=True), 1):
+        if full != half and (name != "quote" or half in "\"'"):
+            return TomlFault(issue("full_width", (), full, column=column, half=half), line)
     column = int(at[2]) if at else len(content) + 1
     expected = bilingual_text(f"profiles.toml.{name}", message=message)
     return TomlFault(issue("toml", (), _first_word(content), column=column, expected=expected), line)
 
 
 def _first_word(line: str) -> str:
-    return line.partition("=")[0].split("#")[0].strip().partition(" ")[0] or line.strip()[:1]
+    """Return the key or the name of the table that the line begins with, or its first character."""
+    found = _FIRST_WORD.match(line)
+    return found[1] if found else line.strip()[:1]
 
 
 def format_issue(data: Mapping[str, Any], newest: int) -> Issue | None:
