@@ -26,7 +26,7 @@ PORT_URL_EXAMPLES = (
 )
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
-_COM = re.compile(r"(?:\\\\\.\\)?COM\d{1,3}", re.IGNORECASE)
+_COM = re.compile(r"(?:\\\\\.\\)?COM[0-9]{1,3}", re.IGNORECASE)
 _HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
 _NAME_IN_DEV = re.compile(r"tty|serial/by-|rfcomm|cu\.")
 _BOOLEAN_WORDS = {
