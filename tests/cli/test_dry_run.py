@@ -10,6 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.cli.main import cli
 
 VECTORS = {
@@ -283,3 +284,26 @@ def test_a_dry_run_of_a_stated_share_refuses_what_the_command_refuses_before_it_
     words = ["--model", "g120c", "--address", "1", "--frequency", "20"]
     real, planned = (CliRunner().invoke(cli, ["run", "sim://c320@1", *words, *more]) for more in ([], ["--dry-run"]))
     assert (real.exit_code, planned.exit_code, planned.output) == (1, 1, real.output)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "run {port} --model dzb100 --address 1 --frequency 20",
+        "run {port} --model df800 --address 1 --frequency 20 --reverse",
+        "jog {port} --model df800 --address 1",
+    ],
+)
+def test_a_refusal_of_a_dry_run_that_a_stored_calibration_may_lift_says_that_none_was_read(line: str) -> None:
+    """A calibrated drive was called uncalibrated without a word: its record is found through an open port only."""
+    note = i18n.text("dry.note.calibration", "en")
+    words = [*line.format(port=MISSING_PORT).split(), "--dry-run"]
+    at_a_port = CliRunner().invoke(cli, words, env={"COLUMNS": "300"})
+    simulated = CliRunner().invoke(cli, [words[0], f"sim://{words[3]}@1", *words[2:]])
+    assert (at_a_port.exit_code, note in at_a_port.stderr) == (1, True), at_a_port.output
+    assert note not in simulated.output
+
+
+def test_a_refusal_of_a_dry_run_that_no_calibration_lifts_has_no_word_about_one() -> None:
+    words = ["run", MISSING_PORT, *C320, "--frequency", "80", "--dry-run"]
+    assert i18n.text("dry.note.calibration", "en") not in CliRunner().invoke(cli, words).output

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from drivebus.protocols.codec import Codec
     from drivebus.serial_settings import SerialSettings, StationTiming
 
+_CALIBRATION_KEYS = ("drives.coding_cap", "drives.direction_uncalibrated")
+"""Errors that the command does not raise where a calibration is stored for the adapter and the address."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedFrame:
@@ -81,12 +84,13 @@ class DryRun:
     def __init__(self, target: Target) -> None:
         from drivebus.drives.context import DriveContext, EepromBudget
         from drivebus.drives.dialects.create import create_dialect
-        from drivebus.drives.drive import known_options
+        from drivebus.drives.drive import VOLATILE_SCHEMES, known_options
         from drivebus.drives.store import MemoryStore
 
         port = target.open_port()
         known = known_options(port, target.profile, target.address)
         self.serial_settings = port.settings
+        self._has_store = port.url.partition(":")[0] not in VOLATILE_SCHEMES
         note_foreign_settings(port.settings, target.profile)
         self.dialect: Dialect = create_dialect(
             target.profile, target.address, encoding=target.encoding, options=known | target.drive_options()
@@ -95,6 +99,17 @@ class DryRun:
         """For the checks that a command makes before it asks the drive."""
         self.frames: list[PlannedFrame] = []
         self._notes: list[tuple[str, dict[str, Any]]] = []
+
+    def check(self, check: Callable[[], object]) -> None:
+        """Check as the command does. Raises the errors of ``check``; a note names those that a calibration removes."""
+        from drivebus.errors import DrivebusError
+
+        try:
+            check()
+        except DrivebusError as error:
+            if self._has_store and error.key in _CALIBRATION_KEYS:
+                output.print_note("dry.note.calibration")
+            raise
 
     def check_then_assume_scale(self, check: Callable[[], object]) -> None:
         """Check as the command does, and show frequencies in the named model's step or share where the drive's is open.
@@ -106,18 +121,18 @@ class DryRun:
 
         profile = self.dialect.profile
         if profile.setpoint_share is not None:
-            check()
+            self.check(check)
             self._assume_maximum(profile.setpoint_share)
             return
         steps_hz = possible_steps_hz(profile, self.dialect.options)
         if len(steps_hz) == 1:
-            check()
+            self.check(check)
             return
         scale = profile.setpoint_scale
         cap = scale.value(highest_safe_word(steps_hz))
         # The step may be stored for the adapter, which only an open port names: the cap is a note, no error.
         self.dialect.set_option(SETPOINT_STEP, f"{scale.factor:g}")
-        check()
+        self.check(check)
         self._notes.append(("dry.note.step", {"model": profile.model, "step_hz": scale.factor, "cap_hz": cap}))
 
     def _assume_maximum(self, share: SetpointShare) -> None:

@@ -126,7 +126,7 @@ def _plan(dry: DryRun, frequency: float | None) -> ExitCode:
 
     dialect: Any = dry.dialect
     if frequency is None:
-        check_jog(dry.drive, None, Direction.FORWARD)
+        dry.check(lambda: check_jog(dry.drive, None, Direction.FORWARD))
     else:
         dry.check_then_assume_scale(lambda: check_jog(dry.drive, frequency, Direction.FORWARD))
     word = None if frequency is None else dialect.setpoint_word(frequency)
