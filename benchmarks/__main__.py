@@ -29,8 +29,11 @@ def print_figures(figures: Figures, report: str, write: bool) -> None:
         (PROJECT_FOLDER / "docs" / "reports" / report).write_text(text + "\n")
 
 
-def measure_all(seconds: float, rounds: int) -> Figures:
-    """Measure all parts one after another, because the machine must be quiet; each part is printed when it is done."""
+def measure_all(seconds: float, rounds: int, pypy: str | None) -> Figures:
+    """Measure all parts one after another, because the machine must be quiet; each part is printed when it is done.
+
+    ``pypy``: interpreter that measures simulated time too.
+    """
     parts: dict[str, Callable[[], Figures]] = {
         "cpu": lambda: master.transaction_cpu(seconds, rounds),
         "line": lambda: master.one_bus(2 * seconds),
@@ -45,6 +48,8 @@ def measure_all(seconds: float, rounds: int) -> Figures:
         "virtual": virtual.run_virtual_time,
         "motors": motors.run_motors,
     }
+    if pypy is not None:
+        parts["virtual_pypy"] = lambda: virtual.run_with_pypy(pypy)
     found: Figures = {"commit": current_commit()}
     for name, part in parts.items():
         found[name] = part()
@@ -56,9 +61,10 @@ def main() -> None:
     options = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     options.add_argument("--seconds", type=float, default=5.0, help="duration of each client's turn")
     options.add_argument("--rounds", type=int, default=5, help="turns of each client in the CPU figure")
+    options.add_argument("--pypy", metavar="PYTHON", help="PyPy with drivebus installed: measure simulated time there")
     options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
     chosen = options.parse_args()
-    figures = measure_all(chosen.seconds, chosen.rounds)
+    figures = measure_all(chosen.seconds, chosen.rounds, chosen.pypy)
     print_figures(figures, "benchmarks.json", chosen.write)
     if chosen.write:
         (PROJECT_FOLDER / "docs" / "reports" / "benchmarks.md").write_text(markdown(figures))
